@@ -1,0 +1,68 @@
+"""The exceptions a user can meet; each carries what to do about it and the exit code of the command line."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class HpcinvError(Exception):
+    """Base of every error that is told to the user as one message, without a traceback."""
+
+    exit_code: ClassVar[int] = 1
+
+    def __init__(self, message: str, advice: str = "") -> None:
+        super().__init__(message, advice)
+        self.message = message
+        self.advice = advice
+
+    def __str__(self) -> str:
+        return f"{self.message}\n  {self.advice}" if self.advice else self.message
+
+
+class JobError(HpcinvError):
+    """The job file is wrong; ``problems`` holds one line for each error in it."""
+
+    exit_code = 2
+
+    def __init__(self, problems: list[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = problems
+
+    def __reduce__(self) -> tuple[type[JobError], tuple[list[str]]]:
+        return type(self), (self.problems,)
+
+
+class MeshError(HpcinvError):
+    """The mesh cannot be used: unreadable, inverted cells, empty or unknown regions."""
+
+    exit_code = 2
+
+
+class OutputError(HpcinvError):
+    """Results cannot be written where they were asked for."""
+
+    exit_code = 2
+
+
+class SolveError(HpcinvError):
+    """The load was not reached; the message is the diagnosis."""
+
+    exit_code = 3
+
+
+class CheckpointError(HpcinvError):
+    """A checkpoint is damaged, or belongs to another problem."""
+
+    exit_code = 4
+
+
+class SystemPartMissing(HpcinvError):
+    """Something outside Python is missing: a C compiler, an X library."""
+
+    exit_code = 5
+
+
+class Interrupted(HpcinvError):
+    """A signal asked the run to stop; it was checkpointed and can be resumed (``EX_TEMPFAIL``)."""
+
+    exit_code = 75
