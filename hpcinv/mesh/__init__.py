@@ -1,0 +1,10 @@
+"""Meshes: read or generated on rank 0, checked, partitioned, and given to all ranks as a ``Body``."""
+
+from __future__ import annotations
+
+from hpcinv.mesh.body import Body, build_body, gather_nodes, read_source
+from hpcinv.mesh.partition import Partition
+from hpcinv.mesh.regions import Region
+from hpcinv.mesh.source import Group, MeshSource
+
+__all__ = ["Body", "Group", "MeshSource", "Partition", "Region", "build_body", "gather_nodes", "read_source"]

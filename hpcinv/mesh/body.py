@@ -1,0 +1,130 @@
+"""The body: a distributed mesh with its regions, and the way back to the order of its file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hpcinv.runtime import MPI, on_root
+
+import dolfinx
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.cells import coordinate_element
+from hpcinv.mesh.checks import check
+from hpcinv.mesh.degree import of_degree
+from hpcinv.mesh.partition import PARTITIONERS, Partition, measure
+from hpcinv.mesh.readers import FILES, GENERATORS
+from hpcinv.mesh.regions import LocalIndices, Region, build_regions, find
+from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.mesh.topology import FacetTable
+
+if TYPE_CHECKING:
+    from hpcinv.expressions import Expression
+    from hpcinv.job import MeshSpec
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body on all ranks; ``mesh`` has its coordinates divided by ``length_scale`` (m), a power of two."""
+
+    mesh: dolfinx.mesh.Mesh
+    length_scale: float
+    regions: Mapping[str, Region]
+    partition: Partition
+    source: MeshSource
+
+    def facets(self, name: str) -> LocalIndices:
+        """Local facets of a region; raises ``MeshError`` on all ranks if there is no such region or it has none."""
+        region = find(self.regions, name, self.source)
+        if not region.facet_count:
+            raise MeshError(
+                f"{self.source.path}: region '{name}' has cells but no facets",
+                "Name a physical surface, or a geometric region that holds whole facets of the boundary.",
+            )
+        return region.facets
+
+    def cells(self, name: str) -> LocalIndices:
+        """Local cells of a region; raises ``MeshError`` on all ranks if there is no such region or it has none."""
+        region = find(self.regions, name, self.source)
+        if not region.cell_count:
+            raise MeshError(
+                f"{self.source.path}: region '{name}' has facets but no cells",
+                "Name a physical volume, or a geometric region that holds whole cells.",
+            )
+        return region.cells
+
+
+def read_source(spec: MeshSpec, path: Path) -> MeshSource:
+    """Read or generate the mesh on this process, in metres and of the geometry degree asked for; not collective."""
+    suffix = path.suffix.lower()
+    if suffix not in GENERATORS | FILES:
+        raise MeshError(f"{path}: no reader for '{suffix}'", f"Known are: {', '.join([*GENERATORS, *FILES])}.")
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
+    try:
+        if suffix in GENERATORS:
+            source = GENERATORS[suffix](path, spec.parameters, spec.geometry_degree)
+        else:
+            source = FILES[suffix](path).in_metres(spec.unit)
+    except OSError as exc:
+        raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
+    source = source.without_unused_nodes()
+    return source if spec.geometry_degree is None else of_degree(source, spec.geometry_degree)
+
+
+def build_body(
+    spec: MeshSpec,
+    regions: Mapping[str, Expression],
+    comm: MPI.Intracomm,
+    *,
+    resolve: Callable[[str], Path] = Path,
+) -> Body:
+    """Read the mesh on rank 0, check it, partition it, and name its regions; collective.
+
+    Raises:
+        MeshError, SystemPartMissing: the same on every rank.
+    """
+    read: list[tuple[MeshSource, FacetTable]] = []
+
+    def on_rank_0() -> MeshSource:
+        source = read_source(spec, resolve(str(spec.file)))
+        read.append((source, check(source)))
+        return source.header()
+
+    header = on_root(comm, on_rank_0)
+    source, table = read[0] if read else (header, None)
+    length_scale = on_root(comm, lambda: length_scale_of(source.points))
+    mesh = dolfinx.mesh.create_mesh(
+        comm,
+        source.cells,
+        coordinate_element(source.kind, source.degree),
+        source.points / length_scale,
+        PARTITIONERS[spec.partition](comm, source),
+    )
+    named = build_regions(mesh, source, regions, length_scale)
+    return Body(mesh, length_scale, named, measure(mesh, spec.partition, table), source)
+
+
+def length_scale_of(points: Floats) -> float:
+    """The power of two next to the diagonal of the bounding box, so that scaling is exact in floating point."""
+    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return 2.0 ** round(math.log2(diagonal))
+
+
+def gather_nodes(body: Body, values: npt.NDArray[np.float64]) -> Floats | None:
+    """Values at the local geometry nodes (n_local, …) in the node order of the source, on rank 0; collective."""
+    geometry = body.mesh.geometry
+    owned = geometry.index_map().size_local
+    gathered = body.mesh.comm.gather((geometry.input_global_indices[:owned], values[:owned]))
+    if gathered is None:
+        return None
+    result = np.full((len(body.source.points), *values.shape[1:]), np.nan)
+    for nodes, part in gathered:
+        result[nodes] = part
+    return result

@@ -1,0 +1,142 @@
+"""What a mesh must be before anything is solved on it; every problem is told at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.cells import jacobians, scalar_element, vertex_count
+from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.mesh.topology import FacetTable, unique_rows
+
+FLAT = 1e-12  # |det J| / ∏|∂x/∂ξᵢ| below which a cell has no volume: far under any usable sliver, far over round-off
+CHUNK = 50_000
+
+
+def check(source: MeshSource) -> FacetTable:
+    """The facets of a sound mesh.
+
+    Raises:
+        MeshError: for nodes at no finite or at the same place, overlapping cells, inverted or flat cells, and groups
+            that are empty, overlap, leave cells out, or name facets that no cell has.
+    """
+    if not np.isfinite(source.points).all():
+        raise MeshError(f"{source.path}: some node coordinates are not finite", "Write the mesh anew.")
+    table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
+    problems = [*_double_nodes(source), *_overlaps(source, table), *_bad_cells(source), *_bad_groups(source, table)]
+    if problems:
+        raise MeshError(
+            "\n".join(f"{source.path}: {problem}" for problem, _ in problems),
+            "\n  ".join(dict.fromkeys(advice for _, advice in problems)),
+        )
+    return table
+
+
+type Problems = Iterator[tuple[str, str]]
+
+
+def _double_nodes(source: MeshSource) -> Problems:
+    order = np.lexsort(source.points.T)
+    same = (source.points[order[1:]] == source.points[order[:-1]]).all(axis=1)
+    if same.any():
+        first = int(np.flatnonzero(same)[0])
+        pair = sorted(source.node_tags[order[first : first + 2]].tolist())
+        yield (
+            f"{same.sum()} nodes lie exactly on another (first: nodes {pair[0]} and {pair[1]}), so the body comes apart there",
+            "Join the parts: gmsh's fragment on the volumes, or model.mesh.removeDuplicateNodes() on the mesh.",
+        )
+
+
+def _overlaps(source: MeshSource, table: FacetTable) -> Problems:
+    crowded = table.sharing > 2
+    if crowded.any():
+        cells = np.flatnonzero(crowded[table.of_cell].any(axis=1))
+        yield (
+            f"{crowded.sum()} facets have more than two cells ({_some(source.cell_tags[cells], 'cell')})",
+            "Remove the cells that are there twice or overlap, as when a volume was saved in two physical groups.",
+        )
+
+
+def _bad_cells(source: MeshSource) -> Problems:
+    least, most = determinants(source)
+    flat = np.minimum(np.abs(least), np.abs(most)) < FLAT
+    if flat.any():
+        yield (
+            f"{flat.sum()} cells have no volume ({_some(source.cell_tags[flat], 'cell')})",
+            "Mesh anew with a better size, or optimise it (gmsh: model.mesh.optimize()).",
+        )
+    # A whole mesh may be numbered left-handed: DOLFINx needs only that all cells agree.
+    handed = 1.0 if (least > 0).sum() >= (most < 0).sum() else -1.0
+    inverted = ~flat & (np.minimum(least * handed, most * handed) < 0)
+    if inverted.any():
+        yield (
+            f"{inverted.sum()} cells are inverted: det J < 0 somewhere in them ({_some(source.cell_tags[inverted], 'cell')})",
+            "Mesh finer where it is curved (gmsh: model.mesh.optimize('HighOrder')); if they are only numbered"
+            " the other way round than the rest, gmsh's model.mesh.reverseElements turns them.",
+        )
+
+
+def determinants(source: MeshSource) -> tuple[Floats, Floats]:
+    """Least and greatest det J / ∏|∂x/∂ξᵢ| of each cell over its own nodes and those of degree 4; 1 is a right angle."""
+    constant = source.kind == "tetrahedron" and source.degree == 1
+    at = np.zeros((1, 3))
+    if not constant:
+        at = np.concatenate([scalar_element(source.kind, d).points for d in (source.degree, 4)])
+    least, most = np.empty(len(source.cells)), np.empty(len(source.cells))
+    for start in range(0, len(source.cells), CHUNK):
+        part = slice(start, start + CHUNK)
+        gradient = jacobians(source.kind, source.degree, source.points[source.cells[part]], at)
+        scale = np.linalg.norm(gradient, axis=2).prod(axis=2)
+        shape = np.divide(np.linalg.det(gradient), scale, out=np.zeros_like(scale), where=scale > 0)
+        least[part], most[part] = shape.min(axis=1), shape.max(axis=1)
+    return least, most
+
+
+def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:
+    found = table.find(source.facets[:, : table.vertices.shape[1]])
+    for group in source.groups:
+        if not len(group.members):
+            yield f"physical group '{group.name}' is empty", "Give it entities that are meshed, or delete it."
+        elif group.dim == 2 and (found[group.members] < 0).any():
+            yield (
+                f"{(found[group.members] < 0).sum()} facets of physical group '{group.name}' belong to no cell",
+                "A surface group must lie on the boundary of, or between, meshed volumes.",
+            )
+    yield from _shared(source, 2, found)
+    yield from _shared(source, 3, np.arange(len(source.cells)))
+    ungrouped = np.setdiff1d(np.arange(len(source.cells)), members(source, 3))
+    if len(ungrouped) and len(members(source, 3)):
+        yield (
+            f"{len(ungrouped)} cells are in no physical group while others are ({_some(source.cell_tags[ungrouped], 'cell')})",
+            "Put them in a physical volume too, or delete them if they are not of the body.",
+        )
+
+
+def _shared(source: MeshSource, dim: int, place: Ints) -> Problems:
+    """Tell of entities of one dimension that are in more than one group."""
+    groups = [g for g in source.groups if g.dim == dim]
+    rows = [np.stack([place[g.members], np.full(len(g.members), i)], axis=1) for i, g in enumerate(groups)]
+    if not rows:
+        return
+    distinct, _ = unique_rows(np.concatenate(rows))
+    distinct = distinct[distinct[:, 0] >= 0]
+    twice = np.flatnonzero(distinct[1:, 0] == distinct[:-1, 0])
+    if len(twice):
+        names = sorted({f"'{groups[distinct[i, 1]].name}' and '{groups[distinct[i + 1, 1]].name}'" for i in twice})
+        yield (
+            f"{len(twice)} {'cells' if dim == 3 else 'facets'} are in several physical groups: {'; '.join(names)}",
+            "Keep one group on each and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
+        )
+
+
+def members(source: MeshSource, dim: int) -> Ints:
+    """Rows of all cells (3) or facets (2) that are in some group."""
+    return np.concatenate([np.zeros(0, dtype=np.int64), *(g.members for g in source.groups if g.dim == dim)])
+
+
+def _some(tags: Ints, what: str) -> str:
+    """The first few tags, to be looked up in the file."""
+    head = ", ".join(str(t) for t in tags[:5])
+    return f"{what}{'s' if len(tags) > 1 else ''} {head}{', …' if len(tags) > 5 else ''}"

@@ -1,0 +1,66 @@
+"""Geometry of degree 1 made degree 2, with straight edges, and the other way round."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from hpcinv.mesh.cells import FACET_KIND, scalar_element, sub_entities, vertex_count
+from hpcinv.mesh.source import Ints, MeshSource
+from hpcinv.mesh.topology import find_rows, unique_rows, vertex_sets
+
+
+def of_degree(source: MeshSource, degree: int) -> MeshSource:
+    """The same mesh with a geometry of another degree; nodes that stay keep their tags, new ones come after them."""
+    if degree == source.degree:
+        return source
+    return raised(source) if degree == 2 else lowered(source)
+
+
+def lowered(source: MeshSource) -> MeshSource:
+    """Vertices alone."""
+    vertices, of_facet = vertex_count(source.kind), vertex_count(FACET_KIND[source.kind])
+    flat = dataclasses.replace(
+        source, degree=1, cells=source.cells[:, :vertices], facets=source.facets[:, :of_facet]
+    )
+    return flat.without_unused_nodes()
+
+
+def raised(source: MeshSource) -> MeshSource:
+    """A node more at the middle of every edge, and of every quadrilateral and hexahedron."""
+    points = [source.points]
+    cells = _with_room(source.kind, source.cells)
+    facet_kind = FACET_KIND[source.kind]
+    facets = _with_room(facet_kind, source.facets)
+    count = len(source.points)
+    for dim in (1, 2, 3):
+        dofs = _inner_dofs(source.kind, dim)
+        if not len(dofs):
+            continue
+        sets, place = unique_rows(vertex_sets(source.cells, sub_entities(source.kind, dim)))
+        cells[:, dofs] = count + place.reshape(-1, len(dofs))
+        if dim < 3 and len(source.facets):
+            on_facet = _inner_dofs(facet_kind, dim)
+            found = find_rows(vertex_sets(source.facets, sub_entities(facet_kind, dim)), sets)
+            # An edge of no cell: the facet is none of the mesh, and the check of facets will say so.
+            facets[:, on_facet] = np.where(found < 0, -1, count + found).reshape(-1, len(on_facet))
+        points.append(source.points[sets].mean(axis=1))
+        count += len(sets)
+    new = count - len(source.points)
+    tags = np.concatenate([source.node_tags, source.node_tags.max() + 1 + np.arange(new)])
+    return dataclasses.replace(
+        source, degree=2, points=np.concatenate(points), node_tags=tags, cells=cells, facets=facets
+    )
+
+
+def _inner_dofs(kind: str, dim: int) -> Ints:
+    """Local numbers of the nodes that degree 2 puts inside the sub-entities of dimension ``dim``, one each or none."""
+    return np.array(scalar_element(kind, 2).entity_dofs[dim], dtype=np.int64).ravel()
+
+
+def _with_room(kind: str, entities: Ints) -> Ints:
+    """The same vertices, and room for the nodes to come."""
+    wide = np.full((len(entities), scalar_element(kind, 2).dim), -1, dtype=np.int64)
+    wide[:, : entities.shape[1]] = entities
+    return wide

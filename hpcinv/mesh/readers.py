@@ -1,0 +1,97 @@
+"""One reader for each suffix; all run on rank 0 alone and give a ``MeshSource``."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import traceback
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.mesh.gmsh_model import extract, session
+from hpcinv.mesh.source import MeshSource
+
+
+def build_python(path: Path, parameters: Mapping[str, float], degree: int | None) -> MeshSource:
+    """Mesh a generator: a Python file with ``def build(gmsh, *, size=0.002, …)`` that meshes the current model, in metres."""
+    with session(path.stem) as gmsh:
+        try:
+            build = runpy.run_path(str(path)).get("build")
+            if not callable(build):
+                raise MeshError(f"{path}: no function 'build'", "Write: def build(gmsh, *, size=0.002) -> None: …")
+            build(gmsh, **parameters)
+        except HpcinvError:
+            raise
+        except Exception as exc:  # whatever the user's own code raises
+            lines = [f.lineno for f in traceback.extract_tb(exc.__traceback__) if f.filename == str(path)]
+            line = f", line {lines[-1]}" if lines else ""
+            raise MeshError(f"{path}{line}: {type(exc).__name__}: {exc}", "Mend the generator or its parameters.") from exc
+        return _of_degree(gmsh, path, degree)
+
+
+def build_geo(path: Path, parameters: Mapping[str, float], degree: int | None) -> MeshSource:
+    """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
+    known = geo_parameters(path.read_text(errors="replace"))
+    for name in parameters.keys() - known:
+        near = get_close_matches(name, known, 1)
+        raise MeshError(
+            f"{path}: no parameter '{name}' in DefineConstant" + (f". Did you mean '{near[0]}'?" if near else ""),
+            f"It has: {', '.join(sorted(known)) or 'none'}.",
+        )
+    with session(path.stem) as gmsh:
+        for name, value in parameters.items():
+            gmsh.parser.setNumber(name, [value])
+        _merge(gmsh, path)  # merge, not open, which would forget the numbers just set
+        try:
+            if not len(gmsh.model.mesh.getElementTypes(3)):
+                gmsh.model.mesh.generate(3)
+        except Exception as exc:  # gmsh raises nothing narrower
+            raise MeshError(f"{path}: gmsh could not mesh it: {exc}", "Check the geometry and the parameters.") from exc
+        return _of_degree(gmsh, path, degree)
+
+
+def read_msh(path: Path) -> MeshSource:
+    """Read MSH 2.2 or 4.1, ASCII or binary."""
+    with session(path.stem) as gmsh:
+        _merge(gmsh, path)
+        if gmsh.model.getNumberOfPartitions():
+            gmsh.model.mesh.unpartition()
+        return extract(gmsh, path)
+
+
+def _merge(gmsh: Any, path: Path) -> None:
+    gmsh.logger.start()
+    try:
+        gmsh.merge(str(path))
+        error = gmsh.logger.getLastError()
+    except Exception as exc:  # gmsh raises nothing narrower
+        error = str(exc)
+    if error:
+        raise MeshError(f"{path}: gmsh cannot read it: {error}", "Is the file whole, and of the kind its suffix says?")
+
+
+def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
+    """The generated mesh, its nodes of degree 2 put on the CAD."""
+    if degree is not None and len(gmsh.model.mesh.getElementTypes(3)):
+        gmsh.model.mesh.setOrder(degree)
+    return extract(gmsh, path)
+
+
+def geo_parameters(text: str) -> set[str]:
+    """Names in the ``DefineConstant[…]`` of a gmsh script."""
+    text = re.sub(r'"[^"]*"|//[^\n]*|/\*.*?\*/', "", text, flags=re.DOTALL)
+    names: set[str] = set()
+    for block in re.findall(r"DefineConstant\s*\[(.*?)\]\s*;", text, flags=re.DOTALL):
+        flat = re.sub(r"\{[^{}]*\}", "", block)
+        names |= {part.split("=")[0].strip() for part in flat.split(",")}
+    return names - {""}
+
+
+GENERATORS: dict[str, Callable[[Path, Mapping[str, float], int | None], MeshSource]] = {
+    ".py": build_python,
+    ".geo": build_geo,
+}
+FILES: dict[str, Callable[[Path], MeshSource]] = {".msh": read_msh}

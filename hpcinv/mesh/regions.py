@@ -1,0 +1,157 @@
+"""Named parts of a body: physical groups of the mesh, geometric conditions of the job, and the whole boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+from hpcinv.runtime import MPI, agree
+
+import dolfinx
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.mesh.source import Group, Ints, MeshSource
+
+if TYPE_CHECKING:
+    from hpcinv.expressions import Expression
+
+BOUNDARY = "boundary"
+type LocalIndices = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Region:
+    """A named set of facets and cells: local indices of this rank, and how many there are on all ranks together."""
+
+    name: str
+    origin: str  # "physical", "geometric" or "built in"
+    facets: LocalIndices
+    cells: LocalIndices
+    facet_count: int
+    cell_count: int
+
+
+def build_regions(
+    mesh: dolfinx.mesh.Mesh, source: MeshSource, conditions: Mapping[str, Expression], length_scale: float
+) -> dict[str, Region]:
+    """All regions of a distributed mesh; collective.
+
+    A geometric region holds the boundary facets all of whose vertices satisfy its condition in SI coordinates, and the
+    cells all of whose vertices do. The comparison has no tolerance of its own: write ``x < 1e-6 m``, not ``x == 0``.
+    A physical or geometric region called "boundary" takes the place of the built-in one.
+
+    Raises:
+        MeshError: on all ranks, if a condition matches nothing, cannot be evaluated, or has a physical group's name.
+    """
+    topology = mesh.topology
+    topology.create_entities(2)
+    topology.create_connectivity(2, 3)
+    topology.create_connectivity(2, 0)
+    exterior = dolfinx.mesh.exterior_facet_indices(topology).astype(np.int32)
+    none = np.zeros(0, dtype=np.int32)
+    regions = {BOUNDARY: _count(mesh.comm, BOUNDARY, "built in", exterior, none)}
+    regions |= _physical(mesh, source)
+    problems = [f"region '{n}' is a physical group of the mesh too" for n in conditions if n in regions and n != BOUNDARY]
+    error: HpcinvError | None = None
+    points = mesh.geometry.x * length_scale
+    for name, condition in conditions.items():
+        try:
+            inside = evaluate(name, condition, points)
+        except Exception as exc:
+            error = exc if isinstance(exc, HpcinvError) else MeshError(f"region '{name}': {type(exc).__name__}: {exc}")
+        agree(mesh.comm, error)
+        facets = exterior[_all_vertices(mesh, 2, exterior, inside)]
+        owned = np.arange(topology.index_map(3).size_local, dtype=np.int32)
+        cells = owned[_all_vertices(mesh, 3, owned, inside)]
+        regions[name] = region = _count(mesh.comm, name, "geometric", facets, cells)
+        if region.facet_count == region.cell_count == 0:
+            problems.append(f"region '{name}': no boundary facet and no cell satisfies '{condition}'")
+    if problems:
+        low, high = _box(mesh.comm, points)
+        raise MeshError(
+            "\n".join(f"{source.path}: {p}" for p in problems),
+            f"The mesh extends from ({low}) to ({high}) m; a condition must hold at all vertices of a facet or a cell.",
+        )
+    return regions
+
+
+def evaluate(name: str, condition: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which of the ``points`` (n, 3), in metres, satisfy the condition."""
+    inside = np.asarray(condition.evaluate(x=points[:, 0], y=points[:, 1], z=points[:, 2]))
+    if inside.dtype != np.bool_:
+        raise MeshError(f"region '{name}': '{condition}' is a number, not a condition", "Compare it: x < 1 mm")
+    return np.broadcast_to(inside, len(points))
+
+
+def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region:
+    """The region called ``name``; raises ``MeshError`` with what there is instead."""
+    if name in regions:
+        return regions[name]
+    near = get_close_matches(name, regions, 1)
+    hint = f". Did you mean '{near[0]}'?" if near else ""
+    if name in source.thin_groups:
+        hint = ": it is a physical group of points or curves, and regions are surfaces or volumes"
+    physical = [r.name for r in regions.values() if r.origin == "physical"]
+    lacking = "" if physical else " The mesh has no physical groups."
+    raise MeshError(
+        f"{source.path}: no region '{name}'{hint}",
+        f"There are: {', '.join(sorted(regions))}.{lacking}"
+        f" Name surfaces and volumes in the mesh (physical groups), or in the job: regions: {{{name}: 'x < 1e-6 m'}}",
+    )
+
+
+def _physical(mesh: dolfinx.mesh.Mesh, source: MeshSource) -> dict[str, Region]:
+    """Regions of the physical groups; a surface and a volume of one name make one region."""
+    names = dict.fromkeys(g.name for g in source.groups)
+    local = {dim: _distribute(mesh, source, dim) for dim in (2, 3)}
+    regions = {}
+    for name in names:
+        parts = {}
+        for dim, (entities, labels) in local.items():
+            of_name = [i for i, g in enumerate(source.groups) if g.name == name and g.dim == dim]
+            parts[dim] = entities[np.isin(labels, of_name)]
+        regions[name] = _count(mesh.comm, name, "physical", parts[2], parts[3])
+    return regions
+
+
+def _distribute(mesh: dolfinx.mesh.Mesh, source: MeshSource, dim: int) -> tuple[LocalIndices, LocalIndices]:
+    """Local entities of dimension ``dim`` that are in a group, and the place of that group in the source's."""
+    nodes = source.cells if dim == 3 else source.facets
+    label = np.full(len(nodes), -1, dtype=np.int32)
+    for i, group in enumerate(source.groups):
+        if group.dim == dim:
+            label[group.members] = i
+    known = label >= 0
+    entities, labels = dolfinx.io.distribute_entity_data(mesh, dim, nodes[known], label[known])
+    mesh.topology.create_connectivity(dim, 0)
+    tags = dolfinx.mesh.meshtags_from_entities(mesh, dim, dolfinx.graph.adjacencylist(entities), labels)
+    return tags.indices, tags.values
+
+
+def _all_vertices(
+    mesh: dolfinx.mesh.Mesh, dim: int, entities: LocalIndices, inside: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    if not len(entities):
+        return np.zeros(0, dtype=bool)
+    result: npt.NDArray[np.bool_] = inside[dolfinx.mesh.entities_to_geometry(mesh, dim, entities)].all(axis=1)
+    return result
+
+
+def _count(comm: MPI.Intracomm, name: str, origin: str, facets: LocalIndices, cells: LocalIndices) -> Region:
+    counts = np.array([len(facets), len(cells)], dtype=np.int64)
+    total = np.empty_like(counts)
+    comm.Allreduce(counts, total)
+    return Region(name, origin, facets, cells, int(total[0]), int(total[1]))
+
+
+def _box(comm: MPI.Intracomm, points: npt.NDArray[np.float64]) -> tuple[str, str]:
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    if len(points):
+        low, high = points.min(axis=0), points.max(axis=0)
+    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+    return ", ".join(f"{v:g}" for v in low), ", ".join(f"{v:g}" for v in high)
