@@ -1,0 +1,236 @@
+"""Finite-strain kinematics: the one place that knows which configuration the mesh describes.
+
+The unknown is the displacement ``u = x - X`` in both directions (the paper's ``u'`` is ``-u``).
+
+==================  =====================  ==========================
+quantity            forward                inverse
+==================  =====================  ==========================
+the mesh is         reference body         current body
+position map        ``x = X + u``          ``X = x - u``
+``H = F - I``       ``∇u``                 ``h (I - h)⁻¹``, ``h = ∇u``
+``Grad v``          ``∇v``                 ``∇v F``
+``dV``              ``dx``                 ``det(I - h) dx``
+``dv``              ``J dx``               ``dx``
+==================  =====================  ==========================
+
+Invariants are built from ``H``, never from ``F``, so that nothing cancels at small strain (Shakeri et al., "Stable
+numerics for finite-strain elasticity", 2024, doi:10.1002/nme.7563).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import Any
+
+import ufl
+
+_SERIES_BELOW = 2.0**-7  # |x| at which the closed forms take over from the series; both are exact there to 1e-16
+_SERIES_TERMS = 9
+
+
+def _series(x: Any, coefficients: list[float]) -> Any:
+    """``x² (c₀ + c₁ x + …)`` by Horner's rule."""
+    total: Any = coefficients[-1]
+    for c in reversed(coefficients[:-1]):
+        total = c + x * total
+    return x * x * total
+
+
+def log1p_remainder(x: Any) -> Any:
+    """``ln(1 + x) - x``, accurate together with its derivatives as ``x → 0``."""
+    series = _series(x, [(-1.0) ** (n + 1) / n for n in range(2, 2 + _SERIES_TERMS)])
+    return ufl.conditional(ufl.lt(abs(x), _SERIES_BELOW), series, ufl.ln(1 + x) - x)
+
+
+class Deformation:
+    """Strain measures and invariants of one displacement gradient ``H`` (3 × 3, dimensionless).
+
+    Quantities that vanish in the undeformed state are computed without subtracting large numbers; laws should be
+    written in terms of them.
+    """
+
+    def __init__(self, H: Any) -> None:
+        self.H = H
+
+    @cached_property
+    def I(self) -> Any:  # noqa: E743  (the identity's name in every text on the subject)
+        return ufl.Identity(3)
+
+    @cached_property
+    def F(self) -> Any:
+        """Deformation gradient ``F = I + H``."""
+        return self.I + self.H
+
+    @cached_property
+    def C(self) -> Any:
+        """Right Cauchy–Green tensor ``C = Fᵀ F``."""
+        return self.I + 2 * self.E
+
+    @cached_property
+    def E(self) -> Any:
+        """Green–Lagrange strain ``E = sym H + ½ Hᵀ H``."""
+        return ufl.sym(self.H) + self.H.T * self.H / 2
+
+    @cached_property
+    def J_minus_1(self) -> Any:
+        """``det F - 1 = tr H + ½ (tr² H - tr H²) + det H``."""
+        return ufl.tr(self.H) + self._second_order
+
+    @cached_property
+    def J(self) -> Any:
+        """Volume ratio ``J = det F``."""
+        return 1 + self.J_minus_1
+
+    @cached_property
+    def ln_J(self) -> Any:
+        return self.J_minus_1 + log1p_remainder(self.J_minus_1)
+
+    @cached_property
+    def I1_minus_3(self) -> Any:
+        """``tr C - 3``."""
+        return 2 * ufl.tr(self.E)
+
+    @cached_property
+    def I2_minus_3(self) -> Any:
+        """``½ (tr² C - tr C²) - 3``."""
+        return 4 * ufl.tr(self.E) + self._second_of_E
+
+    @cached_property
+    def I1_minus_3_minus_2_ln_J(self) -> Any:
+        """``tr C - 3 - 2 ln J``, the shear part of compressible neo-Hookean laws, of second order in ``H``."""
+        return 2 * (self._trE_minus_J_minus_1 - log1p_remainder(self.J_minus_1))
+
+    @cached_property
+    def I1_bar_minus_3(self) -> Any:
+        """``J^(-2/3) tr C - 3``."""
+        s = self._cbrt_J_minus_1
+        remainder = -(s**2) * (2 * s + 3) / 3  # J^(2/3) - 1 - 2/3 (J - 1)
+        return (2 * self._trE_minus_J_minus_1 - 3 * remainder) / (1 + s) ** 2
+
+    @cached_property
+    def I2_bar_minus_3(self) -> Any:
+        """``J^(-4/3) I2 - 3``."""
+        s = self._cbrt_J_minus_1
+        remainder = s**2 * (3 * s**2 + 8 * s + 6) / 3  # J^(4/3) - 1 - 4/3 (J - 1)
+        return (4 * self._trE_minus_J_minus_1 + self._second_of_E - 3 * remainder) / (1 + s) ** 4
+
+    @cached_property
+    def _cbrt_J_minus_1(self) -> Any:
+        """``J^(1/3) - 1``, from ``t³ - 1 = (t - 1)(1 + t + t²)``."""
+        t = self.J ** (1 / 3)
+        return self.J_minus_1 / (1 + t + t**2)
+
+    @cached_property
+    def _second_order(self) -> Any:
+        """``J - 1 - tr H``."""
+        H = self.H
+        return (ufl.tr(H) ** 2 - ufl.tr(H * H)) / 2 + ufl.det(H)
+
+    @cached_property
+    def _trE_minus_J_minus_1(self) -> Any:
+        """``tr E - (J - 1)``: the first-order terms drop out by hand, not by rounding."""
+        return ufl.inner(self.H, self.H) / 2 - self._second_order
+
+    @cached_property
+    def _second_of_E(self) -> Any:
+        return 2 * (ufl.tr(self.E) ** 2 - ufl.inner(self.E, self.E))
+
+
+class Kinematics(ABC):
+    """What a residual needs to know about the direction of the analysis.
+
+    Args:
+        u: displacement ``x - X``, vector of 3, in scaled lengths.
+        dx: volume measure of the mesh, with its quadrature degree.
+    """
+
+    direction: str
+
+    def __init__(self, u: Any, dx: Any) -> None:
+        self.u = u
+        self.dx = dx
+
+    @property
+    @abstractmethod
+    def H(self) -> Any:
+        """Displacement gradient with respect to the reference body, ``∂u/∂X``."""
+
+    @property
+    @abstractmethod
+    def mesh_J(self) -> Any:
+        """Determinant that must stay positive at every point: of ``∂x/∂X`` or of ``∂X/∂x``."""
+
+    @abstractmethod
+    def Grad(self, v: Any) -> Any:
+        """Gradient of ``v`` with respect to the reference body."""
+
+    @abstractmethod
+    def dV(self, integrand: Any) -> Any:
+        """Integral over the reference volume."""
+
+    @abstractmethod
+    def dv(self, integrand: Any) -> Any:
+        """Integral over the current volume."""
+
+    @property
+    @abstractmethod
+    def sign(self) -> int:
+        """The other body is the mesh moved by ``sign * u``."""
+
+
+class ForwardKinematics(Kinematics):
+    """The mesh is the reference body, the deformed one is looked for."""
+
+    direction = "forward"
+    sign = 1
+
+    @cached_property
+    def H(self) -> Any:
+        return ufl.grad(self.u)
+
+    @cached_property
+    def mesh_J(self) -> Any:
+        return Deformation(self.H).J
+
+    def Grad(self, v: Any) -> Any:
+        return ufl.grad(v)
+
+    def dV(self, integrand: Any) -> Any:
+        return integrand * self.dx
+
+    def dv(self, integrand: Any) -> Any:
+        return integrand * self.mesh_J * self.dx
+
+
+class InverseKinematics(Kinematics):
+    """The mesh is the current body, the undeformed one is looked for (Mazier et al., doi:10.1007/s00366-021-01597-z)."""
+
+    direction = "inverse"
+    sign = -1
+
+    @cached_property
+    def _h(self) -> Any:
+        return ufl.grad(self.u)
+
+    @cached_property
+    def _F(self) -> Any:
+        """``(I - h)⁻¹``."""
+        return ufl.inv(ufl.Identity(3) - self._h)
+
+    @cached_property
+    def H(self) -> Any:
+        return self._h * self._F
+
+    @cached_property
+    def mesh_J(self) -> Any:
+        return Deformation(-self._h).J
+
+    def Grad(self, v: Any) -> Any:
+        return ufl.grad(v) * self._F
+
+    def dV(self, integrand: Any) -> Any:
+        return integrand * self.mesh_J * self.dx
+
+    def dv(self, integrand: Any) -> Any:
+        return integrand * self.dx

@@ -1,0 +1,106 @@
+"""The scene: virtual work of one body under its material law and the effects that the job lists, in either direction.
+
+Equilibrium is stated once, on the reference body,
+
+    ∫ P : Grad δu dV  =  λ Σ external virtual work,            P = ∂ψ/∂F,
+
+and, where the law is nearly or fully incompressible, with the pressure as an unknown of its own,
+
+    ψ = W(F) - p θ(J) - p²/2Λ,      ∫ (θ(J) + p/Λ) δp dV = 0,
+
+where ``U = Λ/2 θ²`` is the law's volumetric energy (``Λ → ∞`` drops the last term). `Kinematics` carries this to the
+mesh, so that the inverse problem is the exact discrete inverse of the forward one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import ufl
+from dolfinx import fem
+from pydantic import BaseModel
+
+from hpcinv.kinematics import Deformation, Kinematics
+from hpcinv.quantities import dimension_of
+
+if TYPE_CHECKING:
+    from dolfinx.mesh import Mesh
+
+    from hpcinv.effects.base import Effect
+    from hpcinv.materials.base import MaterialLaw
+    from hpcinv.scales import Scales
+    from hpcinv.unknowns import Unknowns
+
+
+class Scene:
+    """Material, effects and kinematics composed into one residual.
+
+    Attributes:
+        residual: UFL form, linear in the test functions of ``unknowns``.
+        load: load factor ``λ``, a constant of the form.
+        strain_energy: UFL form of the energy stored in the body (scaled stress × length³).
+        J: volume ratio; mesh_J: the determinant that must stay positive at every point.
+        cauchy_stress: ``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3).
+    """
+
+    def __init__(
+        self,
+        unknowns: Unknowns,
+        material: MaterialLaw,
+        effects: Sequence[Effect],
+        kinematics: type[Kinematics],
+        quadrature_degree: int,
+        scales: Scales,
+    ) -> None:
+        self.unknowns = unknowns
+        self.kinematics = kinematics(unknowns.u, ufl.dx(unknowns.mesh, degree=quadrature_degree))
+        self.load = fem.Constant(unknowns.mesh, 0.0)
+
+        kin, par = self.kinematics, constants(material, unknowns.mesh, scales)
+        H = ufl.variable(kin.H)
+        deformation = Deformation(H)
+        distortion = material.distortion(deformation, par)
+        dilatation = material.dilatation(deformation)
+        modulus = material.dilatation_modulus
+        finite_modulus = fem.Constant(unknowns.mesh, modulus / scales.stress) if math.isfinite(modulus) else None
+        if unknowns.p is None:
+            psi = energy = distortion + finite_modulus * dilatation**2 / 2
+        else:
+            psi = distortion - unknowns.p * dilatation
+            energy = distortion if finite_modulus is None else distortion + unknowns.p**2 / (2 * finite_modulus)
+        P = ufl.diff(psi, H)
+
+        residual = kin.dV(ufl.inner(P, kin.Grad(unknowns.v)))
+        if unknowns.p is not None:
+            constraint = dilatation if finite_modulus is None else dilatation + unknowns.p / finite_modulus
+            residual -= kin.dV(constraint * unknowns.q)
+        for effect in effects:
+            residual -= effect.virtual_work(kin, unknowns.v, self.load, constants(effect, unknowns.mesh, scales))
+
+        self.residual = residual
+        self.strain_energy = kin.dV(energy)
+        self.J = deformation.J
+        self.mesh_J = kin.mesh_J
+        self.cauchy_stress = P * deformation.F.T / deformation.J
+
+
+def constants(spec: BaseModel, mesh: Mesh, scales: Scales) -> Any:
+    """The finite parameters of a law or effect as scaled ``fem.Constant``s, by name.
+
+    They are constants of the form and not numbers in it, so that changing one recompiles nothing.
+    """
+    found = SimpleNamespace()
+    for name in type(spec).model_fields:
+        dimension, value = dimension_of(type(spec), name), getattr(spec, name)
+        if dimension is None or value is None or value == math.inf:
+            continue
+        scale = scales.of(dimension)
+        scaled = [v / scale for v in value] if isinstance(value, tuple) else value / scale
+        setattr(found, name, fem.Constant(mesh, scaled))
+    return found

@@ -1,0 +1,64 @@
+"""Supports: components of the displacement that are fixed or prescribed on regions of the boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from hpcinv.errors import MeshError
+from hpcinv.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.job import Support
+    from hpcinv.mesh import Body
+    from hpcinv.unknowns import Unknowns
+
+
+class Supports:
+    """Dirichlet conditions ``u_i = λ ū_i``.
+
+    ``ū`` is evaluated once, at the coordinates of the mesh as the job gives it (m): in a round trip the second leg
+    prescribes the same displacement of the same material points.
+    """
+
+    def __init__(self, specs: Iterable[Support], body: Body, unknowns: Unknowns) -> None:
+        self.conditions: list[fem.DirichletBC] = []
+        self._full: list[npt.NDArray[np.float64]] = []
+        self._now: list[fem.Function] = []
+        for number, spec in enumerate(specs):
+            facets = body.facets(spec.region)
+            for i, component in enumerate(spec.components()):
+                if component is None:
+                    continue
+                part = unknowns.displacement_component(i)
+                scalar, _ = part.collapse()
+                dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
+                x, y, z = scalar.tabulate_dof_coordinates().T * body.length_scale
+                full = np.zeros(len(x))
+                on_region = dofs[1]
+                values = component.evaluate(x=x[on_region], y=y[on_region], z=z[on_region], **spec.constants)
+                full[on_region] = np.asarray(values) / body.length_scale
+                finite = body.mesh.comm.allreduce(bool(np.isfinite(full).all()), op=MPI.LAND)
+                if not finite:
+                    raise MeshError(
+                        f"supports[{number}].displacement: '{component}' is not finite somewhere on '{spec.region}'",
+                        "Check it for divisions by zero, roots and logarithms of negative numbers.",
+                    )
+                now = fem.Function(scalar)
+                self.conditions.append(fem.dirichletbc(now, dofs, part))
+                self._full.append(full)
+                self._now.append(now)
+        moves = any(bool(full.any()) for full in self._full)
+        self.prescribe_motion: bool = body.mesh.comm.allreduce(moves, op=MPI.LOR)
+
+    def scale(self, load: float) -> None:
+        """Prescribe the displacements that belong to a load factor."""
+        for now, full in zip(self._now, self._full, strict=True):
+            now.x.array[:] = load * full

@@ -1,0 +1,102 @@
+"""The unknown fields of a scene: displacement, and pressure where the mixed form asks for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+
+
+class Unknowns:
+    """Finite-element spaces on one mesh, and the state that a solve works on.
+
+    Args:
+        mesh: mesh with its coordinates in scaled lengths.
+        displacement: polynomial degree of the displacement.
+        pressure: polynomial degree of the pressure, or ``None`` for the displacement form.
+
+    Attributes:
+        state: every unknown in one function, ``u`` alone or ``(u, p)``.
+        u, p: its parts as UFL expressions; ``p`` is ``None`` in the displacement form.
+        v, q: the test functions that belong to them.
+    """
+
+    def __init__(self, mesh: Mesh, displacement: int, pressure: int | None) -> None:
+        self.mesh = mesh
+        self.degrees = (displacement, pressure)
+        cell = mesh.basix_cell()
+        vector = basix.ufl.element("Lagrange", cell, displacement, shape=(3,))
+        self.q: Any
+        self.p: Any
+        if pressure is None:
+            self.space = fem.functionspace(mesh, vector)
+            self.state = fem.Function(self.space, name="u")
+            self.u, self.p = self.state, None
+            self.v, self.q = ufl.TestFunction(self.space), None
+            self.displacement_space = self.space
+            owned = self.space.dofmap.index_map.size_local * 3
+            self._displacement_dofs = np.arange(self.state.x.array.size, dtype=np.int32)
+        else:
+            scalar = basix.ufl.element("Lagrange", cell, pressure)
+            self.space = fem.functionspace(mesh, basix.ufl.mixed_element([vector, scalar]))
+            self.state = fem.Function(self.space, name="up")
+            self.u, self.p = ufl.split(self.state)
+            self.v, self.q = ufl.TestFunctions(self.space)
+            self.displacement_space, dofs = self.space.sub(0).collapse()
+            self._displacement_dofs = np.asarray(dofs, dtype=np.int32)
+            owned = self.space.dofmap.index_map.size_local
+        self.owned_displacement = self._displacement_dofs[self._displacement_dofs < owned]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns over all ranks."""
+        return int(self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs)
+
+    def displacement_component(self, i: int) -> fem.FunctionSpace:
+        """The ``i``-th displacement component as a subspace of the whole, for supports."""
+        space = self.space if self.p is None else self.space.sub(0)
+        return space.sub(i)
+
+    def displacement(self) -> fem.Function:
+        """A copy of the displacement alone, in scaled lengths."""
+        u = fem.Function(self.displacement_space, name="displacement")
+        u.x.array[:] = self.state.x.array[self._displacement_dofs]
+        return u
+
+    def set_displacement(self, u: fem.Function) -> None:
+        """Put ``u``, a function of ``displacement_space``, in the state; what else is in it stays."""
+        self.state.x.array[self._displacement_dofs] = u.x.array
+
+    def pressure(self) -> fem.Function | None:
+        """A copy of the pressure alone, in scaled stresses; ``None`` in the displacement form."""
+        if self.p is None:
+            return None
+        space, dofs = self.space.sub(1).collapse()
+        p = fem.Function(space, name="pressure")
+        p.x.array[:] = self.state.x.array[dofs]
+        return p
+
+    def set_pressure(self, p: fem.Function) -> None:
+        """Put ``p`` in the state, as ``set_displacement`` does."""
+        _, dofs = self.space.sub(1).collapse()
+        self.state.x.array[np.asarray(dofs)] = p.x.array
+
+    def at_nodes(self, u: fem.Function) -> npt.NDArray[np.float64]:
+        """Values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3)."""
+        x = self.mesh.geometry
+        degree = self.mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree
+        lagrange = basix.ufl.element("Lagrange", self.mesh.basix_cell(), degree, shape=(3,))
+        nodal = fem.Function(fem.functionspace(self.mesh, lagrange))
+        nodal.interpolate(u)
+        values = np.empty((x.x.shape[0], 3))
+        dofmap = nodal.function_space.dofmap.list
+        values[x.dofmap] = nodal.x.array.reshape(-1, 3)[dofmap]
+        return values
