@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hpcinv.runtime import MPI, on_root
-
 import dolfinx
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +18,10 @@ from hpcinv.mesh.checks import check
 from hpcinv.mesh.degree import of_degree
 from hpcinv.mesh.partition import PARTITIONERS, Partition, measure
 from hpcinv.mesh.readers import FILES, GENERATORS
-from hpcinv.mesh.regions import LocalIndices, Region, build_regions, find
+from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.topology import FacetTable
+from hpcinv.runtime import MPI, on_root
 
 if TYPE_CHECKING:
     from hpcinv.expressions import Expression
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 class Body:
     """A body on all ranks; ``mesh`` has its coordinates divided by ``length_scale`` (m), a power of two."""
 
-    mesh: dolfinx.mesh.Mesh
+    mesh: Mesh
     length_scale: float
     regions: Mapping[str, Region]
     partition: Partition

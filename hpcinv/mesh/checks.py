@@ -73,8 +73,8 @@ def _bad_cells(source: MeshSource) -> Problems:
     if inverted.any():
         yield (
             f"{inverted.sum()} cells are inverted: det J < 0 somewhere in them ({_some(source.cell_tags[inverted], 'cell')})",
-            "Mesh finer where it is curved (gmsh: model.mesh.optimize('HighOrder')); if they are only numbered"
-            " the other way round than the rest, gmsh's model.mesh.reverseElements turns them.",
+            "Mesh finer where it is curved (gmsh: model.mesh.optimize('HighOrder')), or turn cells that are only numbered the"
+            + " other way round than the rest (gmsh: model.mesh.reverseElements).",
         )
 
 

@@ -21,9 +21,7 @@ def of_degree(source: MeshSource, degree: int) -> MeshSource:
 def lowered(source: MeshSource) -> MeshSource:
     """Vertices alone."""
     vertices, of_facet = vertex_count(source.kind), vertex_count(FACET_KIND[source.kind])
-    flat = dataclasses.replace(
-        source, degree=1, cells=source.cells[:, :vertices], facets=source.facets[:, :of_facet]
-    )
+    flat = dataclasses.replace(source, degree=1, cells=source.cells[:, :vertices], facets=source.facets[:, :of_facet])
     return flat.without_unused_nodes()
 
 

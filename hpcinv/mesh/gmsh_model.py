@@ -1,4 +1,4 @@
-"""The only module that talks to gmsh: sessions, reading its current model, and laying a mesh into one."""
+"""The only module that talks to gmsh's models: sessions, reading the current model, laying a mesh into it, METIS."""
 
 from __future__ import annotations
 
@@ -6,16 +6,23 @@ import importlib
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hpcinv.errors import MeshError, SystemPartMissing
-from hpcinv.mesh.cells import DEGREES, FACET_KIND, node_order
+from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 
 DIMENSION_NAMES = {0: "point", 1: "curve", 2: "surface", 3: "volume"}
+GMSH_NAMES = {
+    "tetrahedron": "Tetrahedron",
+    "hexahedron": "Hexahedron",
+    "triangle": "Triangle",
+    "quadrilateral": "Quadrangle",
+}
 
 
 def _load() -> Any:
@@ -33,7 +40,7 @@ def _load() -> Any:
 
 @contextmanager
 def session(name: str) -> Iterator[Any]:
-    """gmsh with an empty current model, quiet, single-threaded and with fixed defaults, so that meshes are repeatable."""
+    """gmsh with an empty current model; quiet, single-threaded and with fixed defaults, so that meshes are repeatable."""
     gmsh = _load()
     if gmsh.isInitialized():
         raise MeshError("gmsh is already in use by this process", "Call gmsh.finalize() before hpcinv builds a mesh.")
@@ -48,86 +55,104 @@ def session(name: str) -> Iterator[Any]:
         gmsh.finalize()
 
 
+@dataclass(frozen=True)
+class ElementType:
+    """gmsh's number of a kind of element, its node count, and permutations of its nodes to and from DOLFINx order."""
+
+    code: int
+    size: int
+    order: Ints
+    back: Ints
+
+    @classmethod
+    def of(cls, gmsh: Any, kind: str, degree: int) -> ElementType:
+        """Ask gmsh for its complete Lagrange element."""
+        code = gmsh.model.mesh.getElementType(GMSH_NAMES[kind], degree)
+        _, dim, _, size, reference, _ = gmsh.model.mesh.getElementProperties(code)
+        order = node_order(kind, degree, np.asarray(reference).reshape(-1, dim))
+        return cls(int(code), int(size), order, np.argsort(order))
+
+
 def extract(gmsh: Any, path: Path) -> MeshSource:
-    """The mesh of gmsh's current model; raises ``MeshError`` where it is no solid of one supported kind of cell."""
+    """The mesh of gmsh's current model: all its cells, and of its facets those in a physical group.
+
+    Raises:
+        MeshError: where it is no solid of one supported kind of cell, or an entity is in several physical groups.
+    """
     mesh = gmsh.model.mesh
     tags, coordinates, _ = mesh.getNodes()
     node_tags, first = np.unique(tags.astype(np.int64), return_index=True)
-    points = coordinates.reshape(-1, 3)[first]
-
-    kind, degree, code = _cell_type(gmsh, path)
-    cell_tags, cells, cell_groups = _elements(gmsh, path, 3, kind, degree, code, node_tags)
-    facet_kind = FACET_KIND[kind]
-    facet_code = mesh.getElementType({"triangle": "Triangle", "quadrilateral": "Quadrangle"}[facet_kind], degree)
-    _, facets, facet_groups = _elements(gmsh, path, 2, facet_kind, degree, facet_code, node_tags)
-    thin = tuple(_group_name(gmsh, d, t) for d in (0, 1) for _, t in gmsh.model.getPhysicalGroups(d))
+    kind, degree = _solid(gmsh, path)
+    cell_tags, cells, volumes = _elements(gmsh, path, 3, ElementType.of(gmsh, kind, degree))
+    _, facets, surfaces = _elements(gmsh, path, 2, ElementType.of(gmsh, FACET_KIND[kind], degree))
     return MeshSource(
-        path, kind, degree, points, node_tags, cells, cell_tags, facets, (*cell_groups, *facet_groups), thin
+        path=path,
+        kind=kind,
+        degree=degree,
+        points=coordinates.reshape(-1, 3)[first],
+        node_tags=node_tags,
+        cells=np.searchsorted(node_tags, cells),
+        cell_tags=cell_tags,
+        facets=np.searchsorted(node_tags, facets),
+        groups=(*volumes, *surfaces),
+        thin_groups=tuple(_group_name(gmsh, d, t) for d in (0, 1) for _, t in gmsh.model.getPhysicalGroups(d)),
     )
 
 
-def _cell_type(gmsh: Any, path: Path) -> tuple[str, int, int]:
-    """Kind, degree and gmsh's number of the one type of solid element in the model."""
+def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
+    """Kind and degree of the one type of solid element in the model."""
     found = [gmsh.model.mesh.getElementProperties(t) for t in gmsh.model.mesh.getElementTypes(3)]
     if not found:
         raise MeshError(
             f"{path}: no solid cells",
-            "A body of tetrahedra or hexahedra is needed: mesh the volume (gmsh: model.mesh.generate(3)), not only its surface.",
+            "Mesh the volume, not only its surface: tetrahedra or hexahedra are needed (gmsh: model.mesh.generate(3)).",
         )
-    name, _, degree, *_ = found[0]
-    kind = name.split()[0].lower()
-    if len(found) > 1 or kind not in FACET_KIND:
+    kinds = {gmsh_name: kind for kind, gmsh_name in GMSH_NAMES.items()}
+    name, _, _, size, *_ = found[0]
+    kind = kinds.get(name.split()[0])
+    if len(found) > 1 or kind is None:
         raise MeshError(
             f"{path}: cells are {' and '.join(sorted(name for name, *_ in found))}",
-            "One kind is supported in a mesh: all tetrahedra or all hexahedra.",
+            "One kind is supported in a mesh: all tetrahedra or all hexahedra, all of one degree.",
         )
-    require_degree(path, degree)
-    return kind, degree, int(gmsh.model.mesh.getElementTypes(3)[0])
+    return kind, degree_of(path, kind, size)
 
 
-def require_degree(path: Path, degree: int) -> None:
-    """Raise ``MeshError`` for a geometry of a degree that is not supported."""
-    if degree not in DEGREES:
-        raise MeshError(
-            f"{path}: geometry of degree {degree}",
-            "Degree 1 (flat) and 2 (curved) are supported: save the mesh with Mesh.ElementOrder = 2.",
-        )
+def _elements(gmsh: Any, path: Path, dim: int, element: ElementType) -> tuple[Ints, Ints, list[Group]]:
+    """Tags, node tags and groups of the elements of one dimension, by tag: all cells, but only facets in a group."""
+    label_of = _labels(gmsh, path, dim)
+    tags, nodes, labels = [np.zeros(0, dtype=np.int64)], [np.zeros((0, element.size), dtype=np.int64)], []
+    for _, entity in gmsh.model.getEntities(dim):
+        label = label_of.get(int(entity), 0)
+        if dim == 3 or label:
+            found, on = gmsh.model.mesh.getElementsByType(element.code, entity)
+            tags.append(found.astype(np.int64))
+            nodes.append(on.astype(np.int64).reshape(-1, element.size)[:, element.order])
+            labels += [label] * len(found)
+    tag = np.concatenate(tags)
+    by_tag = np.argsort(tag, kind="stable")
+    label_by_tag = np.array(labels, dtype=np.int64)[by_tag]
+    groups = [
+        Group(_group_name(gmsh, dim, t), dim, int(t), np.flatnonzero(label_by_tag == t))
+        for _, t in gmsh.model.getPhysicalGroups(dim)
+    ]
+    return tag[by_tag], np.concatenate(nodes)[by_tag], groups
 
 
-def _elements(
-    gmsh: Any, path: Path, dim: int, kind: str, degree: int, code: int, node_tags: Ints
-) -> tuple[Ints, Ints, list[Group]]:
-    """Tags, nodes and groups of the elements of one dimension: all cells, but of the facets only those in a group."""
-    properties = gmsh.model.mesh.getElementProperties(code)
-    order = node_order(kind, degree, np.array(properties[4]).reshape(-1, dim))
+def _labels(gmsh: Any, path: Path, dim: int) -> dict[int, int]:
+    """The physical group of each entity that is in one."""
     groups_of: dict[int, list[int]] = defaultdict(list)
     for _, group in gmsh.model.getPhysicalGroups(dim):
         for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, group):
             groups_of[int(entity)].append(int(group))
-    several = {e: g for e, g in groups_of.items() if len(g) > 1}
+    several = sorted({tuple(tags) for tags in groups_of.values() if len(tags) > 1})
     if several:
-        names = sorted({" and ".join(f"'{_group_name(gmsh, dim, g)}'" for g in tags) for tags in several.values()})
+        names = [" and ".join(f"'{_group_name(gmsh, dim, t)}'" for t in tags) for tags in several]
         raise MeshError(
             f"{path}: one {DIMENSION_NAMES[dim]} is in several physical groups: {'; '.join(names)}",
             "Keep one group on it and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
         )
-    tags, nodes, labels = [], [], []
-    for _, entity in gmsh.model.getEntities(dim):
-        (label,) = groups_of.get(int(entity), [0])
-        if dim == 3 or label:
-            found, on = gmsh.model.mesh.getElementsByType(code, entity)
-            tags.append(found.astype(np.int64))
-            nodes.append(on.reshape(-1, properties[3])[:, order].astype(np.int64))
-            labels.append(np.full(len(found), label))
-    tag = np.concatenate([*tags, np.zeros(0, dtype=np.int64)])
-    label = np.concatenate([*labels, np.zeros(0, dtype=np.int64)])
-    node = np.concatenate([*nodes, np.zeros((0, properties[3]), dtype=np.int64)])
-    by_tag = np.argsort(tag, kind="stable")
-    groups = [
-        Group(_group_name(gmsh, dim, t), dim, int(t), np.flatnonzero(label[by_tag] == t))
-        for _, t in gmsh.model.getPhysicalGroups(dim)
-    ]
-    return tag[by_tag], np.searchsorted(node_tags, node[by_tag]), groups
+    return {entity: tags[0] for entity, tags in groups_of.items()}
 
 
 def _group_name(gmsh: Any, dim: int, tag: int) -> str:
@@ -135,31 +160,38 @@ def _group_name(gmsh: Any, dim: int, tag: int) -> str:
     return gmsh.model.getPhysicalName(dim, tag) or f"{DIMENSION_NAMES[dim]}-{tag}"
 
 
-def lay(gmsh: Any, source: MeshSource, points: Floats) -> None:
+def save_msh(path: Path, source: MeshSource, points: Floats) -> None:
+    """Write the topology, tags and groups of ``source`` at ``points`` (n, 3) m as binary MSH 4.1; not collective."""
+    with session(path.stem) as gmsh:
+        _lay(gmsh, source, points)
+        for option, value in (("Binary", 1), ("MshFileVersion", 4.1), ("SaveAll", 1)):
+            gmsh.option.setNumber(f"Mesh.{option}", value)
+        gmsh.write(str(path))
+
+
+def _lay(gmsh: Any, source: MeshSource, points: Floats) -> None:
     """Lay the topology, tags and groups of ``source`` at ``points`` (n, 3) into gmsh's current model."""
     model = gmsh.model
-    next_tag = int(source.cell_tags.max()) + 1
+    facet_tags = source.cell_tags.max() + 1 + np.arange(len(source.facets))
     home = 0
-    for dim, kind, nodes in ((3, source.kind, source.cells), (2, FACET_KIND[source.kind], source.facets)):
-        name = {"quadrilateral": "Quadrangle"}.get(kind, kind.capitalize())
-        code = model.mesh.getElementType(name, source.degree)
-        reference = np.array(model.mesh.getElementProperties(code)[4]).reshape(-1, dim)
-        back = np.argsort(node_order(kind, source.degree, reference))
+    for dim, kind, tags, nodes in (
+        (3, source.kind, source.cell_tags, source.cells),
+        (2, FACET_KIND[source.kind], facet_tags, source.facets),
+    ):
+        element = ElementType.of(gmsh, kind, source.degree)
+        grouped = np.zeros(len(nodes), dtype=bool)
         groups = [g for g in source.groups if g.dim == dim]
-        rest = np.setdiff1d(np.arange(len(nodes)), np.concatenate([g.members for g in groups] or [np.zeros(0, int)]))
-        for group in [*groups, Group("", dim, 0, rest)]:
+        for group in groups:
+            grouped[group.members] = True
+        for group in [*groups, Group("", dim, 0, np.flatnonzero(~grouped))]:
             if not len(group.members):
                 continue
             entity = model.addDiscreteEntity(dim)
-            if not home:  # the nodes live on one entity; elements of the others refer to them by tag
+            if not home:  # all nodes live on one entity; elements of the others refer to them by tag
                 home = entity
-                model.mesh.addNodes(3, entity, source.node_tags, points.ravel())
-            if dim == 3:
-                tags = source.cell_tags[group.members]
-            else:
-                tags = np.arange(next_tag, next_tag + len(group.members))
-                next_tag += len(tags)
-            model.mesh.addElementsByType(entity, code, tags, source.node_tags[nodes[group.members][:, back]].ravel())
+                model.mesh.addNodes(dim, home, source.node_tags, points.ravel())
+            on = source.node_tags[nodes[group.members][:, element.back]]
+            model.mesh.addElementsByType(entity, element.code, tags[group.members], on.ravel())
             if group.tag:
                 model.addPhysicalGroup(dim, [entity], group.tag, group.name)
 
@@ -171,18 +203,18 @@ def metis(corners: Ints, kind: str, parts: int) -> Ints:
             gmsh.option.setNumber(f"Mesh.PartitionCreate{what}", 0)
         gmsh.option.setNumber("Mesh.MetisAlgorithm", 1)  # recursive bisection: parts equal to within a cell or so
         mesh = gmsh.model.mesh
-        count = int(corners.max()) + 1
+        nodes = int(corners.max()) + 1
+        element = ElementType.of(gmsh, kind, 1)
         entity = gmsh.model.addDiscreteEntity(3)
-        code = mesh.getElementType(kind.capitalize(), 1)
-        reference = np.array(mesh.getElementProperties(code)[4]).reshape(-1, 3)
-        back = np.argsort(node_order(kind, 1, reference))
-        mesh.addNodes(3, entity, np.arange(1, count + 1), np.zeros(3 * count))
-        mesh.addElementsByType(entity, code, np.arange(1, len(corners) + 1), corners[:, back].ravel() + 1)
+        mesh.addNodes(3, entity, np.arange(1, nodes + 1), np.zeros(3 * nodes))  # METIS asks for no coordinates
+        mesh.addElementsByType(
+            entity, element.code, np.arange(1, len(corners) + 1), corners[:, element.back].ravel() + 1
+        )
         mesh.partition(parts)
         part = np.full(len(corners), -1, dtype=np.int64)
-        for dim, tag in gmsh.model.getEntities(3):
-            owner = gmsh.model.getPartitions(dim, tag)
+        for dim, piece in gmsh.model.getEntities(3):
+            owner = gmsh.model.getPartitions(dim, piece)
             if len(owner):
-                elements, _ = mesh.getElementsByType(code, tag)
-                part[elements.astype(np.int64) - 1] = owner[0] - 1
+                cells, _ = mesh.getElementsByType(element.code, piece)
+                part[cells.astype(np.int64) - 1] = owner[0] - 1
     return part

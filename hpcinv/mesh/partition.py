@@ -6,15 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from hpcinv.runtime import MPI, on_root
-
 import dolfinx
 import numpy as np
 
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.gmsh_model import metis
+from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
+from hpcinv.runtime import MPI, on_root
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def metis_partitioner(comm: MPI.Intracomm, source: MeshSource) -> Callable[..., 
 
 def scotch_partitioner(comm: MPI.Intracomm, source: MeshSource) -> Callable[..., Any]:
     """PT-SCOTCH on the dual graph, as DOLFINx offers it."""
-    scotch = dolfinx.graph.partitioner_scotch()
+    scotch = dolfinx.graph.partitioner_scotch()  # type: ignore[attr-defined]  # compiled, without stubs
     partitioner: Callable[..., Any] = dolfinx.mesh.create_cell_partitioner(scotch, dolfinx.mesh.GhostMode.none, 2)
     return partitioner
 
@@ -62,7 +62,7 @@ PARTITIONERS: dict[str, Callable[[MPI.Intracomm, MeshSource], Callable[..., Any]
 }
 
 
-def owners(mesh: dolfinx.mesh.Mesh) -> Ints:
+def owners(mesh: Mesh) -> Ints:
     """Rank that owns each cell, in input order, on rank 0; empty elsewhere; collective."""
     mine = np.asarray(mesh.topology.original_cell_index)[: mesh.topology.index_map(3).size_local]
     gathered = mesh.comm.gather(mine)
@@ -74,7 +74,7 @@ def owners(mesh: dolfinx.mesh.Mesh) -> Ints:
     return owner
 
 
-def measure(mesh: dolfinx.mesh.Mesh, method: str, table: FacetTable | None) -> Partition:
+def measure(mesh: Mesh, method: str, table: FacetTable | None) -> Partition:
     """Cells of each rank and the edge cut, from the facets that rank 0 knows; collective."""
     owner = owners(mesh)
 

@@ -6,13 +6,15 @@ import re
 import runpy
 import traceback
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.mesh.gmsh_model import extract, session
 from hpcinv.mesh.source import MeshSource
+from hpcinv.mesh.vtu import read_vtu
+from hpcinv.mesh.xdmf import read_xdmf
+from hpcinv.spelling import did_you_mean
 
 
 def build_python(path: Path, parameters: Mapping[str, float], degree: int | None) -> MeshSource:
@@ -28,7 +30,9 @@ def build_python(path: Path, parameters: Mapping[str, float], degree: int | None
         except Exception as exc:  # whatever the user's own code raises
             lines = [f.lineno for f in traceback.extract_tb(exc.__traceback__) if f.filename == str(path)]
             line = f", line {lines[-1]}" if lines else ""
-            raise MeshError(f"{path}{line}: {type(exc).__name__}: {exc}", "Mend the generator or its parameters.") from exc
+            raise MeshError(
+                f"{path}{line}: {type(exc).__name__}: {exc}", "Mend the generator or its parameters."
+            ) from exc
         return _of_degree(gmsh, path, degree)
 
 
@@ -36,9 +40,8 @@ def build_geo(path: Path, parameters: Mapping[str, float], degree: int | None) -
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
     known = geo_parameters(path.read_text(errors="replace"))
     for name in parameters.keys() - known:
-        near = get_close_matches(name, known, 1)
         raise MeshError(
-            f"{path}: no parameter '{name}' in DefineConstant" + (f". Did you mean '{near[0]}'?" if near else ""),
+            f"{path}: no parameter '{name}' in DefineConstant.{did_you_mean(name, known, list_all=False)}",
             f"It has: {', '.join(sorted(known)) or 'none'}.",
         )
     with session(path.stem) as gmsh:
@@ -63,14 +66,10 @@ def read_msh(path: Path) -> MeshSource:
 
 
 def _merge(gmsh: Any, path: Path) -> None:
-    gmsh.logger.start()
     try:
         gmsh.merge(str(path))
-        error = gmsh.logger.getLastError()
     except Exception as exc:  # gmsh raises nothing narrower
-        error = str(exc)
-    if error:
-        raise MeshError(f"{path}: gmsh cannot read it: {error}", "Is the file whole, and of the kind its suffix says?")
+        raise MeshError(f"{path}: gmsh cannot read it: {exc}", "Is it whole, and what its suffix says?") from exc
 
 
 def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
@@ -94,4 +93,4 @@ GENERATORS: dict[str, Callable[[Path, Mapping[str, float], int | None], MeshSour
     ".py": build_python,
     ".geo": build_geo,
 }
-FILES: dict[str, Callable[[Path], MeshSource]] = {".msh": read_msh}
+FILES: dict[str, Callable[[Path], MeshSource]] = {".msh": read_msh, ".vtu": read_vtu, ".xdmf": read_xdmf}

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import TYPE_CHECKING
-
-from hpcinv.runtime import MPI, agree
 
 import dolfinx
 import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
-from hpcinv.mesh.source import Group, Ints, MeshSource
+from hpcinv.mesh.source import MeshSource
+from hpcinv.runtime import MPI, agree
+from hpcinv.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from hpcinv.expressions import Expression
 
 BOUNDARY = "boundary"
 type LocalIndices = npt.NDArray[np.int32]
+type Mesh = dolfinx.mesh.Mesh[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Region:
 
 
 def build_regions(
-    mesh: dolfinx.mesh.Mesh, source: MeshSource, conditions: Mapping[str, Expression], length_scale: float
+    mesh: Mesh, source: MeshSource, conditions: Mapping[str, Expression], length_scale: float
 ) -> dict[str, Region]:
     """All regions of a distributed mesh; collective.
 
@@ -55,14 +55,18 @@ def build_regions(
     none = np.zeros(0, dtype=np.int32)
     regions = {BOUNDARY: _count(mesh.comm, BOUNDARY, "built in", exterior, none)}
     regions |= _physical(mesh, source)
-    problems = [f"region '{n}' is a physical group of the mesh too" for n in conditions if n in regions and n != BOUNDARY]
+    problems = [
+        f"region '{n}' is a physical group of the mesh too" for n in conditions if n in regions and n != BOUNDARY
+    ]
     error: HpcinvError | None = None
     points = mesh.geometry.x * length_scale
     for name, condition in conditions.items():
         try:
             inside = evaluate(name, condition, points)
-        except Exception as exc:
-            error = exc if isinstance(exc, HpcinvError) else MeshError(f"region '{name}': {type(exc).__name__}: {exc}")
+        except HpcinvError as exc:
+            error = exc
+        except (ArithmeticError, TypeError, ValueError) as exc:
+            error = MeshError(f"region '{name}': '{condition}' cannot be evaluated: {exc}")
         agree(mesh.comm, error)
         facets = exterior[_all_vertices(mesh, 2, exterior, inside)]
         owned = np.arange(topology.index_map(3).size_local, dtype=np.int32)
@@ -91,8 +95,7 @@ def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region
     """The region called ``name``; raises ``MeshError`` with what there is instead."""
     if name in regions:
         return regions[name]
-    near = get_close_matches(name, regions, 1)
-    hint = f". Did you mean '{near[0]}'?" if near else ""
+    hint = f".{did_you_mean(name, regions, list_all=False)}"
     if name in source.thin_groups:
         hint = ": it is a physical group of points or curves, and regions are surfaces or volumes"
     physical = [r.name for r in regions.values() if r.origin == "physical"]
@@ -104,7 +107,7 @@ def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region
     )
 
 
-def _physical(mesh: dolfinx.mesh.Mesh, source: MeshSource) -> dict[str, Region]:
+def _physical(mesh: Mesh, source: MeshSource) -> dict[str, Region]:
     """Regions of the physical groups; a surface and a volume of one name make one region."""
     names = dict.fromkeys(g.name for g in source.groups)
     local = {dim: _distribute(mesh, source, dim) for dim in (2, 3)}
@@ -118,7 +121,7 @@ def _physical(mesh: dolfinx.mesh.Mesh, source: MeshSource) -> dict[str, Region]:
     return regions
 
 
-def _distribute(mesh: dolfinx.mesh.Mesh, source: MeshSource, dim: int) -> tuple[LocalIndices, LocalIndices]:
+def _distribute(mesh: Mesh, source: MeshSource, dim: int) -> tuple[LocalIndices, LocalIndices]:
     """Local entities of dimension ``dim`` that are in a group, and the place of that group in the source's."""
     nodes = source.cells if dim == 3 else source.facets
     label = np.full(len(nodes), -1, dtype=np.int32)
@@ -132,13 +135,10 @@ def _distribute(mesh: dolfinx.mesh.Mesh, source: MeshSource, dim: int) -> tuple[
     return tags.indices, tags.values
 
 
-def _all_vertices(
-    mesh: dolfinx.mesh.Mesh, dim: int, entities: LocalIndices, inside: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
+def _all_vertices(mesh: Mesh, dim: int, entities: LocalIndices, inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     if not len(entities):
         return np.zeros(0, dtype=bool)
-    result: npt.NDArray[np.bool_] = inside[dolfinx.mesh.entities_to_geometry(mesh, dim, entities)].all(axis=1)
-    return result
+    return np.asarray(inside[dolfinx.mesh.entities_to_geometry(mesh, dim, entities)].all(axis=1))
 
 
 def _count(comm: MPI.Intracomm, name: str, origin: str, facets: LocalIndices, cells: LocalIndices) -> Region:

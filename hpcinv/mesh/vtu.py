@@ -1,0 +1,116 @@
+"""VTU files of VTK: the body's cells, its named facets as surface cells, and one integer array for each region."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.cells import FACET_KIND, degree_of, vtk_order
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+
+# Of degree 1, of degree 2, of any degree; the last two are ordered alike.
+VTK_TYPES = {
+    "triangle": ("TRIANGLE", "QUADRATIC_TRIANGLE", "LAGRANGE_TRIANGLE"),
+    "quadrilateral": ("QUAD", "BIQUADRATIC_QUAD", "LAGRANGE_QUADRILATERAL"),
+    "tetrahedron": ("TETRA", "QUADRATIC_TETRA", "LAGRANGE_TETRAHEDRON"),
+    "hexahedron": ("HEXAHEDRON", "TRIQUADRATIC_HEXAHEDRON", "LAGRANGE_HEXAHEDRON"),
+}
+REGION = "region:"  # cell arrays "region:NAME" hold the region's tag on its cells and 0 elsewhere
+NODE_TAG, CELL_TAG = "node_tag", "cell_tag"
+
+
+def read_vtu(path: Path) -> MeshSource:
+    """Read an unstructured grid; cell arrays called ``region:NAME`` are its physical groups where they are not 0."""
+    import pyvista  # takes a second to load
+
+    try:
+        grid = pyvista.read(path)
+    except (ValueError, RuntimeError, AttributeError) as exc:
+        raise MeshError(f"{path}: VTK cannot read it: {exc}", "Is it a whole .vtu file?") from exc
+    if not isinstance(grid, pyvista.UnstructuredGrid) or not grid.n_cells:
+        raise MeshError(f"{path}: no unstructured grid with cells in it", "Save the mesh as VTU (unstructured grid).")
+
+    types = np.asarray(grid.celltypes)
+    names = {int(t): pyvista.CellType(t).name for t in np.unique(types)}
+    kind = _solid_kind(path, sorted(names.values()))
+    rows = {k: np.flatnonzero(np.isin(types, [t for t, n in names.items() if n in VTK_TYPES[k]]))
+            for k in (kind, FACET_KIND[kind])}  # fmt: skip
+    cells, facets = (_connectivity(path, grid, k, of) for k, of in rows.items())
+    if len(facets) and degree_of(path, FACET_KIND[kind], facets.shape[1]) != degree_of(path, kind, cells.shape[1]):
+        raise MeshError(f"{path}: surface cells are not of the degree of the solid cells", "Save both of one degree.")
+
+    groups = []
+    for name in grid.cell_data:
+        if name.startswith(REGION):
+            for dim, of in zip((3, 2), rows.values(), strict=True):
+                values = np.asarray(grid.cell_data[name])[of].astype(np.int64)
+                members = np.flatnonzero(values)
+                if len(members):
+                    groups.append(Group(name.removeprefix(REGION), dim, int(values[members[0]]), members))
+    points = np.asarray(grid.points, dtype=np.float64)
+    node_tags = np.asarray(grid.point_data.get(NODE_TAG, np.arange(1, len(points) + 1)), dtype=np.int64)
+    cell_tags = np.asarray(grid.cell_data.get(CELL_TAG, np.arange(1, len(types) + 1)), dtype=np.int64)[rows[kind]]
+    degree = degree_of(path, kind, cells.shape[1])
+    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, *_named(facets, groups))
+
+
+def _solid_kind(path: Path, names: list[str]) -> str:
+    """The one kind of solid cell among the VTK cell types of a file."""
+    solid = {k for k in FACET_KIND for n in names if n in VTK_TYPES[k]}
+    flat = {n for k in FACET_KIND.values() for n in VTK_TYPES[k]} | {"VERTEX", "LINE", "QUADRATIC_EDGE", "POLY_LINE"}
+    other = [n for n in names if n not in flat and not any(n in VTK_TYPES[k] for k in FACET_KIND)]
+    if len(solid) == 1 and not other:
+        return solid.pop()
+    if not solid and not other:
+        raise MeshError(f"{path}: no solid cells", "A body of tetrahedra or hexahedra is needed, not only its surface.")
+    raise MeshError(
+        f"{path}: cells are {' and '.join(n for n in names if n not in flat)}",
+        "One kind is supported in a mesh: all tetrahedra or all hexahedra, of 4 or 10, or of 8 or 27 nodes.",
+    )
+
+
+def _connectivity(path: Path, grid: Any, kind: str, rows: Ints) -> Ints:
+    """Nodes of the cells ``rows``, in DOLFINx order."""
+    if not len(rows):
+        return np.zeros((0, 0), dtype=np.int64)
+    start = np.asarray(grid.offset, dtype=np.int64)
+    sizes = np.unique(start[rows + 1] - start[rows])
+    if len(sizes) > 1:
+        raise MeshError(f"{path}: {kind}s of {' and '.join(map(str, sizes))} nodes", "Save them all of one degree.")
+    size = int(sizes[0])
+    nodes: Ints = np.asarray(grid.cell_connectivity, dtype=np.int64)[start[rows][:, None] + np.arange(size)]
+    return nodes[:, vtk_order(kind, degree_of(path, kind, size))]
+
+
+def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
+    """Keep of the facets only those in a group."""
+    named = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.members for g in groups if g.dim == 2)]))
+    kept = [g if g.dim == 3 else Group(g.name, 2, g.tag, np.searchsorted(named, g.members)) for g in groups]
+    return facets[named], tuple(kept)
+
+
+def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
+    """Write the topology, tags and groups of ``source`` at ``points`` (n, 3) m; not collective."""
+    import pyvista
+
+    kinds = (source.kind, FACET_KIND[source.kind])
+    types, connectivity = [], []
+    for kind, nodes in zip(kinds, (source.cells, source.facets), strict=True):
+        if len(nodes):
+            theirs = nodes[:, np.argsort(vtk_order(kind, source.degree))]
+            connectivity.append(np.insert(theirs, 0, theirs.shape[1], axis=1).ravel())
+            types.append(np.full(len(nodes), pyvista.CellType[VTK_TYPES[kind][source.degree - 1]]))
+    grid = pyvista.UnstructuredGrid(np.concatenate(connectivity), np.concatenate(types), points)
+    grid.point_data[NODE_TAG] = source.node_tags
+    beyond = source.cell_tags.max() + 1 + np.arange(len(source.facets))
+    grid.cell_data[CELL_TAG] = np.concatenate([source.cell_tags, beyond])
+    for name in dict.fromkeys(g.name for g in source.groups):
+        marks = np.zeros(grid.n_cells, dtype=np.int32)
+        for group in source.groups:
+            if group.name == name:
+                marks[group.members + (0 if group.dim == 3 else len(source.cells))] = group.tag
+        grid.cell_data[REGION + name] = marks
+    grid.save(path)

@@ -1,0 +1,94 @@
+"""XDMF meshes as DOLFINx writes them: one grid of cells, and a grid for each set of mesh tags."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.cells import FACET_KIND, degree_of, vtk_order
+from hpcinv.mesh.source import Group, Ints, MeshSource
+from hpcinv.mesh.topology import find_rows
+
+KIND_OF = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "qua": "quadrilateral"}
+
+
+def read_xdmf(path: Path) -> MeshSource:
+    """Read the first mesh of the file; tags called NAME with a value V become the physical group ``NAME-V``."""
+    try:
+        grids = [g for g in ET.parse(path).getroot().findall("Domain/Grid") if g.find("Topology") is not None]
+    except ET.ParseError as exc:
+        raise MeshError(f"{path}: no XML: {exc}", "Is it a whole .xdmf file?") from exc
+    mesh = next((g for g in grids if g.find("Geometry/DataItem") is not None), None)
+    if mesh is None:
+        raise MeshError(f"{path}: no grid with a topology and a geometry", "Write one with dolfinx.io.XDMFFile.")
+    kind, cells = _topology(path, mesh)
+    if kind not in FACET_KIND:
+        raise MeshError(f"{path}: cells are {kind}s", "A body of tetrahedra or hexahedra is needed.")
+    points = _data(path, mesh.find("Geometry/DataItem")).astype(np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(f"{path}: the coordinates are not three to a node", "A body in three dimensions is needed.")
+
+    facets = [np.zeros((0, 0), dtype=np.int64)]
+    groups: list[Group] = []
+    for grid in grids:
+        values = grid.find("Attribute[@Center='Cell']/DataItem")
+        if values is None:
+            continue
+        on, entities = _topology(path, grid)
+        dim = 3 if on == kind else 2 if on == FACET_KIND[kind] else 0
+        if not dim or not len(entities):
+            continue
+        rows = _rows_of(cells, entities) if dim == 3 else np.arange(len(entities)) + sum(map(len, facets))
+        if dim == 2:
+            facets.append(entities)
+        tags = _data(path, values).ravel()
+        for value in np.unique(tags):
+            name = f"{grid.get('Name', 'tags')}-{int(value)}"
+            groups.append(Group(name, dim, len(groups) + 1, rows[tags == value]))
+    facet = np.concatenate([f for f in facets if len(f)] or facets)
+    cell_tags = np.arange(1, len(cells) + 1)
+    node_tags = np.arange(1, len(points) + 1)
+    degree = degree_of(path, kind, cells.shape[1])
+    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, facet, tuple(groups))
+
+
+def _topology(path: Path, grid: ET.Element) -> tuple[str, Ints]:
+    """Kind of the grid's cells, and their nodes in DOLFINx order."""
+    topology = grid.find("Topology")
+    assert topology is not None
+    name = topology.get("TopologyType") or topology.get("Type") or ""
+    kind = KIND_OF.get(name[:3].lower())
+    if kind is None:
+        raise MeshError(f"{path}: cells are '{name}'", "One kind is supported in a mesh: tetrahedra or hexahedra.")
+    nodes = _data(path, topology.find("DataItem")).astype(np.int64)
+    return kind, nodes[:, vtk_order(kind, degree_of(path, kind, nodes.shape[1]))]
+
+
+def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
+    """Values of a data item, inline or in an HDF5 file beside the XDMF file."""
+    text = "" if item is None else (item.text or "").strip()
+    form = "" if item is None else item.get("Format", "XML")
+    if form == "XML" and item is not None:
+        shape = [int(n) for n in item.get("Dimensions", "").split()]
+        return np.array(text.split(), dtype=np.float64).reshape(shape)
+    if form != "HDF":
+        raise MeshError(f"{path}: data in the format '{form}'", "HDF and XML are supported.")
+    match = re.fullmatch(r"(.+?):(/.+)", text)
+    if match is None:
+        raise MeshError(f"{path}: '{text}' is no FILE:/DATASET", "Write the mesh anew.")
+    try:
+        with h5py.File(path.parent / match[1]) as file:
+            return np.asarray(file[match[2]])
+    except (OSError, KeyError) as exc:
+        raise MeshError(f"{path}: {text} cannot be read: {exc}", "Keep the .h5 file beside the .xdmf file.") from exc
+
+
+def _rows_of(cells: Ints, entities: Ints) -> Ints:
+    """Rows of ``cells`` that the tagged ``entities`` are; a cell that is not there gets none."""
+    return find_rows(np.sort(entities, axis=1), np.sort(cells, axis=1))
