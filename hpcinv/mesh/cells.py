@@ -52,6 +52,11 @@ def degree_of(path: Path, kind: str, nodes: int) -> int:
     return degrees[nodes]
 
 
+def no_cells(kind: str, degree: int) -> Ints:
+    """The node array of no cells or facets."""
+    return np.zeros((0, scalar_element(kind, degree).dim), dtype=np.int64)
+
+
 def node_order(kind: str, degree: int, theirs: Floats) -> Ints:
     """Permutation p with ``dolfinx_cells = their_cells[:, p]``, found by matching the reference nodes of the two.
 

@@ -44,7 +44,7 @@ def _double_nodes(source: MeshSource) -> Problems:
         first = int(np.flatnonzero(same)[0])
         pair = sorted(source.node_tags[order[first : first + 2]].tolist())
         yield (
-            f"{same.sum()} nodes lie exactly on another (first: nodes {pair[0]} and {pair[1]}), so the body comes apart there",
+            f"{same.sum()} nodes lie exactly on another (first: nodes {pair[0]} and {pair[1]}): the body comes apart there",
             "Join the parts: gmsh's fragment on the volumes, or model.mesh.removeDuplicateNodes() on the mesh.",
         )
 
@@ -72,7 +72,7 @@ def _bad_cells(source: MeshSource) -> Problems:
     inverted = ~flat & (np.minimum(least * handed, most * handed) < 0)
     if inverted.any():
         yield (
-            f"{inverted.sum()} cells are inverted: det J < 0 somewhere in them ({_some(source.cell_tags[inverted], 'cell')})",
+            f"{inverted.sum()} cells are inverted, det J < 0 in them ({_some(source.cell_tags[inverted], 'cell')})",
             "Mesh finer where it is curved (gmsh: model.mesh.optimize('HighOrder')), or turn cells that are only numbered the"
             + " other way round than the rest (gmsh: model.mesh.reverseElements).",
         )
@@ -109,7 +109,7 @@ def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:
     ungrouped = np.setdiff1d(np.arange(len(source.cells)), members(source, 3))
     if len(ungrouped) and len(members(source, 3)):
         yield (
-            f"{len(ungrouped)} cells are in no physical group while others are ({_some(source.cell_tags[ungrouped], 'cell')})",
+            f"{len(ungrouped)} cells are in no physical group, others are ({_some(source.cell_tags[ungrouped], 'cell')})",
             "Put them in a physical volume too, or delete them if they are not of the body.",
         )
 

@@ -19,7 +19,7 @@ SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {".msh": save_ms
 def write_mesh(path: Path, body: Body, coordinates: Floats) -> None:
     """Write the body at ``coordinates`` (m) of its local geometry nodes, as the suffix of ``path`` says; collective.
 
-    Node order, node and cell tags and physical groups are those of the source, and the file appears whole or not at all.
+    Node order, node and cell tags and physical groups are those of the source; the file appears whole or not at all.
 
     Raises:
         OutputError: on every rank, if it cannot be written.

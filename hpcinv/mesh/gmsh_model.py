@@ -40,7 +40,7 @@ def _load() -> Any:
 
 @contextmanager
 def session(name: str) -> Iterator[Any]:
-    """gmsh with an empty current model; quiet, single-threaded and with fixed defaults, so that meshes are repeatable."""
+    """gmsh with an empty current model; quiet, single-threaded and with fixed defaults: meshes are repeatable."""
     gmsh = _load()
     if gmsh.isInitialized():
         raise MeshError("gmsh is already in use by this process", "Call gmsh.finalize() before hpcinv builds a mesh.")

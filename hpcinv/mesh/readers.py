@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import re
 import runpy
+import tempfile
 import traceback
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.generators import parameters_of
 from hpcinv.mesh.gmsh_model import extract, session
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.vtu import read_vtu
@@ -18,7 +20,7 @@ from hpcinv.spelling import did_you_mean
 
 
 def build_python(path: Path, parameters: Mapping[str, float], degree: int | None) -> MeshSource:
-    """Mesh a generator: a Python file with ``def build(gmsh, *, size=0.002, …)`` that meshes the current model, in metres."""
+    """Mesh a generator: a Python file whose ``build(gmsh, *, size=0.002, …)`` meshes gmsh's current model, in metres."""
     with session(path.stem) as gmsh:
         try:
             build = runpy.run_path(str(path)).get("build")
@@ -38,7 +40,7 @@ def build_python(path: Path, parameters: Mapping[str, float], degree: int | None
 
 def build_geo(path: Path, parameters: Mapping[str, float], degree: int | None) -> MeshSource:
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
-    known = geo_parameters(path.read_text(errors="replace"))
+    known = parameters_of(path)
     for name in parameters.keys() - known:
         raise MeshError(
             f"{path}: no parameter '{name}' in DefineConstant.{did_you_mean(name, known, list_all=False)}",
@@ -69,6 +71,11 @@ def _merge(gmsh: Any, path: Path) -> None:
     try:
         gmsh.merge(str(path))
     except Exception as exc:  # gmsh raises nothing narrower
+        # After a syntax error gmsh's parser keeps the rest of the line for the next file: give it one to spoil.
+        with tempfile.NamedTemporaryFile("w", suffix=".geo") as scrap, suppress(Exception):
+            scrap.write("scrap = 0;\n")
+            scrap.flush()
+            gmsh.merge(scrap.name)
         raise MeshError(f"{path}: gmsh cannot read it: {exc}", "Is it whole, and what its suffix says?") from exc
 
 
@@ -77,16 +84,6 @@ def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     if degree is not None and len(gmsh.model.mesh.getElementTypes(3)):
         gmsh.model.mesh.setOrder(degree)
     return extract(gmsh, path)
-
-
-def geo_parameters(text: str) -> set[str]:
-    """Names in the ``DefineConstant[…]`` of a gmsh script."""
-    text = re.sub(r'"[^"]*"|//[^\n]*|/\*.*?\*/', "", text, flags=re.DOTALL)
-    names: set[str] = set()
-    for block in re.findall(r"DefineConstant\s*\[(.*?)\]\s*;", text, flags=re.DOTALL):
-        flat = re.sub(r"\{[^{}]*\}", "", block)
-        names |= {part.split("=")[0].strip() for part in flat.split(",")}
-    return names - {""}
 
 
 GENERATORS: dict[str, Callable[[Path, Mapping[str, float], int | None], MeshSource]] = {

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.cells import FACET_KIND, degree_of, vtk_order
+from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 
 # Of degree 1, of degree 2, of any degree; the last two are ordered alike.
@@ -27,8 +28,10 @@ def read_vtu(path: Path) -> MeshSource:
     import pyvista  # takes a second to load
 
     try:
-        grid = pyvista.read(path)
-    except (ValueError, RuntimeError, AttributeError) as exc:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # pyvista only warns where VTK fails
+            grid = pyvista.read(path)
+    except (ValueError, RuntimeError, AttributeError, UserWarning) as exc:
         raise MeshError(f"{path}: VTK cannot read it: {exc}", "Is it a whole .vtu file?") from exc
     if not isinstance(grid, pyvista.UnstructuredGrid) or not grid.n_cells:
         raise MeshError(f"{path}: no unstructured grid with cells in it", "Save the mesh as VTU (unstructured grid).")
@@ -36,24 +39,29 @@ def read_vtu(path: Path) -> MeshSource:
     types = np.asarray(grid.celltypes)
     names = {int(t): pyvista.CellType(t).name for t in np.unique(types)}
     kind = _solid_kind(path, sorted(names.values()))
-    rows = {k: np.flatnonzero(np.isin(types, [t for t, n in names.items() if n in VTK_TYPES[k]]))
-            for k in (kind, FACET_KIND[kind])}  # fmt: skip
-    cells, facets = (_connectivity(path, grid, k, of) for k, of in rows.items())
-    if len(facets) and degree_of(path, FACET_KIND[kind], facets.shape[1]) != degree_of(path, kind, cells.shape[1]):
+    rows = {
+        dim: np.flatnonzero(np.isin(types, [t for t, name in names.items() if name in VTK_TYPES[k]]))
+        for dim, k in ((3, kind), (2, FACET_KIND[kind]))
+    }
+    cells = _connectivity(path, grid, kind, rows[3])
+    degree = degree_of(path, kind, cells.shape[1])
+    facets = (
+        _connectivity(path, grid, FACET_KIND[kind], rows[2]) if len(rows[2]) else no_cells(FACET_KIND[kind], degree)
+    )
+    if degree_of(path, FACET_KIND[kind], facets.shape[1]) != degree:
         raise MeshError(f"{path}: surface cells are not of the degree of the solid cells", "Save both of one degree.")
 
     groups = []
     for name in grid.cell_data:
         if name.startswith(REGION):
-            for dim, of in zip((3, 2), rows.values(), strict=True):
+            for dim, of in rows.items():
                 values = np.asarray(grid.cell_data[name])[of].astype(np.int64)
                 members = np.flatnonzero(values)
                 if len(members):
                     groups.append(Group(name.removeprefix(REGION), dim, int(values[members[0]]), members))
     points = np.asarray(grid.points, dtype=np.float64)
     node_tags = np.asarray(grid.point_data.get(NODE_TAG, np.arange(1, len(points) + 1)), dtype=np.int64)
-    cell_tags = np.asarray(grid.cell_data.get(CELL_TAG, np.arange(1, len(types) + 1)), dtype=np.int64)[rows[kind]]
-    degree = degree_of(path, kind, cells.shape[1])
+    cell_tags = np.asarray(grid.cell_data.get(CELL_TAG, np.arange(1, len(types) + 1)), dtype=np.int64)[rows[3]]
     return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, *_named(facets, groups))
 
 
@@ -74,9 +82,7 @@ def _solid_kind(path: Path, names: list[str]) -> str:
 
 def _connectivity(path: Path, grid: Any, kind: str, rows: Ints) -> Ints:
     """Nodes of the cells ``rows``, in DOLFINx order."""
-    if not len(rows):
-        return np.zeros((0, 0), dtype=np.int64)
-    start = np.asarray(grid.offset, dtype=np.int64)
+    start = np.asarray(grid.cell_offsets, dtype=np.int64)
     sizes = np.unique(start[rows + 1] - start[rows])
     if len(sizes) > 1:
         raise MeshError(f"{path}: {kind}s of {' and '.join(map(str, sizes))} nodes", "Save them all of one degree.")

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.cells import FACET_KIND, degree_of, vtk_order
+from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.source import Group, Ints, MeshSource
 from hpcinv.mesh.topology import find_rows
 
@@ -34,28 +34,29 @@ def read_xdmf(path: Path) -> MeshSource:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"{path}: the coordinates are not three to a node", "A body in three dimensions is needed.")
 
-    facets = [np.zeros((0, 0), dtype=np.int64)]
+    degree = degree_of(path, kind, cells.shape[1])
+    facets = [no_cells(FACET_KIND[kind], degree)]
     groups: list[Group] = []
     for grid in grids:
         values = grid.find("Attribute[@Center='Cell']/DataItem")
-        if values is None:
-            continue
         on, entities = _topology(path, grid)
-        dim = 3 if on == kind else 2 if on == FACET_KIND[kind] else 0
-        if not dim or not len(entities):
+        if values is None or on not in (kind, FACET_KIND[kind]):
             continue
-        rows = _rows_of(cells, entities) if dim == 3 else np.arange(len(entities)) + sum(map(len, facets))
-        if dim == 2:
+        if degree_of(path, on, entities.shape[1]) != degree:
+            raise MeshError(
+                f"{path}: tags and mesh are of different degree", "Write the tags with the mesh's geometry."
+            )
+        if on == kind:
+            rows = find_rows(np.sort(entities, axis=1), np.sort(cells, axis=1))
+        else:
+            rows = np.arange(len(entities)) + sum(map(len, facets))
             facets.append(entities)
         tags = _data(path, values).ravel()
         for value in np.unique(tags):
             name = f"{grid.get('Name', 'tags')}-{int(value)}"
-            groups.append(Group(name, dim, len(groups) + 1, rows[tags == value]))
-    facet = np.concatenate([f for f in facets if len(f)] or facets)
-    cell_tags = np.arange(1, len(cells) + 1)
-    node_tags = np.arange(1, len(points) + 1)
-    degree = degree_of(path, kind, cells.shape[1])
-    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, facet, tuple(groups))
+            groups.append(Group(name, 3 if on == kind else 2, len(groups) + 1, rows[tags == value]))
+    cell_tags, node_tags = np.arange(1, len(cells) + 1), np.arange(1, len(points) + 1)
+    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, np.concatenate(facets), tuple(groups))
 
 
 def _topology(path: Path, grid: ET.Element) -> tuple[str, Ints]:
@@ -87,8 +88,3 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
             return np.asarray(file[match[2]])
     except (OSError, KeyError) as exc:
         raise MeshError(f"{path}: {text} cannot be read: {exc}", "Keep the .h5 file beside the .xdmf file.") from exc
-
-
-def _rows_of(cells: Ints, entities: Ints) -> Ints:
-    """Rows of ``cells`` that the tagged ``entities`` are; a cell that is not there gets none."""
-    return find_rows(np.sort(entities, axis=1), np.sort(cells, axis=1))

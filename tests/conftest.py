@@ -1,0 +1,36 @@
+"""What all tests share: the import order of the stack, mpirun on the path, and a directory that all ranks see."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from hpcinv.runtime import MPI
+
+ROOT = Path(__file__).parents[1]
+
+# mpi-pytest starts "mpiexec" by name, and the one that belongs to this Python is beside it.
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+# A rank that fails alone leaves the others waiting: let mpiexec end them, so that the test fails instead of hanging.
+os.environ.setdefault("MPIEXEC_TIMEOUT", "300")
+
+
+@pytest.fixture
+def comm() -> MPI.Intracomm:
+    """All ranks of the test."""
+    return MPI.COMM_WORLD
+
+
+@pytest.fixture
+def run_directory(tmp_path: Path, comm: MPI.Intracomm) -> Path:
+    """A temporary directory that is the same on all ranks."""
+    return comm.bcast(tmp_path)
+
+
+@pytest.fixture
+def meshes() -> Path:
+    """The meshes that come with the project."""
+    return ROOT / "meshes"

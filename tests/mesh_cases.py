@@ -1,0 +1,54 @@
+"""Meshes and conditions for the tests of ``hpcinv.mesh``, made without it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+
+
+class Expression:
+    def __init__(s, t): s.t = t
+    def __str__(s): return s.t
+    def evaluate(s, **k):
+        import numpy as np
+        return eval(s.t, dict(np=np, **k))
+class MeshSpec(SimpleNamespace):
+    @classmethod
+    def model_validate(cls, d):
+        u = {"mm": 1e-3, "m": 1.0}
+        q = lambda v: float(v.split()[0]) * u[v.split()[1]] if isinstance(v, str) else v
+        r = cls(parameters={}, unit=1.0, geometry_degree=None, partition="metis"); r.__dict__.update(d)
+        r.parameters = {k: q(v) for k, v in r.parameters.items()}; r.unit = u.get(r.unit, r.unit)
+        return r
+
+TETRAHEDRON = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def spec(file: Path | str, **settings: object) -> MeshSpec:
+    """The mesh part of a job."""
+    return MeshSpec.model_validate({"file": str(file), **settings})
+
+
+def conditions(**texts: str) -> Mapping[str, Expression]:
+    """Geometric regions."""
+    return {name: Expression(text) for name, text in texts.items()}
+
+
+def write_msh22(
+    path: Path,
+    nodes: Sequence[Sequence[float]],
+    elements: Sequence[tuple[int, int, int, Sequence[int]]],
+    names: Sequence[tuple[int, int, str]] = (),
+) -> Path:
+    """Write MSH 2.2 text: elements are (gmsh type, physical tag, entity, nodes from 1), names (dim, tag, name)."""
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
+    if names:
+        lines += ["$PhysicalNames", str(len(names)), *(f'{d} {t} "{n}"' for d, t, n in names), "$EndPhysicalNames"]
+    lines += ["$Nodes", str(len(nodes))]
+    lines += [f"{i} {' '.join(f'{c:.17g}' for c in node)}" for i, node in enumerate(nodes, 1)]
+    lines += ["$EndNodes", "$Elements", str(len(elements))]
+    for i, (kind, physical, entity, on) in enumerate(elements, 1):
+        lines.append(f"{i} {kind} 2 {physical} {entity} {' '.join(map(str, on))}")
+    path.write_text("\n".join([*lines, "$EndElements", ""]))
+    return path
