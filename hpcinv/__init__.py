@@ -1,0 +1,25 @@
+"""The undeformed shape of a soft body from its deformed one: MPI-parallel inverse finite elasticity."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hpcinv.driver import run
+    from hpcinv.job import Job, load
+
+__version__ = "0.1.0"
+__all__ = ["Job", "__version__", "load", "run"]
+
+_HOME = {"Job": "hpcinv.job", "load": "hpcinv.job", "run": "hpcinv.driver"}  # imported when first asked for
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(importlib.import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'hpcinv' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,20 @@
+"""Effects: one file each, registered by subclassing `Effect`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from hpcinv.effects.base import Direction, Effect
+from hpcinv.schema import OneOf, import_modules, members_of
+
+import_modules(__name__, __path__)
+
+AnyEffect = Annotated[Effect, OneOf("effect")]
+
+
+def effects() -> dict[str, type[Effect]]:
+    """Every known effect by name."""
+    return members_of(Effect, "effect")
+
+
+__all__ = ["AnyEffect", "Direction", "Effect", "effects"]

@@ -1,0 +1,33 @@
+"""Weight."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+from hpcinv.effects.base import Effect
+from hpcinv.quantities import Acceleration, Density
+from hpcinv.schema import Triple
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Kinematics
+
+
+class Gravity(Effect):
+    """Uniform gravity on a homogeneous body: the dead load ``rho g`` per volume.
+
+    ``density_in: reference`` means ``rho0`` per undeformed volume, ``∫ rho0 g·v dV``: the default, since a density is
+    a property of the unloaded material, as it is tabulated. ``density_in: current`` means ``rho`` per deformed volume,
+    ``∫ rho g·v dv``: for a density measured on the body as it is loaded. The two agree if the volume does not change.
+    """
+
+    effect: Literal["gravity"] = "gravity"
+    acceleration: Triple[Acceleration]
+    """acceleration of free fall, along x, y and z"""
+    density: Density
+    """mass density (for a body in a fluid: its excess over the fluid's)"""
+    density_in: Literal["reference", "current"] = "reference"
+    """configuration whose volume the density refers to"""
+
+    def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
+        weight = load * par.density * sum(g * v[i] for i, g in enumerate(par.acceleration))
+        return k.dV(weight) if self.density_in == "reference" else k.dv(weight)

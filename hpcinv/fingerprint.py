@@ -1,0 +1,65 @@
+"""What makes two jobs the same problem, and where they differ."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.schema import Location, at
+
+if TYPE_CHECKING:
+    from hpcinv.job import Job
+
+_PHYSICS = {"analysis", "regions", "material", "effects", "supports"}
+_MESH = {"parameters", "unit", "geometry_degree"}  # not its path: a moved file is the same mesh
+
+
+def fingerprint(job: Job) -> dict[str, Any]:
+    """The physics of a job as JSON data, with choices that were left open filled in and the mesh file's SHA-256."""
+    mesh = job.mesh.model_dump(mode="json", include=_MESH) | {"sha256": _digest(job.resolve(job.mesh.file))}
+    discretisation = {
+        "formulation": "mixed" if job.is_mixed else "displacement",
+        "displacement": job.discretisation.displacement,
+        "pressure": job.pressure_degree,
+        "quadrature": job.discretisation.quadrature,
+    }
+    physics = job.model_dump(mode="json", include=_PHYSICS)
+    return physics | {"legs": list(job.legs), "mesh": mesh, "discretisation": discretisation}
+
+
+def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """One line such as ``material.c1: 101709.7 -> 99999.0`` for each value that differs between two fingerprints."""
+    a, b = dict(_leaves(old, ())), dict(_leaves(new, ()))
+    return [
+        f"{at(where)}: {a.get(where, 'absent')} -> {b.get(where, 'absent')}"
+        for where in {**a, **b}
+        if a.get(where, _ABSENT) != b.get(where, _ABSENT)
+    ]
+
+
+_ABSENT = object()
+
+
+def _leaves(data: Any, where: Location) -> Iterator[tuple[Location, Any]]:
+    if isinstance(data, Mapping):
+        for key, value in data.items():
+            yield from _leaves(value, (*where, key))
+    elif isinstance(data, Sequence) and not isinstance(data, str):
+        for i, value in enumerate(data):
+            yield from _leaves(value, (*where, i))
+    else:
+        yield where, data
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a mesh file and of the HDF5 files that an XDMF file keeps its numbers in."""
+    digest = hashlib.sha256()
+    content = path.read_bytes()
+    digest.update(content)
+    if path.suffix == ".xdmf":
+        for name in sorted(set(re.findall(rb">\s*([^<>:]+\.h5):", content))):
+            digest.update((path.parent / name.decode()).read_bytes())
+    return digest.hexdigest()

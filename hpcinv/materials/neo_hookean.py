@@ -1,0 +1,100 @@
+"""Compressible neo-Hookean."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, Self
+
+from pydantic import ConfigDict, model_validator
+
+from hpcinv.materials.base import MaterialLaw
+from hpcinv.quantities import BulkStress, Dimensionless, Stress
+from hpcinv.schema import Spec, raise_if_any
+
+
+class YoungPoisson(Spec):
+    """Young's modulus and Poisson's ratio, in place of Lamé's parameters."""
+
+    law: Literal["neo-hookean"] = "neo-hookean"
+    young: Stress
+    """Young's modulus of the undeformed material"""
+    poisson: Dimensionless
+    """Poisson's ratio of the undeformed material, above -1 and up to 0.5 (incompressible)"""
+
+    @model_validator(mode="after")
+    def _is_stable(self) -> Self:
+        raise_if_any(
+            ((key,), f"must be {bounds}, not {getattr(self, key):g}")
+            for key, bounds, good in (
+                ("young", "positive", self.young > 0),
+                ("poisson", "above -1 and at most 0.5", -1 < self.poisson <= 0.5),
+            )
+            if not good
+        )
+        return self
+
+    @property
+    def mu(self) -> float:
+        return self.young / (2 * (1 + self.poisson))
+
+    @property
+    def lam(self) -> float:
+        return 2 * self.mu * self.poisson / (1 - 2 * self.poisson) if self.poisson < 0.5 else math.inf
+
+
+def _offer_both_pairs(schema: dict[str, Any]) -> None:
+    other = YoungPoisson.model_json_schema()
+    schema["oneOf"] = [{"required": pair["required"]} for pair in (schema, other)]
+    schema["properties"] = other["properties"] | schema["properties"]
+    del schema["required"]
+
+
+class NeoHookean(MaterialLaw):
+    """Compressible neo-Hookean.
+
+    ``psi = mu/2 (I1 - 3) - mu ln J + lam/2 (ln J)²``; ``kappa = lam + 2/3 mu``.
+
+    Instead of Lamé's ``mu`` and ``lam`` a job may give ``young`` and ``poisson``.
+
+    Source: Mazier et al. (2022), eq. 22, doi:10.1007/s00366-021-01597-z.
+    """
+
+    model_config = ConfigDict(json_schema_extra=_offer_both_pairs)
+
+    law: Literal["neo-hookean"] = "neo-hookean"
+    mu: Stress
+    """Lamé's second parameter, the shear modulus (or give young and poisson)"""
+    lam: BulkStress
+    """Lamé's first parameter, or 'incompressible' (or give young and poisson)"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_young_and_poisson(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or not {"young", "poisson"} & data.keys():
+            return data
+        raise_if_any(
+            ((key,), "give either mu and lam, or young and poisson, not a mixture of them")
+            for key in ("mu", "lam")
+            if key in data
+        )
+        given = YoungPoisson.model_validate(data)
+        return {"law": given.law, "mu": given.mu, "lam": given.lam}
+
+    @property
+    def shear_modulus(self) -> float:
+        return self.mu
+
+    @property
+    def bulk_modulus(self) -> float:
+        return self.lam + 2 / 3 * self.mu
+
+    @property
+    def dilatation_modulus(self) -> float:
+        return self.lam
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        return par.mu / 2 * k.I1_minus_3_minus_2_ln_J
+
+    def dilatation(self, k: Deformation) -> Any:
+        return k.ln_J

@@ -1,0 +1,195 @@
+"""What every part of a job file is built on: strict immutable specs, families of them, and errors in plain words."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import re
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
+
+from hpcinv.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+    from pydantic.json_schema import JsonSchemaValue
+    from pydantic_core import ErrorDetails
+
+type Location = tuple[int | str, ...]
+
+T = TypeVar("T")
+ListOf = Annotated[tuple[T, ...], Field(strict=False)]  # YAML lists become tuples
+Triple = Annotated[tuple[T, T, T], Field(strict=False)]
+
+
+class Problems(ValueError):  # noqa: N818  (several errors in one)
+    """Faults found by one validator, each at its own place below the validated value."""
+
+    def __init__(self, *found: tuple[Location, str]) -> None:
+        super().__init__("; ".join(text for _, text in found))
+        self.found = found
+
+
+def raise_if_any(found: Iterable[tuple[Location, str]]) -> None:
+    """Raise `Problems` unless there are none."""
+    if problems := tuple(found):
+        raise Problems(*problems)
+
+
+class Spec(BaseModel):
+    """A part of a job: immutable, without unknown keys, and strict about types (text is no number, nor is true)."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        validate_default=True,
+        use_attribute_docstrings=True,
+    )
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_plain_words(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Reword errors while it is known which keys a part has, and what they mean."""
+        try:
+            return handler(data)
+        except ValidationError as error:
+            lines: list[InitErrorDetails] = [
+                {"type": PydanticCustomError(_PLAIN, "{text}", {"text": text}), "loc": location, "input": None}
+                for location, text in problems_in(error, cls)
+            ]
+            raise ValidationError.from_exception_data(cls.__name__, lines) from None
+
+
+class OneOf:
+    """Annotation of a field that holds one member of a family of specs, told apart by the literal field ``tag``.
+
+    Members are looked up when a value is validated, so that defining a subclass is all it takes to register one.
+    """
+
+    def __init__(self, tag: str) -> None:
+        self.tag = tag
+
+    def __get_pydantic_core_schema__(self, family: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        def choose(data: Any, info: core_schema.ValidationInfo[Any]) -> Any:
+            if isinstance(data, family):
+                return data
+            if not isinstance(data, Mapping):
+                raise ValueError(f"must be a mapping with the key '{self.tag}', not {shown(data)}")
+            members, name = members_of(family, self.tag), data.get(self.tag)
+            if name not in members:
+                fault = "is needed." if name is None else f"unknown {self.tag} {shown(name)}."
+                raise Problems(((self.tag,), fault + did_you_mean(str(name), members)))
+            return members[name].model_validate(data, context=info.context)
+
+        self.family = family
+        return core_schema.with_info_plain_validator_function(choose)
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        choices = []
+        for member in members_of(self.family, self.tag).values():
+            choice = handler.resolve_ref_schema(handler(member.__pydantic_core_schema__))
+            choice["required"] = [self.tag, *choice.get("required", ())]
+            choices.append(choice)
+        return {"oneOf": choices}
+
+
+def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
+    """Concrete subclasses of ``family`` by the one value of their literal field ``tag``; sorted by name."""
+    members: dict[str, type[Spec]] = {}
+    pending = family.__subclasses__()
+    while pending:
+        kind = pending.pop()
+        pending += kind.__subclasses__()
+        for name in get_args(kind.model_fields[tag].annotation) if tag in kind.model_fields else ():
+            if name in members:
+                raise TypeError(f"{kind.__qualname__} and {members[name].__qualname__} have the same {tag} '{name}'")
+            members[name] = kind
+    return dict(sorted(members.items()))
+
+
+def import_modules(package: str, path: Iterable[str]) -> None:
+    """Import every module of a package, so that the classes in it are registered."""
+    for module in pkgutil.iter_modules(path):
+        importlib.import_module(f"{package}.{module.name}")
+
+
+def at(location: Location) -> str:
+    """``("effects", 0, "density")`` as ``effects[0].density``."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
+
+
+def shown(value: object) -> str:
+    """A wrong value as a message repeats it."""
+    text = "nothing" if value is None else repr(value) if isinstance(value, str) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+_PLAIN = "plain"  # the type of errors that have been reworded
+
+
+def problems_in(error: ValidationError, spec: type[BaseModel] | None = None) -> list[tuple[Location, str]]:
+    """Every error in words of the job file; ``spec`` is the model whose keys the locations begin with."""
+    found: list[tuple[Location, str]] = []
+    for line in error.errors():
+        cause = line.get("ctx", {}).get("error")
+        if isinstance(cause, Problems):
+            found += [((*line["loc"], *place), text) for place, text in cause.found]
+        else:
+            found.append((tuple(part for part in line["loc"] if part != "[key]"), _reworded(line, spec)))
+    return found
+
+
+def _reworded(line: ErrorDetails, spec: type[BaseModel] | None) -> str:
+    fields = spec.model_fields if spec and len(line["loc"]) == 1 else {}
+    key = str(line["loc"][-1]) if line["loc"] else ""
+    if line["type"] == "extra_forbidden":
+        return f"unknown key.{did_you_mean(key, fields)}"
+    text = _WORDS[line["type"]](line) if line["type"] in _WORDS else line["msg"]
+    meaning = fields[key].description if key in fields else None
+    return f"{text}: {meaning}" if meaning and line["type"] in _EXPLAINED else text
+
+
+_EXPLAINED = ("missing", "string_pattern_mismatch")  # errors that the meaning of the key explains
+
+
+def _must_be(kind: str) -> Callable[[ErrorDetails], str]:
+    return lambda line: f"must be {kind}, not {shown(line['input'])}"
+
+
+def _bound(relation: str, key: str) -> Callable[[ErrorDetails], str]:
+    return lambda line: f"must be {relation} {line['ctx'][key]:g}, not {shown(line['input'])}"
+
+
+def _choice(line: ErrorDetails) -> str:
+    expected, value = line["ctx"]["expected"], line["input"]
+    hint = did_you_mean(value, re.findall(r"'([^']*)'", expected), list_all=False) if isinstance(value, str) else ""
+    return f"must be {expected}, not {shown(value)}" + (f".{hint}" if hint else "")
+
+
+_WORDS: dict[str, Callable[[ErrorDetails], str]] = {
+    _PLAIN: lambda line: line["ctx"]["text"],
+    "value_error": lambda line: str(line["ctx"]["error"]),
+    "missing": lambda line: "is needed",
+    "too_long": lambda line: f"must have {line['ctx']['max_length']} entries, not {line['ctx']['actual_length']}",
+    "string_pattern_mismatch": lambda line: f"{shown(line['input'])} is not allowed",
+    "literal_error": _choice,
+    "model_type": _must_be("a mapping of keys to values"),
+    "dict_type": _must_be("a mapping of names to values"),
+    "tuple_type": _must_be("a list"),
+    "string_type": _must_be("text"),
+    "bool_type": _must_be("true or false"),
+    "int_type": _must_be("a whole number"),
+    "float_type": _must_be("a number"),
+    "finite_number": _must_be("a finite number"),
+    "greater_than": _bound("greater than", "gt"),
+    "greater_than_equal": _bound("at least", "ge"),
+    "less_than": _bound("less than", "lt"),
+    "less_than_equal": _bound("at most", "le"),
+}
