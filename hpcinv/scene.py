@@ -27,7 +27,7 @@ from dolfinx import fem
 from pydantic import BaseModel
 
 from hpcinv.kinematics import Deformation, Kinematics
-from hpcinv.quantities import dimension_of
+from hpcinv.quantities import quantities_of
 
 if TYPE_CHECKING:
     from dolfinx.mesh import Mesh
@@ -60,6 +60,7 @@ class Scene:
     ) -> None:
         self.unknowns = unknowns
         self.kinematics = kinematics(unknowns.u, ufl.dx(unknowns.mesh, degree=quadrature_degree))
+        self.quadrature_degree = quadrature_degree
         self.load = fem.Constant(unknowns.mesh, 0.0)
 
         kin, par = self.kinematics, constants(material, unknowns.mesh, scales)
@@ -96,11 +97,10 @@ def constants(spec: BaseModel, mesh: Mesh, scales: Scales) -> Any:
     They are constants of the form and not numbers in it, so that changing one recompiles nothing.
     """
     found = SimpleNamespace()
-    for name in type(spec).model_fields:
-        dimension, value = dimension_of(type(spec), name), getattr(spec, name)
-        if dimension is None or value is None or value == math.inf:
+    for name, dimension in quantities_of(type(spec)).items():
+        value, scale = getattr(spec, name), scales.of(dimension)
+        if value is None or value == math.inf:
             continue
-        scale = scales.of(dimension)
         scaled = [v / scale for v in value] if isinstance(value, tuple) else value / scale
         setattr(found, name, fem.Constant(mesh, scaled))
     return found

@@ -1,0 +1,79 @@
+"""Continuation in the load factor: from the unloaded body to the full load, in as few factorizations as it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hpcinv.newton import Outcome
+
+if TYPE_CHECKING:
+    from hpcinv.equilibrium import Equilibrium, Solve
+
+
+@dataclass(frozen=True)
+class AdaptiveSteps:
+    """Try the whole remaining load, halve the step where Newton's method fails, and lengthen it where it is easy.
+
+    Steps before the last only lead the way, so they are solved to ``path_tolerance``.
+    """
+
+    first: float = 1.0
+    smallest: float = 1e-3
+    path_tolerance: float = 1e-4
+    easy: int = 6  # Newton iterations up to which the next step is twice as long
+
+    def start(self) -> float:
+        return self.first
+
+    def after(self, solve: Solve, step: float) -> float:
+        if not solve.outcome.accepted:
+            return step / 2
+        return 2 * step if len(solve.iterations) <= self.easy else step
+
+
+@dataclass(frozen=True)
+class FixedSteps:
+    """Equal steps, each solved to the final tolerance; the first failure ends the run."""
+
+    count: int
+    path_tolerance: float
+
+    @property
+    def smallest(self) -> float:
+        return 1.0 / self.count
+
+    def start(self) -> float:
+        return 1.0 / self.count
+
+    def after(self, solve: Solve, step: float) -> float:
+        return step if solve.outcome.accepted else 0.0
+
+
+def follow(
+    equilibrium: Equilibrium, steps: AdaptiveSteps | FixedSteps, tolerance: float, *, load: float = 0.0
+) -> Iterator[Solve]:
+    """Yield every solve on the way from ``load``, at which the state is in equilibrium, to the full load.
+
+    The state is always that of the last accepted solve. The last solve yielded is at load factor 1 and accepted, or
+    says why the load was not reached.
+    """
+    state = equilibrium.state.x
+    step, has_tangent = steps.start(), False
+    while load < 1.0:
+        # A remainder that is only rounding error is no step of its own.
+        target = 1.0 if load + step > 1.0 - 1e-9 else load + step
+        accepted = state.array.copy()
+        if has_tangent:
+            equilibrium.predict(target)
+        solve = equilibrium.solve(target, tolerance if target == 1.0 else steps.path_tolerance)
+        step = steps.after(solve, target - load)
+        if solve.outcome.accepted:
+            load, has_tangent = target, True
+        else:
+            state.array[:] = accepted
+            has_tangent = False  # the factors at hand are of a state that was given up
+        yield solve
+        if not solve.outcome.accepted and (step < steps.smallest or solve.outcome is Outcome.INTERRUPTED):
+            return

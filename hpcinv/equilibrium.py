@@ -1,0 +1,283 @@
+"""Equilibrium of a scene at one load factor: PETSc SNES with a line search on the assembled residual and tangent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix
+import dolfinx.fem.petsc as fem_petsc
+import numpy as np
+import ufl
+from dolfinx import fem
+from petsc4py import PETSc
+
+from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.scene import Scene
+    from hpcinv.supports import Supports
+    from hpcinv.timings import Timings
+
+# -g0 halves the compile time against the interpreter's own -g; -ffast-math would break small-strain accuracy.
+JIT_OPTIONS = {"cffi_extra_compile_args": ["-O2", "-g0"]}
+
+DEFAULT_OPTIONS: dict[str, str | float | int] = {
+    "snes_type": "newtonls",
+    "snes_linesearch_type": "basic",
+    "snes_divergence_tolerance": "unlimited",
+    "snes_max_it": 10_000,  # the limit is NewtonMonitor's
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
+}
+
+_PREFIX = "hpcinv_"
+_GIVEN_UP = -7  # SNES_DIVERGED_INNER: what PETSc is told when NewtonMonitor gives up
+_DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE
+
+_OUTCOMES_BY_REASON = {
+    PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE: Outcome.LINEAR_SOLVER,
+    PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH: Outcome.LINE_SEARCH,
+    PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_NANORINF: Outcome.NOT_FINITE,
+    PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN: Outcome.INVERTED,
+    PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT: Outcome.ITERATION_LIMIT,
+}
+
+
+@dataclass(frozen=True)
+class Solve:
+    """What one solve at a fixed load factor did."""
+
+    load: float
+    outcome: Outcome
+    iterations: tuple[NewtonIteration, ...]
+
+    @property
+    def factorizations(self) -> int:
+        return sum(i.new_tangent for i in self.iterations)
+
+
+class Equilibrium:
+    """The discrete equations of one scene, and Newton's method for them.
+
+    The tangent is kept while corrections contract (Shamanskii); the matrix is then left untouched, so that PETSc keeps
+    its factors too, and its symbolic analysis serves the whole run. A correction that would turn an element inside out
+    is halved before the line search sees it.
+
+    Args:
+        scene: residual and load factor.
+        supports: Dirichlet conditions on the scene's unknowns.
+        options: PETSc options of the user; they override `DEFAULT_OPTIONS`.
+        limit: Newton iterations after which a solve is given up.
+        reuse: largest contraction at which the tangent is kept, 0 for full Newton.
+        stop_asked: whether a signal asks to stop; all ranks are asked before each iteration.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        supports: Supports,
+        timings: Timings,
+        *,
+        options: Mapping[str, str | float | int | bool | None],
+        limit: int = 30,
+        reuse: float = 0.3,
+        stop_asked: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.scene, self.supports, self.timings = scene, supports, timings
+        self.limit, self.reuse, self.stop_asked = limit, reuse, stop_asked
+        self.comm = scene.unknowns.mesh.comm
+        self.state = scene.unknowns.state
+
+        with timings("compile"):
+            self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
+            trial = ufl.TrialFunction(scene.unknowns.space)
+            self._tangent = fem.form(ufl.derivative(scene.residual, self.state, trial), jit_options=JIT_OPTIONS)
+            self._mesh_J = _at_quadrature_points(scene.mesh_J, scene)
+        with timings("set-up"):
+            self.matrix = fem_petsc.create_matrix(self._tangent)
+            self.rhs = fem_petsc.create_vector(scene.unknowns.space)
+            # SNES iterates on a vector of its own: the state moves along with every trial of the line search.
+            self._x, self._before = self.rhs.duplicate(), self.rhs.duplicate()
+            self.snes = self._create_snes(options)
+        self._user_options = tuple(options)
+        self._monitor = self._new_monitor(1.0)
+        self._fresh = False
+        self._correction: float | None = None
+        self._outcome: Outcome | None = None
+
+    def _create_snes(self, options: Mapping[str, str | float | int | bool | None]) -> PETSc.SNES:
+        database = PETSc.Options(_PREFIX)
+        for name, value in {**DEFAULT_OPTIONS, **options}.items():
+            database.setValue(name, value)
+        snes = PETSc.SNES().create(self.comm)
+        snes.setOptionsPrefix(_PREFIX)
+        snes.setFunction(self._assemble_residual, self.rhs)
+        snes.setJacobian(self._assemble_tangent, self.matrix)
+        snes.setConvergenceTest(self._judge)
+        snes.setFromOptions()
+        snes.setLineSearchPreCheck(self._back_off_from_inversion)
+        return snes
+
+    def unused_options(self) -> list[str]:
+        """Options of the user that nothing in PETSc has asked for so far: misspelt, or without effect here."""
+        database = PETSc.Options()  # with a prefix of its own, `used` looks for the wrong name
+        return [name for name in self._user_options if not database.used(_PREFIX + name)]
+
+    def min_mesh_J(self) -> float:
+        """Smallest determinant of the position map over all quadrature points; it must stay positive."""
+        smallest = float(self._mesh_J().min(initial=np.inf))
+        return float(self.comm.allreduce(smallest, op=MPI.MIN))
+
+    def solve(self, load: float, tolerance: float) -> Solve:
+        """Newton's method from the present state, which is left unchanged if the outcome is not accepted.
+
+        Args:
+            load: load factor.
+            tolerance: estimated error of the state relative to its norm.
+        """
+        self._set_load(load)
+        self._monitor = self._new_monitor(tolerance)
+        self._outcome, self._fresh, self._correction = None, False, None
+        start, x = self.state.x.petsc_vec, self._x
+        accepted = start.copy()
+        start.copy(x)
+        start.copy(self._before)
+        with self.timings("newton"):
+            before = _logged_seconds()
+            self.snes.solve(None, x)
+            for event, seconds in _logged_seconds().items():
+                self.timings.move("newton", event, seconds - before[event])
+        outcome = self._outcome or _OUTCOMES_BY_REASON.get(self.snes.getConvergedReason(), Outcome.DIVERGED)
+        if self.snes.getConvergedReason() > 0 and not outcome.accepted:  # a test of the user's own
+            outcome = Outcome.CONVERGED
+        self._set_state(x)
+        if outcome.accepted and not self.min_mesh_J() > 0:
+            outcome = Outcome.INVERTED
+        if not outcome.accepted:
+            self._set_state(accepted)
+        accepted.destroy()
+        return Solve(load, outcome, tuple(self._monitor.history))
+
+    def predict(self, load: float) -> None:
+        """Move the state along the tangent of the solution path to another load factor, with the factors at hand.
+
+        A step that would turn an element inside out is not taken.
+        """
+        start, x = self.state.x.petsc_vec.copy(), self._x
+        self._set_load(load)
+        self._assemble_residual(self.snes, start, self.rhs)
+        with self.timings("linear solve"):
+            self.snes.ksp.solve(self.rhs, x)
+        x.aypx(-1.0, start)
+        self._set_state(x)
+        if not (np.isfinite(x.norm()) and self.min_mesh_J() > 0):
+            self._set_state(start)
+        start.destroy()
+
+    def destroy(self) -> None:
+        """Free what PETSc holds, and take the options back, so that PETSc does not report them a second time."""
+        database = PETSc.Options(_PREFIX)
+        for name in database.getAll():
+            database.delValue(name)
+        for part in (self.snes, self.matrix, self.rhs, self._x, self._before):
+            part.destroy()
+
+    def _new_monitor(self, tolerance: float) -> NewtonMonitor:
+        return NewtonMonitor(tolerance, self.limit, self.reuse)
+
+    def _set_load(self, load: float) -> None:
+        self.scene.load.value = load
+        self.supports.scale(load)
+
+    def _set_state(self, x: PETSc.Vec) -> None:
+        x.copy(self.state.x.petsc_vec)
+        self.state.x.scatter_forward()
+
+    def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
+        with self.timings("residual"):
+            self._set_state(x)
+            with b.localForm() as local:
+                local.set(0.0)
+            fem_petsc.assemble_vector(b, self._residual)
+            conditions, state = self.supports.conditions, self.state.x.petsc_vec
+            if self.supports.prescribe_motion:
+                fem_petsc.apply_lifting(b, [self._tangent], bcs=[conditions], x0=[state], alpha=-1.0)
+            b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+            fem_petsc.set_bc(b, conditions, x0=state, alpha=-1.0)
+
+    def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, _P: PETSc.Mat) -> None:
+        self._fresh = self._monitor.wants_new_tangent
+        if not self._fresh:
+            return
+        with self.timings("tangent"):
+            self._set_state(x)
+            A.zeroEntries()
+            fem_petsc.assemble_matrix(A, self._tangent, bcs=self.supports.conditions)
+            A.assemble()
+
+    def _judge(self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]) -> int:
+        """PETSc's convergence test."""
+        residual = norms[2]
+        if self.comm.allreduce(self.stop_asked(), op=MPI.LOR):
+            self._outcome = Outcome.INTERRUPTED
+            return _GIVEN_UP
+        x = snes.getSolution()
+        if it == 0:
+            if not np.isfinite(residual):
+                self._outcome = Outcome.NOT_FINITE
+                return _GIVEN_UP
+            if residual == 0.0:
+                self._outcome = Outcome.CONVERGED
+                return _DONE
+            return 0
+        if self._correction is None:  # no line search: a trust region, say
+            self._before.aypx(-1.0, x)
+            self._correction = self._before.norm()
+            x.copy(self._before)
+        iteration = NewtonIteration(self._correction, x.norm(), residual, self._fresh)
+        self._outcome = self._monitor.judge(iteration)
+        if self._outcome is None:
+            return 0
+        return _DONE if self._outcome.accepted else _GIVEN_UP
+
+    def _back_off_from_inversion(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Halve the correction ``-y`` until no element is turned inside out, at most ten times."""
+        # The whole correction is what measures the error: a damped one is small even far from the solution.
+        self._correction = y.norm()
+        trial = x.duplicate()
+        halvings = 0
+        with self.timings("inversion check"):
+            for halvings in range(10):
+                x.copy(trial)
+                trial.axpy(-1.0, y)
+                self._set_state(trial)
+                if self.min_mesh_J() > 0:
+                    break
+                y.scale(0.5)
+        trial.destroy()
+        return halvings > 0
+
+
+def _at_quadrature_points(expression: ufl.core.expr.Expr, scene: Scene) -> Callable[[], np.ndarray]:
+    """A function that evaluates a scalar at the quadrature points of the cells of this rank."""
+    mesh = scene.unknowns.mesh
+    points, _ = basix.make_quadrature(mesh.basix_cell(), scene.quadrature_degree)
+    compiled = fem.Expression(expression, points, jit_options=JIT_OPTIONS)
+    cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+    return lambda: compiled.eval(mesh, cells)
+
+
+def _logged_seconds() -> dict[str, float]:
+    """Seconds that PETSc's log has counted on this rank, by phase."""
+    if not PETSc.Log.isActive():
+        PETSc.Log.begin()
+    events = {"factorization": ("PCSetUp",), "linear solve": ("KSPSolve",)}
+    return {phase: sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in names) for phase, names in events.items()}

@@ -1,0 +1,100 @@
+"""How Newton's method is judged: by its corrections, not by the residual.
+
+On slender and nearly incompressible bodies the residual first rises by orders of magnitude while the corrections
+already shrink. Corrections are also what tells how far the solution is: with a contraction ``θ`` of successive
+corrections the error left is about ``θ/(1-θ)`` times the last one (Deuflhard, *Newton Methods for Nonlinear Problems*,
+2011, doi:10.1007/978-3-642-23899-4).
+"""
+
+from __future__ import annotations
+
+import enum
+import itertools
+import math
+from dataclasses import dataclass, field
+
+
+class Outcome(enum.Enum):
+    """How one solve at a fixed load factor ended; the value is what a user is told."""
+
+    CONVERGED = "converged"
+    ROUND_OFF = "converged as far as rounding errors allow"
+    DIVERGED = "Newton's corrections grew"
+    INVERTED = "an element would turn inside out (det F ≤ 0)"
+    NOT_FINITE = "the residual is not finite: a law left its domain"
+    ITERATION_LIMIT = "Newton's method took too many iterations"
+    LINEAR_SOLVER = "the linear solver failed: the tangent is singular, or a body can move freely"
+    LINE_SEARCH = "the line search found no acceptable step"
+    INTERRUPTED = "interrupted by a signal"
+
+    @property
+    def accepted(self) -> bool:
+        return self in (Outcome.CONVERGED, Outcome.ROUND_OFF)
+
+
+@dataclass
+class NewtonIteration:
+    """One iteration: norms of correction, state and residual (scaled), and whether it had a new tangent."""
+
+    correction: float
+    state: float
+    residual: float
+    new_tangent: bool
+
+
+@dataclass
+class NewtonMonitor:
+    """Decides after each correction whether to stop, and whether the next one needs a new tangent.
+
+    Args:
+        tolerance: estimated error of the state, relative to its norm, at which a solve ends.
+        limit: number of iterations after which it is given up.
+        reuse: largest contraction at which a tangent is kept (Shamanskii's method); 0 is full Newton.
+    """
+
+    tolerance: float
+    limit: int
+    reuse: float
+    history: list[NewtonIteration] = field(default_factory=list)
+
+    # The first corrections may shrink by chance, far from the solution: a tangent found there must not be kept.
+    near = 0.02
+    # Corrections smaller than this that no longer shrink are rounding errors; larger ones are not.
+    round_off = 1e-8
+    growths_allowed = 2
+
+    @property
+    def contraction(self) -> float:
+        """Ratio of the last two corrections; 1 as long as there is only one."""
+        if len(self.history) < 2:
+            return 1.0
+        before, last = self.history[-2].correction, self.history[-1].correction
+        return last / before if before > 0 else 0.0
+
+    @property
+    def wants_new_tangent(self) -> bool:
+        if not self.history:
+            return True
+        last = self.history[-1]
+        return not (self.contraction <= self.reuse and last.correction <= self.near * last.state)
+
+    def judge(self, iteration: NewtonIteration) -> Outcome | None:
+        """Take in one iteration; ``None`` means go on."""
+        self.history.append(iteration)
+        if not (math.isfinite(iteration.correction) and math.isfinite(iteration.residual)):
+            return Outcome.NOT_FINITE
+        theta, last, size = self.contraction, iteration.correction, iteration.state
+        if last == 0.0 or (theta < 1 and last * theta / (1 - theta) <= self.tolerance * size):
+            return Outcome.CONVERGED
+        if last <= self.round_off * size and theta > 0.5 and iteration.new_tangent and len(self.history) > 1:
+            return Outcome.ROUND_OFF
+        if len(self.history) >= self.limit:
+            return Outcome.ITERATION_LIMIT
+        if self._growths() > self.growths_allowed:
+            return Outcome.DIVERGED
+        return None
+
+    def _growths(self) -> int:
+        """Number of iterations in which the correction grew."""
+        corrections = [i.correction for i in self.history]
+        return sum(after > before for before, after in itertools.pairwise(corrections))

@@ -1,0 +1,39 @@
+"""Wall time by phase, on this rank."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class Timings:
+    """Seconds spent in named phases; phases may nest, an inner one's time is not counted in the outer one's."""
+
+    def __init__(self) -> None:
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+        self.begin = time.perf_counter()
+        self._stack: list[list[float]] = []
+
+    @contextmanager
+    def __call__(self, phase: str) -> Iterator[None]:
+        started, inner = time.perf_counter(), [0.0]
+        self._stack.append(inner)
+        try:
+            yield
+        finally:
+            elapsed = time.perf_counter() - started
+            self._stack.pop()
+            self.seconds[phase] += elapsed - inner[0]
+            if self._stack:
+                self._stack[-1][0] += elapsed
+
+    def move(self, source: str, target: str, seconds: float) -> None:
+        """Count seconds that were measured elsewhere, such as by PETSc's log, in a phase of their own."""
+        self.seconds[source] -= seconds
+        self.seconds[target] += seconds
+
+    @property
+    def total(self) -> float:
+        return time.perf_counter() - self.begin
