@@ -15,8 +15,8 @@ from pydantic_core import core_schema
 
 from hpcinv.errors import JobError
 from hpcinv.measures import RELATIONS, Condition, Measure, pure, same, square_root
-from hpcinv.quantities import Dimension, parse_quantity
 from hpcinv.spelling import did_you_mean
+from hpcinv.units import Dimension, as_float, parse_quantity
 
 if TYPE_CHECKING:
     import numpy as np
@@ -212,7 +212,7 @@ def _refuse_unless_known(node: ast.AST, source: str, literals: Mapping[str, Any]
     match node:
         case ast.Constant(value=bool() | str() | bytes() | complex() | None):
             raise ValueError(f"'{source}' may hold numbers, not {node.value!r}")
-        case ast.Constant(value=int() | float() as number) if not math.isfinite(_as_float(number)):
+        case ast.Constant(value=int() | float() as number) if not math.isfinite(as_float(number)):
             raise ValueError(f"'{source}' holds a number that is too large")
         case ast.Name(id=name) if name.startswith("_") and name not in literals:
             raise ValueError(f"unknown name '{name}' in '{source}'; names begin with a letter")
@@ -229,13 +229,6 @@ def _refuse_unless_known(node: ast.AST, source: str, literals: Mapping[str, Any]
         case _ if type(node) not in _ARITHMETIC and type(node) not in _LOGIC:
             sign = "; write <= or >= with a tolerance for ==" if isinstance(node, ast.Eq | ast.NotEq) else ""
             raise ValueError(f"'{source}' holds more than numbers, names, + - * / **, < > and functions{sign}")
-
-
-def _as_float(number: float) -> float:
-    try:
-        return float(number)
-    except OverflowError:  # an integer of hundreds of digits
-        return math.inf
 
 
 def _walk(

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from hpcinv.quantities import Dimension
+from hpcinv.units import Dimension
 
 
 class Condition:

@@ -20,9 +20,10 @@ from pydantic import (
 
 from hpcinv.expressions import CONSTANTS, Expression
 from hpcinv.generators import Value, is_generator, read_parameters
-from hpcinv.quantities import AnyQuantity, Dimension, Length
+from hpcinv.quantities import AnyQuantity, Length
 from hpcinv.schema import ListOf, Location, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.spelling import did_you_mean
+from hpcinv.units import Dimension
 
 type Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")

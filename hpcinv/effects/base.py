@@ -14,7 +14,10 @@ type Direction = Literal["forward", "inverse"]
 
 
 class Effect(Spec):
-    """A load or strain; a subclass in a module of this package, with a literal field ``effect``, is registered by that."""
+    """A load or strain.
+
+    A subclass in a module of this package, with a literal field ``effect``, is registered by that.
+    """
 
     directions: ClassVar[frozenset[Direction]] = frozenset({"forward", "inverse"})
     """The analyses that the effect can serve; a job that asks for another is refused."""

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import ConfigDict, model_validator
 
 from hpcinv.materials.base import MaterialLaw
 from hpcinv.quantities import BulkStress, Dimensionless, Stress
 from hpcinv.schema import Spec, raise_if_any
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
 
 
 class YoungPoisson(Spec):
