@@ -1,0 +1,97 @@
+"""What a run gives back: the recovered shape, the fields that belong to it, and how it was reached."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
+    from hpcinv.effects import Direction
+    from hpcinv.equilibrium import Solve
+    from hpcinv.job import Job
+    from hpcinv.mesh import Body
+
+type Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One direction of an analysis, solved.
+
+    Attributes:
+        mesh_nodes: coordinates of the local geometry nodes of the mesh it was solved on, (n, 3) in m.
+        u: displacement ``x - X`` at those nodes, (n, 3) in m.
+        displacement: the same as a finite-element function, in m.
+        pressure: pressure of the mixed form in Pa, else ``None``.
+        J: mean volume ratio of each cell, piecewise constant.
+        cauchy_stress: mean Cauchy stress of each cell in Pa, piecewise constant, (3, 3).
+        J_range: smallest and largest volume ratio at any quadrature point.
+        strain_energy: energy stored in the body, in J.
+        solves: every solve of the continuation, failed ones too.
+    """
+
+    direction: Direction
+    mesh_nodes: Floats
+    u: Floats
+    displacement: Function
+    pressure: Function | None
+    J: Function
+    cauchy_stress: Function
+    J_range: tuple[float, float]
+    strain_energy: float
+    solves: tuple[Solve, ...]
+
+    @property
+    def sign(self) -> int:
+        """The other body is the mesh moved by ``sign * u``."""
+        return 1 if self.direction == "forward" else -1
+
+    @property
+    def other_nodes(self) -> Floats:
+        """Coordinates of the nodes in the body that was looked for, (n, 3) in m."""
+        return self.mesh_nodes + self.sign * self.u
+
+    @property
+    def reference_nodes(self) -> Floats:
+        return self.mesh_nodes if self.direction == "forward" else self.other_nodes
+
+    @property
+    def current_nodes(self) -> Floats:
+        return self.other_nodes if self.direction == "forward" else self.mesh_nodes
+
+    @property
+    def factorizations(self) -> int:
+        return sum(s.factorizations for s in self.solves)
+
+
+@dataclass(frozen=True)
+class Result:
+    """A finished run.
+
+    Attributes:
+        legs: one for each direction that was solved; the first is on the mesh that the job gives.
+        quantities: the job's quantities of interest by name.
+        errors: distances in m: from the job's expected shape, and what a round trip failed to close.
+        statistics: what ``summary.json`` holds.
+        directory: where it was written, if anywhere.
+    """
+
+    job: Job
+    body: Body
+    legs: tuple[Leg, ...]
+    quantities: Mapping[str, Any]
+    errors: Mapping[str, float]
+    statistics: Mapping[str, Any] = field(default_factory=dict)
+    directory: Path | None = None
+
+    @property
+    def shape(self) -> Floats:
+        """Coordinates of the local geometry nodes in the body that was looked for, (n, 3) in m."""
+        return self.legs[0].other_nodes
