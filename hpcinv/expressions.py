@@ -6,7 +6,7 @@ import ast
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, reduce
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 from pydantic_core import core_schema
 
 from hpcinv.errors import JobError
-from hpcinv.measures import RELATIONS, Condition, Measure, pure, same, square_root
+from hpcinv.functions import CONSTANTS, FUNCTIONS, numpy_functions
+from hpcinv.measures import RELATIONS, Condition, Measure
 from hpcinv.spelling import did_you_mean
 from hpcinv.units import Dimension, as_float, parse_quantity
 
@@ -23,34 +24,7 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
     from pydantic.json_schema import JsonSchemaValue
 
-CONSTANTS = {"pi": math.pi}
-
-
-@dataclass(frozen=True)
-class Function:
-    """A function that formulas may call.
-
-    Args:
-        ufunc: its name in NumPy; functions of many arguments are reductions of it.
-        measure: the dimension of its value from those of its arguments.
-        arguments: their number; None means two or more.
-    """
-
-    ufunc: str
-    measure: Callable[..., Any] = pure
-    arguments: int | None = 1
-
-
-FUNCTIONS = {
-    **{name: Function(name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log")},
-    **{f"a{name}": Function(f"arc{name}") for name in ("sin", "cos", "tan")},
-    "atan2": Function("arctan2", lambda y, x: pure(same(y, x) / same(y, x)), 2),
-    "sqrt": Function("sqrt", square_root),
-    "abs": Function("absolute", same),
-    "min": Function("minimum", same, None),
-    "max": Function("maximum", same, None),
-    "norm": Function("hypot", same, None),
-}
+    from hpcinv.schema import Location
 
 _LONGEST = 1000  # characters; keeps the parser's recursion shallow
 _NUMBER_AND_UNIT = re.compile(
@@ -126,6 +100,14 @@ class Expression:
             raise ValueError(f"'{self}' {error}") from None
         return True if isinstance(value, Condition) else value.dimension
 
+    def expect(self, known: dict[str, Dimension | None], wanted: Dimension | bool | None) -> None:
+        """Raise ``ValueError`` unless the value is as ``wanted``, in the terms of `check`; None takes any number."""
+        found = self.check(known)
+        is_open = found is None or wanted is None
+        if found != wanted and (not is_open or True in (found, wanted)):
+            example = ", such as x < 1 mm" if wanted is True else ""
+            raise ValueError(f"must be {_kind(wanted)}{example}, but '{self}' is {_kind(found)}")
+
     def apply(
         self,
         values: Mapping[str, Any],
@@ -154,7 +136,7 @@ class Expression:
         arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
         shape = np.broadcast_shapes(*(a.shape for a in arrays.values()))
         with np.errstate(all="ignore"):
-            result = np.broadcast_to(np.asarray(self.apply(arrays, _numpy_functions(), np.float64)), shape)
+            result = np.broadcast_to(np.asarray(self.apply(arrays, numpy_functions(), np.float64)), shape)
         if wrong := int(np.count_nonzero(~np.isfinite(result))):
             raise JobError([f"'{self}' has no finite value at {wrong} of {result.size} points"])
         return result
@@ -180,6 +162,17 @@ class Expression:
         return cls(str(value))
 
 
+def faults(
+    formulas: Iterable[tuple[Location, Expression]], known: dict[str, Dimension | None], wanted: Dimension | bool | None
+) -> Iterator[tuple[Location, str]]:
+    """Place and reason of each formula that is not as `Expression.expect` wants it."""
+    for where, formula in formulas:
+        try:
+            formula.expect(known, wanted)
+        except ValueError as error:
+            yield where, str(error)
+
+
 @cache
 def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
     """Syntax tree, and value and dimension of the numbers with units in it, which it holds as names."""
@@ -195,7 +188,7 @@ def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
         try:
             literals[name] = parse_quantity(f"{number} {unit}")
         except ValueError as error:
-            raise ValueError(f"{error} (in '{source}'; a product is written {number}*{unit})") from None
+            raise ValueError(f"in '{source}': {error} A product is written {number}*{unit}.") from None
         return f"({name})"
 
     text = _NUMBER_AND_UNIT.sub(take_out, source).replace("^", "**").strip()
@@ -206,6 +199,10 @@ def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
     for node in ast.walk(tree):
         _refuse_unless_known(node, source, literals)
     return tree, literals
+
+
+def _kind(found: Dimension | bool | None) -> str:
+    return "a condition" if found is True else "a number" if found is None else str(found)
 
 
 def _refuse_unless_known(node: ast.AST, source: str, literals: Mapping[str, Any]) -> None:
@@ -260,14 +257,3 @@ def _walk(
             pairs = zip(ops, terms, terms[1:], strict=False)
             return reduce(functions["logical_and"], (functions[_LOGIC[type(op)]](a, b) for op, a, b in pairs))
     raise AssertionError(f"{ast.dump(node)} should have been refused")
-
-
-@cache
-def _numpy_functions() -> dict[str, Callable[..., Any]]:
-    import numpy as np
-
-    def named(f: Function) -> Callable[..., Any]:
-        ufunc: Callable[..., Any] = getattr(np, f.ufunc)
-        return ufunc if f.arguments else lambda *arguments: reduce(ufunc, arguments)
-
-    return {name: named(f) for name, f in FUNCTIONS.items()} | {name: getattr(np, name) for name in _LOGIC.values()}

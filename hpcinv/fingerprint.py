@@ -19,15 +19,18 @@ _MESH = {"parameters", "unit", "geometry_degree"}  # not its path: a moved file 
 
 def fingerprint(job: Job) -> dict[str, Any]:
     """The physics of a job as JSON data, with choices that were left open filled in and the mesh file's SHA-256."""
-    mesh = job.mesh.model_dump(mode="json", include=_MESH) | {"sha256": _digest(job.resolve(job.mesh.file))}
+    mesh = job.mesh.model_dump(mode="json", include=_MESH, exclude_none=True) | {
+        "sha256": _digest(job.resolve(job.mesh.file))
+    }
     discretisation = {
         "formulation": "mixed" if job.is_mixed else "displacement",
         "displacement": job.discretisation.displacement,
         "pressure": job.pressure_degree,
         "quadrature": job.discretisation.quadrature,
     }
-    physics = job.model_dump(mode="json", include=_PHYSICS)
-    return physics | {"legs": list(job.legs), "mesh": mesh, "discretisation": discretisation}
+    physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True)
+    digest = {"sha256": _digest(job.resolve(job.mesh.file))}
+    return physics | {"legs": list(job.legs), "mesh": mesh | digest, "discretisation": discretisation}
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

@@ -10,25 +10,13 @@ from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_
 
 from hpcinv.effects import AnyEffect, Direction
 from hpcinv.errors import JobError
-from hpcinv.expressions import Expression
+from hpcinv.expressions import Expression, faults
 from hpcinv.fingerprint import fingerprint
 from hpcinv.loading import read_yaml
 from hpcinv.materials import Material
 from hpcinv.schema import ListOf, Problems, Spec, at, problems_in, raise_if_any
-from hpcinv.sections import (
-    AXES,
-    COORDINATES,
-    Checkpoint,
-    Discretisation,
-    Mesh,
-    MeshFile,
-    Name,
-    Output,
-    QuantityOfInterest,
-    Solver,
-    Support,
-    fault,
-)
+from hpcinv.sections import AXES, COORDINATES, MeshFile, MeshSpec, Name, QuantityOfInterest, Support
+from hpcinv.settings import Checkpoint, Discretisation, Output, Solver
 
 NEARLY_INCOMPRESSIBLE = 20.0  # bulk-to-shear ratio above which displacements alone lock
 
@@ -45,7 +33,7 @@ class Job(Spec):
     """inverse: the mesh is the deformed body; forward: it is the undeformed one; round_trip: one after the other"""
     first: Literal["inverse", "forward"] | None = None
     """which leg of a round trip comes first; left out, inverse"""
-    mesh: Mesh
+    mesh: MeshSpec
     """the mesh of the given body, such as {file: ../meshes/beam.msh, unit: mm}"""
     regions: Mapping[Name, Expression] = {}
     """parts of the given body by conditions on x, y, z, for meshes without physical groups"""
@@ -115,9 +103,7 @@ class Job(Spec):
     def _are_conditions(cls, regions: Mapping[str, Expression]) -> Mapping[str, Expression]:
         if "boundary" in regions:
             raise Problems((("boundary",), "is already the name of the whole boundary; take another"))
-        raise_if_any(
-            ((name,), text) for name, formula in regions.items() if (text := fault(formula, COORDINATES, True))
-        )
+        raise_if_any(faults((((name,), formula) for name, formula in regions.items()), COORDINATES, True))
         return regions
 
     @field_validator("effects")

@@ -25,7 +25,7 @@ ListOf = Annotated[tuple[T, ...], Field(strict=False)]  # YAML lists become tupl
 Triple = Annotated[tuple[T, T, T], Field(strict=False)]
 
 
-class Problems(ValueError):  # noqa: N818  (several errors in one)
+class Problems(ValueError):
     """Faults found by one validator, each at its own place below the validated value."""
 
     def __init__(self, *found: tuple[Location, str]) -> None:

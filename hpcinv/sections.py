@@ -1,24 +1,22 @@
-"""The sections of a job file other than its material and effects."""
+"""The sections of a job file that describe the body: its mesh, where it is held, and what is asked about it."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    Field,
-    PlainValidator,
     ValidationInfo,
-    WithJsonSchema,
     field_validator,
     model_validator,
 )
 
-from hpcinv.expressions import CONSTANTS, Expression
+from hpcinv.expressions import Expression, faults
+from hpcinv.functions import CONSTANTS
 from hpcinv.generators import Value, is_generator, read_parameters
 from hpcinv.quantities import AnyQuantity, Length
 from hpcinv.schema import ListOf, Location, Problems, Spec, Triple, raise_if_any, shown
@@ -58,6 +56,8 @@ class MeshFile(Spec):
     """parameters of the generator, as numbers in SI or quantities"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a ready-made file, such as mm"""
+    geometry_degree: Literal[1, 2] | None = None
+    """degree of the cells' geometry; left out, that of the file, and 1 for generators"""
 
     @field_validator("file")
     @classmethod
@@ -92,11 +92,9 @@ class MeshFile(Spec):
         return self
 
 
-class Mesh(MeshFile):
+class MeshSpec(MeshFile):
     """The mesh that the job is solved on: of the reference body in a forward analysis, else of the current one."""
 
-    geometry_degree: Literal[1, 2] | None = None
-    """degree of the cells' geometry; left out, that of the file, and 1 for generators"""
     partition: Literal["metis", "scotch"] = "metis"
     """what distributes the cells over the ranks"""
 
@@ -136,122 +134,8 @@ class Support(Spec):
         if taken:
             return [(("constants", name), "is already the name of something else") for name in sorted(taken)]
         known = COORDINATES | dict.fromkeys(self.constants)
-        formulas = enumerate(self.displacement)
-        return [(("displacement", i), text) for i, f in formulas if f is not None and (text := fault(f, known, LENGTH))]
-
-
-def fault(formula: Expression, known: dict[str, Dimension | None], wanted: Dimension | bool) -> str:
-    """What is wrong with a formula of the ``known`` variables for a ``wanted`` dimension (True: a condition), or ''."""
-    try:
-        found = formula.check(known)
-    except ValueError as error:
-        return str(error)
-    if found == wanted or (found is None and wanted is not True):
-        return ""
-    return f"must be {_kind(wanted)}, but '{formula}' is {_kind(found)}"
-
-
-def _kind(found: Dimension | bool | None) -> str:
-    return "a condition, such as x < 1 mm" if found is True else str(found or "a number")
-
-
-class Discretisation(Spec):
-    """Finite-element spaces: displacement ``P_k``, and in the mixed form a continuous pressure ``P_m`` with m < k."""
-
-    formulation: Literal["auto", "displacement", "mixed"] = "auto"
-    """auto takes the mixed form where the bulk modulus is more than 20 times the shear modulus"""
-    displacement: Annotated[int, Field(ge=1, le=4)] = 2
-    """degree of the displacement"""
-    pressure: Annotated[int, Field(ge=1, le=3)] | None = None
-    """degree of the pressure in the mixed form; left out, one below the displacement's"""
-    quadrature: Annotated[int, Field(ge=1, le=20)] | None = None
-    """degree of the quadrature; left out, it follows from the other degrees"""
-
-    @model_validator(mode="after")
-    def _is_stable_pair(self) -> Self:
-        if self.formulation == "displacement" and self.pressure is not None:
-            raise Problems((("pressure",), "has no use in the displacement form, which has no pressure"))
-        if self.formulation == "mixed" and self.displacement == 1:
-            raise Problems(
-                (("displacement",), "must be 2 or more in the mixed form: there is no stable pressure for 1")
-            )
-        if self.pressure is not None and self.pressure >= self.displacement:
-            text = f"must be below the displacement's degree {self.displacement}: other pairs are unstable"
-            raise Problems((("pressure",), text))
-        return self
-
-
-def _petsc_value(value: object) -> str | int | float | bool | None:
-    if value is None or isinstance(value, str | int | float | bool):
-        return value
-    raise ValueError(f"must be text, a number, true, false or nothing (for a flag), not {shown(value)}")
-
-
-PetscValue = Annotated[
-    str | int | float | bool | None,
-    PlainValidator(_petsc_value),
-    WithJsonSchema({"type": ["string", "number", "boolean", "null"]}),
-]
-
-
-class Solver(Spec):
-    """Continuation in the load factor, and the Newton iteration at each of its steps."""
-
-    strategy: Literal["adaptive", "fixed"] = "adaptive"
-    """adaptive finds the largest steps that converge; fixed takes equal ones"""
-    steps: Annotated[int, Field(ge=1)] = 10
-    """number of equal steps (strategy: fixed)"""
-    initial_step: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """first step in the load factor (strategy: adaptive)"""
-    minimum_step: Annotated[float, Field(gt=0, le=1)] = 1e-3
-    """step below which the load counts as unreachable (strategy: adaptive)"""
-    maximum_iterations: Annotated[int, Field(ge=1)] = 25
-    """Newton iterations after which a step has failed"""
-    tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10
-    """residual at which a step has converged, relative to the full external load"""
-    reuse_tangent: bool = True
-    """keep a factorized tangent for as long as it converges well"""
-    petsc: Mapping[str, PetscValue] = {}
-    """PETSc options by name, without the dash"""
-
-    @field_validator("petsc")
-    @classmethod
-    def _have_no_dash(cls, petsc: Mapping[str, Any]) -> Mapping[str, Any]:
-        raise_if_any(
-            ((key,), f"is written without the dash: {key.lstrip('-')}") for key in petsc if key.startswith("-")
-        )
-        return petsc
-
-    @model_validator(mode="after")
-    def _options_have_a_use(self) -> Self:
-        other, idle = {"adaptive": ("fixed", {"steps"}), "fixed": ("adaptive", {"initial_step", "minimum_step"})}[
-            self.strategy
-        ]
-        raise_if_any(
-            ((key,), f"has no use with 'strategy: {self.strategy}'; remove it, or take 'strategy: {other}'")
-            for key in sorted(idle & self.model_fields_set)
-        )
-        if self.minimum_step > self.initial_step:
-            raise Problems((("minimum_step",), f"must not exceed initial_step, which is {self.initial_step:g}"))
-        return self
-
-
-class Checkpoint(Spec):
-    """When converged states are saved for a resume."""
-
-    every: Annotated[int, Field(ge=0), BeforeValidator(lambda value: 0 if value is False else value)] = 1
-    """accepted steps between checkpoints; 0 for none"""
-    keep: Annotated[int, Field(ge=1)] = 2
-    """how many of the last ones are kept"""
-
-
-class Output(Spec):
-    """What a run writes beside its summary."""
-
-    fields: bool = True
-    """displacement, pressure, volume ratio and Cauchy stress for ParaView"""
-    mesh: ListOf[Literal["msh", "vtu"]] = ("msh", "vtu")
-    """formats of the recovered shape"""
+        formulas = ((("displacement", i), f) for i, f in enumerate(self.displacement) if f is not None)
+        return list(faults(formulas, known, LENGTH))
 
 
 class QuantityOfInterest(Spec):
@@ -287,12 +171,6 @@ class QuantityOfInterest(Spec):
         if self.is_displacement and self.on is not None:
             problems.append((("of",), "is a vector; on a region take a formula, such as norm(ux, uy, uz)"))
         elif not self.is_displacement:
-            try:
-                found = self.of.check(POSITIONS)
-            except ValueError as error:
-                problems.append((("of",), str(error)))
-            else:
-                if found is True:
-                    problems.append((("of",), f"must be a number, but '{self.of}' is a condition"))
+            problems += faults([(("of",), self.of)], POSITIONS, None)
         raise_if_any(problems)
         return self

@@ -146,7 +146,7 @@ def _unit(symbol: str) -> tuple[Fraction, Dimension]:
         factor, dimension = _unit(plain)
         return Fraction(PREFIXES[prefix]) * factor, dimension
     hint = did_you_mean(symbol, [*BASE, *DERIVED, *prefixed], list_all=False)
-    raise ValueError(f"unknown unit '{symbol}'.{hint}")
+    raise ValueError(f"unknown unit '{symbol}'.{hint or ' Units are symbols such as mm, kg or kPa.'}")
 
 
 @cache

@@ -1,0 +1,109 @@
+"""The sections of a job file that say how it is solved, and what is kept of that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, PlainValidator, WithJsonSchema, field_validator, model_validator
+
+from hpcinv.schema import ListOf, Problems, Spec, raise_if_any, shown
+
+
+class Discretisation(Spec):
+    """Finite-element spaces: displacement ``P_k``, and in the mixed form a continuous pressure ``P_m`` with m < k."""
+
+    formulation: Literal["auto", "displacement", "mixed"] = "auto"
+    """auto takes the mixed form where the bulk modulus is more than 20 times the shear modulus"""
+    displacement: Annotated[int, Field(ge=1, le=4)] = 2
+    """degree of the displacement"""
+    pressure: Annotated[int, Field(ge=1, le=3)] | None = None
+    """degree of the pressure in the mixed form; left out, one below the displacement's"""
+    quadrature: Annotated[int, Field(ge=1, le=20)] | None = None
+    """degree of the quadrature; left out, it follows from the other degrees"""
+
+    @model_validator(mode="after")
+    def _is_stable_pair(self) -> Self:
+        if self.formulation == "displacement" and self.pressure is not None:
+            raise Problems((("pressure",), "has no use in the displacement form, which has no pressure"))
+        if self.formulation == "mixed" and self.displacement == 1:
+            raise Problems(
+                (("displacement",), "must be 2 or more in the mixed form: there is no stable pressure for 1")
+            )
+        if self.pressure is not None and self.pressure >= self.displacement:
+            text = f"must be below the displacement's degree {self.displacement}: other pairs are unstable"
+            raise Problems((("pressure",), text))
+        return self
+
+
+def _petsc_value(value: object) -> str | int | float | bool | None:
+    if value is None or isinstance(value, str | int | float | bool):
+        return value
+    raise ValueError(f"must be text, a number, true, false or nothing (for a flag), not {shown(value)}")
+
+
+PetscValue = Annotated[
+    str | int | float | bool | None,
+    PlainValidator(_petsc_value),
+    WithJsonSchema({"type": ["string", "number", "boolean", "null"]}),
+]
+
+
+class Solver(Spec):
+    """Continuation in the load factor, and the Newton iteration at each of its steps."""
+
+    strategy: Literal["adaptive", "fixed"] = "adaptive"
+    """adaptive finds the largest steps that converge; fixed takes equal ones"""
+    steps: Annotated[int, Field(ge=1)] = 10
+    """number of equal steps (strategy: fixed)"""
+    initial_step: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """first step in the load factor (strategy: adaptive)"""
+    minimum_step: Annotated[float, Field(gt=0, le=1)] = 1e-3
+    """step below which the load counts as unreachable (strategy: adaptive)"""
+    maximum_iterations: Annotated[int, Field(ge=1)] = 25
+    """Newton iterations after which a step has failed"""
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10
+    """residual at which a step has converged, relative to the full external load"""
+    reuse_tangent: bool = True
+    """keep a factorized tangent for as long as it converges well"""
+    petsc: Mapping[str, PetscValue] = {}
+    """PETSc options by name, without the dash"""
+
+    @field_validator("petsc")
+    @classmethod
+    def _have_no_dash(cls, petsc: Mapping[str, Any]) -> Mapping[str, Any]:
+        raise_if_any(
+            ((key,), f"is written without the dash: {key.lstrip('-')}") for key in petsc if key.startswith("-")
+        )
+        return petsc
+
+    @model_validator(mode="after")
+    def _options_have_a_use(self) -> Self:
+        other, idle = {"adaptive": ("fixed", {"steps"}), "fixed": ("adaptive", {"initial_step", "minimum_step"})}[
+            self.strategy
+        ]
+        raise_if_any(
+            ((key,), f"has no use with 'strategy: {self.strategy}'; remove it, or take 'strategy: {other}'")
+            for key in sorted(idle & self.model_fields_set)
+        )
+        if self.minimum_step > self.initial_step:
+            raise Problems((("minimum_step",), f"must not exceed initial_step, which is {self.initial_step:g}"))
+        return self
+
+
+class Checkpoint(Spec):
+    """When converged states are saved for a resume."""
+
+    every: Annotated[int, Field(ge=0), BeforeValidator(lambda value: 0 if value is False else value)] = 1
+    """accepted steps between checkpoints; 0 for none"""
+    keep: Annotated[int, Field(ge=1)] = 2
+    """how many of the last ones are kept"""
+
+
+class Output(Spec):
+    """What a run writes beside its summary."""
+
+    fields: bool = True
+    """displacement, pressure, volume ratio and Cauchy stress for ParaView"""
+    mesh: ListOf[Literal["msh", "vtu"]] = ("msh", "vtu")
+    """formats of the recovered shape"""

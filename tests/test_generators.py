@@ -1,0 +1,84 @@
+"""What is read from mesh generators without running them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hpcinv.generators import parameters_of, read_parameters
+
+PYTHON = """
+from hpcinv import quantities
+from hpcinv.quantities import Dimensionless, Length
+raise SystemExit("a generator must not be run to be checked")
+def build(gmsh, origin: float = 0.0, *, length: Length, size: "Length" = 2e-3, taper: Dimensionless = 0,
+          cells: int = 3, curved: bool = True, shape: str = "round", angle=0.0, area: quantities.Area = 1) -> None:
+    ...
+"""
+GEO = """// DefineConstant[ not_this = 1 ];
+/* DefineConstant[ nor_this = 1 ]; */
+DefineConstant[ size = {0.1, Min 0, Max 1, Name "Parameters/Size [m], of; cells"}, n = 3 ];
+DefineConstant[ length ];
+other = 4;
+"""
+
+
+def read(tmp_path: Path, name: str, text: str, given: dict[str, object]) -> Any:
+    path = tmp_path / name
+    path.write_text(text)
+    return read_parameters(path, given)
+
+
+def test_parameters_of_a_python_generator_are_converted_by_their_annotation(tmp_path: Path) -> None:
+    given = {"length": "18 cm", "size": "2 mm", "taper": "5 %", "cells": 4, "curved": False, "shape": "square"}
+    values, problems = read(tmp_path, "m.py", PYTHON, {**given, "angle": "90 deg", "area": "1 cm^2", "origin": "1 mm"})
+    assert problems == []
+    assert values == pytest.approx(
+        {"length": 0.18, "size": 0.002, "taper": 0.05, "cells": 4, "curved": False, "angle": 1.5707963267948966}
+        | {"area": 1e-4, "origin": 1e-3, "shape": "square"}
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "place", "text"),
+    [
+        ({}, "length", "is needed by m.py"),
+        ({"length": 1, "sise": 1}, "sise", "m.py has no such parameter. Did you mean 'size'?"),
+        ({"length": 1, "gmsh": 1}, "gmsh", "m.py has no such parameter."),
+        ({"length": "1 kg"}, "length", "is a mass"),
+        ({"length": 1, "cells": 2.5}, "cells", "must be a whole number, not 2.5"),
+        ({"length": 1, "cells": True}, "cells", "must be a whole number, not True"),
+        ({"length": 1, "curved": 1}, "curved", "must be true or false, not 1"),
+        ({"length": 1, "shape": 1}, "shape", "must be text, not 1"),
+        ({"length": [1]}, "length", "must be a length"),
+    ],
+)
+def test_parameters_that_do_not_fit_are_named(tmp_path: Path, given: dict[str, object], place: str, text: str) -> None:
+    _, [(where, what)] = read(tmp_path, "m.py", PYTHON, given)
+    assert where == (place,)
+    assert text in what
+
+
+def test_parameters_of_a_gmsh_script_are_its_defined_constants(tmp_path: Path) -> None:
+    values, problems = read(tmp_path, "m.geo", GEO, {"size": "2 mm", "other": 1})
+    assert values == {"size": 0.002}
+    assert problems == [(("other",), "m.geo has no such parameter. Known: length, n, size.")]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = 1", "must define build"),
+        ("def build(): ...", "must take gmsh as its first argument"),
+        ("def build(gmsh:\n", "m.py, line 1: "),
+        ("def build(gmsh, a: list[float]): ...", "'a' of build() is a list[float]; a job can give "),
+    ],
+)
+def test_what_is_no_generator_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "m.py"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=re.escape(message)):
+        parameters_of(path)

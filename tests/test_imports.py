@@ -1,0 +1,41 @@
+"""Checking a job must work, at once, where there is neither MPI nor DOLFINx."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+
+MODULES = "hpcinv.job, hpcinv.materials, hpcinv.effects"
+HEAVY = {
+    "dolfinx",
+    "dolfinx_solver",
+    "petsc4py",
+    "mpi4py",
+    "gmsh",
+    "ufl",
+    "basix",
+    "adios2",
+    "h5py",
+    "numpy",
+    "pyvista",
+}
+
+
+def run(code: str) -> str:
+    return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+
+
+def test_specs_import_neither_mpi_nor_the_solver() -> None:
+    loaded = set(run(f"import sys, {MODULES}; print(*sys.modules)").split())
+    assert not HEAVY & loaded
+
+
+def test_importing_the_specs_takes_less_than_a_second_of_cpu() -> None:
+    def used() -> float:
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return usage.ru_utime + usage.ru_stime
+
+    before = used()
+    run(f"import {MODULES}")
+    assert used() - before < 1.0

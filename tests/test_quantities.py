@@ -1,0 +1,137 @@
+"""Numbers with units against values from the definitions of the units."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from hpcinv.effects.gravity import Gravity
+from hpcinv.materials.mooney_rivlin import MooneyRivlin
+from hpcinv.quantities import (
+    AnyQuantity,
+    BulkStress,
+    Density,
+    Dimensionless,
+    Length,
+    Quantity,
+    Stress,
+    dimension_of,
+    quantities_of,
+)
+from hpcinv.schema import Spec, Triple
+from hpcinv.units import Dimension, parse_quantity
+
+LENGTH, STRESS, DENSITY = Dimension(1, 0, 0), Dimension(-1, 1, -2), Dimension(-3, 1, 0)
+
+
+def read(kind: object, value: object) -> float:
+    return TypeAdapter(kind).validate_python(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "si", "dimension"),
+    [
+        ("8.5 mm", 8.5e-3, LENGTH),
+        ("8.5mm", 8.5e-3, LENGTH),
+        ("3 µm", 3e-6, LENGTH),
+        ("3 um", 3e-6, LENGTH),
+        ("1 in", 0.0254, LENGTH),
+        ("1 ft", 0.3048, LENGTH),
+        ("963 kg/m^3", 963.0, DENSITY),
+        ("0.963 g/cm^3", 963.0, DENSITY),
+        ("963 kg m^-3", 963.0, DENSITY),
+        ("963 kg/m**3", 963.0, DENSITY),
+        ("963 kg/m³", 963.0, DENSITY),
+        ("1 N/mm^2", 1e6, STRESS),
+        ("120 mmHg", 120 * 133.322387415, STRESS),
+        ("10 cmH2O", 980.665, STRESS),
+        ("1 psi", 0.45359237 * 9.80665 / 0.0254**2, STRESS),
+        ("1013.25 hPa", 101325.0, STRESS),
+        ("1 atm", 101325.0, STRESS),
+        ("1 mbar", 100.0, STRESS),
+        ("-1 g_n", -9.80665, Dimension(1, 0, -2)),
+        ("9.81 m/s²", 9.81, Dimension(1, 0, -2)),
+        ("2 min", 120.0, Dimension(0, 0, 1)),
+        ("2 ms", 0.002, Dimension(0, 0, 1)),
+        ("30 rpm", math.pi, Dimension(0, 0, -1)),
+        ("4 1/s", 4.0, Dimension(0, 0, -1)),
+        ("180 deg", math.pi, Dimension()),
+        ("5 %", 0.05, Dimension()),
+        ("1 t", 1000.0, Dimension(0, 1, 0)),
+        ("1 kN m", 1000.0, Dimension(2, 1, -2)),
+    ],
+)
+def test_units_have_their_defined_value_and_dimension(text: str, si: float, dimension: Dimension) -> None:
+    assert parse_quantity(text) == (pytest.approx(si, rel=1e-15), dimension)
+
+
+@pytest.mark.parametrize("number", ["8.5", "7", "0.3", "182", "1.1", "2.675e-2"])
+def test_a_unit_changes_nothing_about_a_float(number: str) -> None:
+    assert read(Length, f"{number} mm") == float(f"{number}e-3" if "e" not in number else "2.675e-5")
+
+
+def test_a_plain_number_is_si() -> None:
+    assert read(Stress, 1200) == 1200.0
+    assert isinstance(read(Stress, 1200), float)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "message"),
+    [
+        (Density, "8.5 mm", "must be a density (in kg/m^3, or with a unit), but '8.5 mm' is a length"),
+        (Stress, "3", "but '3' is a pure number"),
+        (Length, "963 kg/m^4", "is a quantity in m^-4 kg"),
+        (Length, "3 mmm", "unknown unit 'mmm'. Did you mean 'mm'?"),
+        (Stress, "3 kPA", "unknown unit 'kPA'. Did you mean 'kPa'?"),
+        (Length, "abc", "'abc' is not a number, with or without a unit"),
+        (Length, "3 m //s", "'m //s' is not a unit"),
+        (Length, "1,5 mm", "is not a unit"),
+        (Length, True, "not True"),
+        (Length, None, "must be a length (in m, or with a unit), not None"),
+        (Length, math.nan, "must be finite"),
+        (Length, math.inf, "must be finite"),
+        (Length, "1e999 m", "must be finite"),
+        (Length, 10**400, "must be finite"),
+        (Stress, "incompressible", "is not a number"),
+        (Dimensionless, "1 m", "must be a pure number, but '1 m' is a length"),
+    ],
+)
+def test_what_is_no_such_quantity_is_refused_with_a_reason(kind: object, value: object, message: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        read(kind, value)
+    assert message in str(caught.value)
+
+
+def test_incompressible_is_an_infinite_stiffness_and_stays_readable_in_json() -> None:
+    adapter = TypeAdapter(BulkStress)
+    assert adapter.validate_python("incompressible") == math.inf
+    assert adapter.validate_python(math.inf) == math.inf
+    assert adapter.dump_python(math.inf, mode="json") == "incompressible"
+    assert adapter.dump_python(5.0, mode="json") == 5.0
+
+
+def test_any_quantity_takes_every_dimension() -> None:
+    assert read(AnyQuantity, "3 kPa") == 3000.0
+    assert read(AnyQuantity, "3 mm") == 0.003
+
+
+def test_dimensions_are_read_from_the_fields_of_a_model() -> None:
+    assert quantities_of(MooneyRivlin) == {"c1": STRESS, "c2": STRESS, "d1": STRESS}
+    assert dimension_of(Gravity, "acceleration") == Dimension(1, 0, -2)
+    assert dimension_of(Gravity, "density").mass == 1
+    with pytest.raises(KeyError):
+        dimension_of(Gravity, "density_in")
+
+
+def test_dimensions_are_found_inside_optional_and_nested_annotations() -> None:
+    class Sample(Spec):
+        a: Length | None = None
+        b: Triple[Length] | None = None
+        c: Annotated[float, Quantity("N/m")] = 1.0
+        d: AnyQuantity = 1.0
+        e: int = 1
+
+    assert quantities_of(Sample) == {"a": LENGTH, "b": LENGTH, "c": Dimension(0, 1, -2)}
