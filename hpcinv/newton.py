@@ -15,24 +15,46 @@ from dataclasses import dataclass, field
 
 
 class Outcome(enum.Enum):
-    """How one solve at a fixed load factor ended; the value is what a user is told."""
+    """How one solve at a fixed load factor ended: what a user is told, and what to try."""
 
-    CONVERGED = "converged"
-    ROUND_OFF = "converged as far as rounding errors allow"
-    DIVERGED = "Newton's corrections grew"
-    INVERTED = "an element would turn inside out (det F ≤ 0)"
-    NOT_FINITE = "the residual is not finite: a law left its domain"
-    ITERATION_LIMIT = "Newton's method took too many iterations"
-    LINEAR_SOLVER = "the linear solver failed: the tangent is singular, or a body can move freely"
-    LINE_SEARCH = "the line search found no acceptable step"
-    INTERRUPTED = "interrupted by a signal"
+    CONVERGED = "converged", ""
+    ROUND_OFF = "converged as far as rounding errors allow", ""
+    DIVERGED = (
+        "Newton's corrections grew",
+        "Try a smaller solver.initial_step, or a finer mesh where the body bends most.",
+    )
+    INVERTED = (
+        "an element would turn inside out (det F ≤ 0)",
+        "Look for poor elements there, or for a load that this material cannot carry.",
+    )
+    NOT_FINITE = (
+        "the residual is not finite: a law left its domain, or an element turned inside out",
+        "Try a smaller solver.initial_step, and check the units of loads and material.",
+    )
+    ITERATION_LIMIT = (
+        "Newton's method took too many iterations",
+        "Raise solver.maximum_iterations, or try a smaller solver.initial_step.",
+    )
+    LINEAR_SOLVER = (
+        "the linear solver failed: the tangent is singular",
+        "Do the supports hold the body against every rigid motion? If so, look at solver.petsc.",
+    )
+    LINE_SEARCH = (
+        "the line search found no acceptable step",
+        "Take the default line search (remove snes_linesearch_type), or a smaller solver.initial_step.",
+    )
+    INTERRUPTED = "interrupted by a signal", ""
+
+    def __init__(self, text: str, advice: str) -> None:
+        self.text = text
+        self.advice = advice
 
     @property
     def accepted(self) -> bool:
         return self in (Outcome.CONVERGED, Outcome.ROUND_OFF)
 
 
-@dataclass
+@dataclass(frozen=True)
 class NewtonIteration:
     """One iteration: norms of correction, state and residual (scaled), and whether it had a new tangent."""
 

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn
 
-from hpcinv.errors import HpcinvError, SystemPartMissing
+from hpcinv.errors import HpcinvError, OutputError, SystemPartMissing
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -113,4 +113,16 @@ def require_compiler() -> None:
         )
 
 
-__all__ = ["MPI", "abort", "agree", "end_all_on_uncaught", "on_root", "require_compiler", "tell"]
+def require_ranks(comm: Intracomm, expected: int | None) -> None:
+    """Raise ``OutputError`` where the launcher did not give the number of ranks that was asked for.
+
+    ``srun`` without a matching ``--mpi`` starts N separate runs of one rank, which would all write to one place.
+    """
+    if expected is not None and comm.size != expected:
+        raise OutputError(
+            f"--ranks {expected} was asked for, but the launcher gave {comm.size}",
+            "With Slurm use 'srun --mpi=pmi2' or 'mpirun'; with mpirun check -n.",
+        )
+
+
+__all__ = ["MPI", "abort", "agree", "end_all_on_uncaught", "on_root", "require_compiler", "require_ranks", "tell"]

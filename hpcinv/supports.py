@@ -14,10 +14,11 @@ from dolfinx import fem
 
 from hpcinv.errors import MeshError
 from hpcinv.runtime import MPI
+from hpcinv.sections import AXES
 
 if TYPE_CHECKING:
-    from hpcinv.job import Support
     from hpcinv.mesh import Body
+    from hpcinv.sections import Support
     from hpcinv.unknowns import Unknowns
 
 
@@ -34,22 +35,24 @@ class Supports:
         self._now: list[fem.Function] = []
         for number, spec in enumerate(specs):
             facets = body.facets(spec.region)
-            for i, component in enumerate(spec.components()):
-                if component is None:
+            for i, axis in enumerate(AXES):
+                if axis not in spec.held:
                     continue
+                formula = spec.displacement[i] if spec.displacement else None
                 part = unknowns.displacement_component(i)
                 scalar, _ = part.collapse()
                 dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
                 x, y, z = scalar.tabulate_dof_coordinates().T * body.length_scale
                 full = np.zeros(len(x))
-                on_region = dofs[1]
-                values = component.evaluate(x=x[on_region], y=y[on_region], z=z[on_region], **spec.constants)
-                full[on_region] = np.asarray(values) / body.length_scale
-                finite = body.mesh.comm.allreduce(bool(np.isfinite(full).all()), op=MPI.LAND)
-                if not finite:
+                held = dofs[1]
+                if formula is not None:
+                    with np.errstate(all="ignore"):  # what is not finite is told below, once
+                        values = formula.evaluate(x=x[held], y=y[held], z=z[held], **spec.constants)
+                    full[held] = np.asarray(values) / body.length_scale
+                if not body.mesh.comm.allreduce(bool(np.isfinite(full).all()), op=MPI.LAND):
                     raise MeshError(
-                        f"supports[{number}].displacement: '{component}' is not finite somewhere on '{spec.region}'",
-                        "Check it for divisions by zero, roots and logarithms of negative numbers.",
+                        f"supports[{number}].displacement: '{formula}' is not finite somewhere on '{spec.region}'",
+                        "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
                     )
                 now = fem.Function(scalar)
                 self.conditions.append(fem.dirichletbc(now, dofs, part))

@@ -1,0 +1,133 @@
+"""Command line: ``python -m hpcinv run | resume | validate | schema``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from hpcinv import __version__
+from hpcinv.errors import HpcinvError
+from hpcinv.job import Job, json_schema, load
+from hpcinv.rundirectory import RunDirectory, choose
+
+EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
+4 no usable checkpoint, 5 a system part is missing, 75 interrupted and saved (resume it)"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    options = _parser().parse_args(arguments)
+    code: int = options.command(options)
+    return code
+
+
+def _validate(options: argparse.Namespace) -> int:
+    """Needs neither MPI nor DOLFINx, so that it is instant on a login node."""
+    failed = 0
+    for path in options.jobs:
+        try:
+            load(path)
+        except HpcinvError as error:
+            print(error, file=sys.stderr)
+            failed = error.exit_code
+        else:
+            print(f"{path}: valid")
+    return failed
+
+
+def _schema(_options: argparse.Namespace) -> int:
+    print(json.dumps(json_schema(), indent=2))
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    def read() -> tuple[Job, RunDirectory]:
+        job = load(options.job)
+        return job, choose(options.output, job)
+
+    return _in_parallel(options, read, resume=False)
+
+
+def _resume(options: argparse.Namespace) -> int:
+    def read() -> tuple[Job, RunDirectory]:
+        directory = RunDirectory(options.directory)
+        return directory.job(options.job), directory
+
+    return _in_parallel(options, read, resume=True)
+
+
+def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
+    """Read the job on rank 0 and solve it on all; an error that all ranks share is told once."""
+    from hpcinv.signals import StopRequest
+
+    stop = StopRequest()
+    stop.install()  # before MPI starts
+
+    from hpcinv.runtime import MPI, end_all_on_uncaught, on_root, require_ranks, tell
+
+    comm = MPI.COMM_WORLD
+    end_all_on_uncaught(comm)
+    try:
+        require_ranks(comm, options.ranks)
+        job, directory = on_root(comm, read)
+        if resume and directory.is_finished:
+            if comm.rank == 0:
+                print(f"{directory.path}: this run is finished; its results are in summary.json")
+            return 0
+
+        from hpcinv.driver import run
+        from hpcinv.progress import Progress
+
+        overwrite = not resume and options.overwrite
+        run(
+            job,
+            comm,
+            directory=directory.path,
+            overwrite=overwrite,
+            resume=resume,
+            progress=Progress(comm, sys.stdout),
+            stop_asked=stop,
+        )
+    except HpcinvError as error:
+        tell(comm, error)
+        return error.exit_code
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="hpcinv", description="The undeformed shape of a soft body from its deformed one.", epilog=EPILOG
+    )
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(required=True, metavar="command")
+
+    run = commands.add_parser("run", help="solve a job (under mpirun for more than one rank)")
+    run.add_argument("job", type=Path, help="job file (YAML)")
+    run.add_argument("--output", type=Path, metavar="DIR", help="where results go (default: results/JOB, then JOB-2, …)")
+    run.add_argument("--overwrite", action="store_true", help="replace what is in --output")
+    run.set_defaults(command=_run)
+
+    resume = commands.add_parser("resume", help="go on with a run from its last checkpoint, on any number of ranks")
+    resume.add_argument("directory", type=Path, help="directory of the run")
+    resume.add_argument("--job", type=Path, help="a changed job: solver, output and checkpoint settings may differ")
+    resume.set_defaults(command=_resume)
+
+    for parallel in (run, resume):
+        parallel.add_argument(
+            "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
+        )
+
+    validate = commands.add_parser("validate", help="check job files without running them")
+    validate.add_argument("jobs", type=Path, nargs="+", metavar="job", help="job file (YAML)")
+    validate.set_defaults(command=_validate)
+
+    schema = commands.add_parser("schema", help="print the JSON Schema of job files, for editors")
+    schema.set_defaults(command=_schema)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

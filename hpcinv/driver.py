@@ -1,0 +1,228 @@
+"""The flow of a run: job → body → model → continuation, leg by leg → result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+from dolfinx import fem
+
+from hpcinv.cellwise import cell_means, quadrature_range
+from hpcinv.checkpoint import Checkpoints, Position, Restart
+from hpcinv.comparison import closure, distance, read_expected
+from hpcinv.continuation import follow
+from hpcinv.errors import Interrupted, SolveError
+from hpcinv.fields import write_fields
+from hpcinv.interest import check_points, evaluate
+from hpcinv.mesh import build_body, write_mesh
+from hpcinv.model import Model
+from hpcinv.newton import Outcome
+from hpcinv.progress import Progress
+from hpcinv.result import Leg, Result
+from hpcinv.rundirectory import RunDirectory, relative
+from hpcinv.runtime import MPI, on_root, require_compiler
+from hpcinv.summary import statistics, write_summary
+from hpcinv.timings import Timings
+
+if TYPE_CHECKING:
+    from hpcinv.effects import Direction
+    from hpcinv.equilibrium import Solve
+    from hpcinv.job import Job
+    from hpcinv.scene import Scene
+
+
+def run(
+    job: Job,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    *,
+    directory: Path | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    progress: Progress | None = None,
+    stop_asked: Callable[[], bool] = lambda: False,
+) -> Result:
+    """Solve a job on all ranks of ``comm``; collective.
+
+    Args:
+        directory: where checkpoints and results go; ``None`` writes nothing.
+        overwrite: whether results of another run may be replaced.
+        resume: go on from the last checkpoint in ``directory``, if there is one.
+        stop_asked: asked on every rank before each Newton iteration; true saves a checkpoint and ends the run.
+
+    Raises:
+        MeshError, OutputError, CheckpointError, SystemPartMissing: the same on every rank.
+        SolveError: the load was not reached; the diagnosis is in the message and in ``summary.json``.
+        Interrupted: ``stop_asked`` was true on some rank.
+    """
+    return _Run(job, comm, directory and RunDirectory(directory), progress or Progress(comm, None), stop_asked).go(
+        overwrite=overwrite, resume=resume
+    )
+
+
+class _Run:
+    def __init__(
+        self,
+        job: Job,
+        comm: MPI.Intracomm,
+        directory: RunDirectory | None,
+        progress: Progress,
+        stop_asked: Callable[[], bool],
+    ) -> None:
+        self.job, self.comm, self.directory = job, comm, directory
+        self.progress, self.stop_asked = progress, stop_asked
+        self.timings = Timings()
+        self.legs: list[Leg] = []
+
+    def go(self, *, overwrite: bool, resume: bool) -> Result:
+        job, comm = self.job, self.comm
+        on_root(comm, require_compiler)
+        with self.timings("mesh"):
+            self.body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
+            expected = read_expected(job, self.body)
+            check_points(job.quantities, self.body)
+        self.model = Model(job, self.body, self.timings)
+        self.checkpoints, restart = self._open(overwrite=overwrite, resume=resume)
+
+        for number, direction in enumerate(job.legs):
+            self._solve(number, direction, restart)
+            if number == 0:
+                quantities = evaluate(job.quantities, self.body, self.legs[0])
+                self._write_shape()
+            if number + 1 < len(job.legs):
+                # The next leg is solved on the body that was just found.
+                self.body.mesh.geometry.x[:] = self.legs[-1].other_nodes / self.body.length_scale
+
+        errors = {}
+        if expected is not None or job.expected_shape is not None:
+            errors["expected_shape"] = distance(self.body, self.legs[0], expected)
+        if len(self.legs) == 2:
+            errors["round_trip"] = closure(*self.legs)
+        result = Result(job, self.body, tuple(self.legs), quantities, errors, {}, self._path)
+        return self._finish(result, "converged")
+
+    def _open(self, *, overwrite: bool, resume: bool) -> tuple[Checkpoints | None, Restart | None]:
+        """Make or find the run directory, now that the job is known to be right."""
+        if self.directory is None:
+            return None, None
+        problem = on_root(self.comm, self.job.fingerprint)
+        checkpoints = Checkpoints(self.directory.checkpoints, self.comm, problem, self.job.checkpoint.keep)
+        restart = checkpoints.latest() if resume else None
+        if not resume:
+            directory = self.directory
+            on_root(self.comm, lambda: directory.create(self.job, overwrite=overwrite))
+        self.progress.begin(self.job, self.body, self.model.unknowns.size, self.directory.path, restart)
+        return checkpoints, restart
+
+    def _solve(self, number: int, direction: Direction, restart: Restart | None) -> None:
+        """One leg: continuation from the unloaded body, or from the checkpoint, to the full load."""
+        model, unknowns = self.model, self.model.unknowns
+        load: float = 0.0
+        solves: list[Solve] = []
+        unknowns.state.x.array[:] = 0.0
+        if restart is not None and restart.position.leg >= number:
+            load = restart.position.load if restart.position.leg == number else 1.0
+            solves = list(restart.position.solves[number])
+            u, p = model.solution()
+            for name, function in _named(number, u, p).items():
+                restart.read(name, function)
+            model.set_solution(u, p)
+        scene = model.scene(direction)
+        equilibrium = model.equilibrium(scene, self.stop_asked)
+        self.progress.leg(direction, unknowns.size)
+        since_checkpoint = 0
+        for solve in follow(equilibrium, model.steps, self.job.solver.tolerance, load=load):
+            solves.append(solve)
+            if solve.outcome.accepted:
+                load, since_checkpoint = solve.load, since_checkpoint + 1
+            self.progress.solve(solve, self._largest_displacement(), equilibrium.min_mesh_J())
+            stop = self.comm.allreduce(self.stop_asked(), op=MPI.LOR)
+            every = self.job.checkpoint.every
+            if (stop and since_checkpoint) or (every and since_checkpoint >= every):
+                self._checkpoint(Position(number, load, (*(leg.solves for leg in self.legs), tuple(solves))))
+                since_checkpoint = 0
+            if stop and load < 1.0:
+                raise self._interrupted(load)
+        self.unused_options = equilibrium.unused_options()
+        self.legs.append(self._leg(direction, scene, tuple(solves)))
+        equilibrium.destroy()
+        if load < 1.0:
+            self._give_up(load, solves[-1].outcome)
+
+    def _leg(self, direction: Direction, scene: Scene, solves: tuple[Solve, ...]) -> Leg:
+        """What was solved for, in SI units."""
+        model, length, stress = self.model, self.model.scales.length, self.model.scales.stress
+        with self.timings("results"):
+            u, p = model.solution()
+            degree = model.quadrature_degree
+            sigma = cell_means(scene.cauchy_stress, self.body.mesh, degree)
+            sigma.x.array[:] *= stress
+            energy = self.comm.allreduce(fem.assemble_scalar(fem.form(scene.strain_energy)), op=MPI.SUM)
+            return Leg(
+                direction=direction,
+                mesh_nodes=self.body.mesh.geometry.x * length,
+                u=model.unknowns.at_nodes(u),
+                displacement=u,
+                pressure=p,
+                J=cell_means(scene.J, self.body.mesh, degree),
+                cauchy_stress=sigma,
+                J_range=quadrature_range(scene.J, self.body.mesh, degree),
+                strain_energy=energy * stress * length**3,
+                solves=solves,
+            )
+
+    def _checkpoint(self, position: Position) -> None:
+        if self.checkpoints is None:
+            return
+        with self.timings("checkpoint"):
+            solutions = [*((leg.displacement, leg.pressure) for leg in self.legs), self.model.solution()]
+            named = (_named(leg, *solution) for leg, solution in enumerate(solutions))
+            self.checkpoints.write(position, {name: f for part in named for name, f in part.items()})
+
+    def _largest_displacement(self) -> float:
+        u = self.model.unknowns.displacement().x.array.reshape(-1, 3)
+        largest = float((u**2).sum(axis=1).max(initial=0.0)) ** 0.5 * self.model.scales.length
+        return float(self.comm.allreduce(largest, op=MPI.MAX))
+
+    def _write_shape(self) -> None:
+        if self.directory is None:
+            return
+        with self.timings("output"):
+            for suffix in self.job.output.mesh:
+                write_mesh(self.directory.path / f"shape.{suffix}", self.body, self.legs[0].other_nodes)
+            if self.job.output.fields:
+                write_fields(self.directory.path / "fields", self.body, self.legs[0])
+
+    def _finish(self, result: Result, status: str) -> Result:
+        found = statistics(result, status, self.model.unknowns.size, self.unused_options, self.timings, self.comm)
+        if self.directory is not None:
+            write_summary(self.directory.path, found, self.comm)
+        self.progress.finish(found)
+        return replace(result, statistics=found)
+
+    def _give_up(self, load: float, outcome: Outcome) -> None:
+        """Tell how far it came, and leave what was reached in the summary and the checkpoint."""
+        self._finish(Result(self.job, self.body, tuple(self.legs), {}, {}, {}, self._path), outcome.text)
+        raise SolveError(f"stopped at load factor {load:.6g} of 1: {outcome.text}", outcome.advice)
+
+    def _interrupted(self, load: float) -> Interrupted:
+        if self.directory is None:
+            return Interrupted(f"stopped by a signal at load factor {load:.6g}; nothing was saved")
+        return Interrupted(
+            f"stopped by a signal at load factor {load:.6g}; what was reached is saved",
+            f"Go on with: mpirun -n {self.comm.size} python -m hpcinv resume {relative(self.directory.path)}",
+        )
+
+    @property
+    def _path(self) -> Path | None:
+        return self.directory.path if self.directory else None
+
+
+def _named(leg: int, u: fem.Function, p: fem.Function | None) -> dict[str, fem.Function]:
+    """The functions of one leg under the names that they have in a checkpoint."""
+    functions = {f"displacement-{leg}": u}
+    return functions if p is None else functions | {f"pressure-{leg}": p}

@@ -1,0 +1,94 @@
+"""The discrete model of a job: spaces, supports and scales on one body, and the equations of either direction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from hpcinv.continuation import AdaptiveSteps, FixedSteps
+from hpcinv.equilibrium import Equilibrium
+from hpcinv.kinematics import ForwardKinematics, InverseKinematics
+from hpcinv.scales import Scales, power_of_two
+from hpcinv.scene import Scene
+from hpcinv.supports import Supports
+from hpcinv.unknowns import Unknowns
+
+if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
+    from hpcinv.effects import Direction
+    from hpcinv.job import Job
+    from hpcinv.mesh import Body
+    from hpcinv.timings import Timings
+
+KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
+
+
+class Model:
+    """What the legs of an analysis share.
+
+    Raises:
+        MeshError: on all ranks, if a support names a region without facets.
+    """
+
+    def __init__(self, job: Job, body: Body, timings: Timings) -> None:
+        self.job, self.body, self.timings = job, body, timings
+        with timings("set-up"):
+            self.scales = Scales(body.length_scale, power_of_two(job.material.shear_modulus))
+            self.unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
+            self.supports = Supports(job.supports, body, self.unknowns)
+        self.quadrature_degree = job.discretisation.quadrature or default_quadrature(
+            body.source.kind, job.discretisation.displacement
+        )
+
+    def scene(self, direction: Direction) -> Scene:
+        """The scene in one direction, on the mesh as it now lies."""
+        job = self.job
+        kinematics = KINEMATICS[direction]
+        return Scene(self.unknowns, job.material, job.effects, kinematics, self.quadrature_degree, self.scales)
+
+    def equilibrium(self, scene: Scene, stop_asked: Callable[[], bool]) -> Equilibrium:
+        """The equations of a scene, and the solver that the job asks for."""
+        solver = self.job.solver
+        return Equilibrium(
+            scene,
+            self.supports,
+            self.timings,
+            options=solver.petsc,
+            limit=solver.maximum_iterations,
+            reuse=0.3 if solver.reuse_tangent else 0.0,
+            stop_asked=stop_asked,
+        )
+
+    def solution(self) -> tuple[Function, Function | None]:
+        """Copies of displacement (m) and pressure (Pa; ``None`` in the displacement form) as they stand."""
+        u, p = self.unknowns.displacement(), self.unknowns.pressure()
+        u.x.array[:] *= self.scales.length
+        if p is not None:
+            p.x.array[:] *= self.scales.stress
+        return u, p
+
+    def set_solution(self, u: Function, p: Function | None) -> None:
+        """Make a saved `solution` the present state."""
+        u, p = u.copy(), p.copy() if p is not None else None
+        u.x.array[:] /= self.scales.length
+        self.unknowns.set_displacement(u)
+        if p is not None:
+            p.x.array[:] /= self.scales.stress
+            self.unknowns.set_pressure(p)
+
+    @property
+    def steps(self) -> AdaptiveSteps | FixedSteps:
+        """The continuation that the job asks for."""
+        solver = self.job.solver
+        if solver.strategy == "fixed":
+            return FixedSteps(solver.steps, solver.tolerance)
+        return AdaptiveSteps(solver.initial_step, solver.minimum_step)
+
+
+def default_quadrature(kind: str, displacement: int) -> int:
+    """Degree that keeps the order of convergence: ``2k - 2`` on simplices, ``k + 1`` Gauss points a side on hexahedra.
+
+    Source: Ciarlet, *The Finite Element Method for Elliptic Problems*, 2002, ch. 4, doi:10.1137/1.9780898719208.
+    """
+    return 2 * displacement if kind == "hexahedron" else max(2 * displacement - 2, 1)
