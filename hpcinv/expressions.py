@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic_core import core_schema
 
-from hpcinv.errors import JobError
 from hpcinv.functions import CONSTANTS, FUNCTIONS, numpy_functions
 from hpcinv.measures import RELATIONS, Condition, Measure
 from hpcinv.spelling import did_you_mean
@@ -128,18 +127,14 @@ class Expression:
     def evaluate(self, **values: np.ndarray | float) -> np.ndarray:
         """Value at many points at once, shaped as ``values`` broadcast together: floats, or bools for a condition.
 
-        Raises:
-            JobError: a value is not finite. Ranks hold different points, so callers must let all ranks agree on it.
+        Where the formula has no finite value it gives NaN or infinity: that one rank meets one must not stop it alone.
         """
         import numpy as np
 
         arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
         shape = np.broadcast_shapes(*(a.shape for a in arrays.values()))
         with np.errstate(all="ignore"):
-            result = np.broadcast_to(np.asarray(self.apply(arrays, numpy_functions(), np.float64)), shape)
-        if wrong := int(np.count_nonzero(~np.isfinite(result))):
-            raise JobError([f"'{self}' has no finite value at {wrong} of {result.size} points"])
-        return result
+            return np.broadcast_to(np.asarray(self.apply(arrays, numpy_functions(), np.float64)), shape)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:

@@ -15,7 +15,8 @@ from hpcinv.fingerprint import fingerprint
 from hpcinv.loading import read_yaml
 from hpcinv.materials import Material
 from hpcinv.schema import ListOf, Problems, Spec, at, problems_in, raise_if_any
-from hpcinv.sections import AXES, COORDINATES, MeshFile, MeshSpec, Name, QuantityOfInterest, Support
+from hpcinv.sections import AXES, COORDINATES, MeshFile, Name, QuantityOfInterest, Support
+from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.settings import Checkpoint, Discretisation, Output, Solver
 
 NEARLY_INCOMPRESSIBLE = 20.0  # bulk-to-shear ratio above which displacements alone lock

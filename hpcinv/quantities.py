@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from pydantic_core import core_schema
 
-from hpcinv.units import NUMBER, Dimension, as_float, parse_quantity, parse_unit
+from hpcinv.units import NUMBER, as_float, parse_quantity, parse_unit
+from hpcinv.units import Dimension as Dimension  # part of this module's interface
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler

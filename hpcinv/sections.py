@@ -63,7 +63,7 @@ class MeshFile(Spec):
     @classmethod
     def _exists(cls, file: str, info: ValidationInfo) -> str:
         path = directory_of(info) / file
-        if path.suffix not in FORMATS:
+        if path.suffix.lower() not in FORMATS:
             raise ValueError(f"{shown(file)} is no mesh that can be read; the endings are {', '.join(FORMATS)}")
         if not path.is_file():
             others = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []

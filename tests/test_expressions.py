@@ -9,7 +9,6 @@ import re
 import numpy as np
 import pytest
 
-from hpcinv.errors import JobError
 from hpcinv.expressions import FUNCTIONS, Expression
 from hpcinv.units import Dimension
 
@@ -156,9 +155,8 @@ def test_a_constant_is_given_at_every_point() -> None:
 
 
 @pytest.mark.parametrize("text", ["1/x", "sqrt(x - 1)", "(-1)**0.5", "9**9**9**9", "log(x)"])
-def test_values_that_are_not_finite_are_an_error(text: str) -> None:
-    with pytest.raises(JobError, match="has no finite value at"):
-        Expression(text).evaluate(x=np.array([0.0, 0.5]))
+def test_points_without_a_finite_value_are_not_finite_and_raise_nothing(text: str) -> None:
+    assert not np.isfinite(Expression(text).evaluate(x=np.array([0.0, 0.5]))).all()
 
 
 def test_another_algebra_can_evaluate_a_formula() -> None:

@@ -270,6 +270,12 @@ def test_a_checkpoint_can_be_turned_off(load: Loader) -> None:
     assert load(lambda j: j.update(checkpoint={"every": False})).checkpoint.every == 0
 
 
+@pytest.mark.parametrize("path", sorted((Path(__file__).parents[1] / "jobs").glob("*.yaml")), ids=lambda p: p.name)
+def test_the_jobs_that_come_with_the_project_are_valid_and_say_what_they_show(path: Path) -> None:
+    assert hpcinv.load(path).path == path
+    assert path.read_text().startswith("# ")
+
+
 # fingerprints
 
 
