@@ -81,7 +81,7 @@ class OneOf:
             if not isinstance(data, Mapping):
                 raise ValueError(f"must be a mapping with the key '{self.tag}', not {shown(data)}")
             members, name = members_of(family, self.tag), data.get(self.tag)
-            if name not in members:
+            if not isinstance(name, str) or name not in members:
                 fault = "is needed." if name is None else f"unknown {self.tag} {shown(name)}."
                 raise Problems(((self.tag,), fault + did_you_mean(str(name), members)))
             return members[name].model_validate(data, context=info.context)

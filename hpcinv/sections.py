@@ -56,8 +56,6 @@ class MeshFile(Spec):
     """parameters of the generator, as numbers in SI or quantities"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a ready-made file, such as mm"""
-    geometry_degree: Literal[1, 2] | None = None
-    """degree of the cells' geometry; left out, that of the file, and 1 for generators"""
 
     @field_validator("file")
     @classmethod
@@ -95,6 +93,8 @@ class MeshFile(Spec):
 class MeshSpec(MeshFile):
     """The mesh that the job is solved on: of the reference body in a forward analysis, else of the current one."""
 
+    geometry_degree: Literal[1, 2] | None = None
+    """degree of the cells' geometry; left out, that of the file, and 1 for generators"""
     partition: Literal["metis", "scotch"] = "metis"
     """what distributes the cells over the ranks"""
 
