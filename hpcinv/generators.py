@@ -64,13 +64,13 @@ def read_parameters(path: Path, given: Mapping[str, object]) -> tuple[dict[str, 
 
 
 def is_generator(path: Path) -> bool:
-    return path.suffix.lower() in _FORMATS
+    return path.suffix in _FORMATS
 
 
 def parameters_of(path: Path) -> dict[str, Parameter]:
     """Parameters of ``build()`` in a Python generator, or of ``DefineConstant`` in a gmsh script."""
     try:
-        return _FORMATS[path.suffix.lower()](path.read_text(encoding="utf-8"))
+        return _FORMATS[path.suffix](path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
         raise ValueError(f"{path.name} is not a text file in UTF-8") from None
     except SyntaxError as error:

@@ -61,7 +61,7 @@ class MeshFile(Spec):
     @classmethod
     def _exists(cls, file: str, info: ValidationInfo) -> str:
         path = directory_of(info) / file
-        if path.suffix.lower() not in FORMATS:
+        if path.suffix not in FORMATS:
             raise ValueError(f"{shown(file)} is no mesh that can be read; the endings are {', '.join(FORMATS)}")
         if not path.is_file():
             others = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
