@@ -1,0 +1,65 @@
+"""Values at quadrature points, and what becomes of them: the mean over each cell, the range over the body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from hpcinv.equilibrium import JIT_OPTIONS
+from hpcinv.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.regions import Mesh
+
+_CHUNK = 10_000  # cells at a time, so that values at quadrature points take little memory
+
+
+def cell_means(expression: Any, mesh: Mesh, quadrature_degree: int) -> fem.Function:
+    """Mean ``∫ e dV / ∫ dV`` of a UFL expression of any shape over the volume of each cell, piecewise constant.
+
+    Args:
+        expression: scalar, vector or tensor ``e``.
+        mesh: the mesh that it lives on.
+        quadrature_degree: of the rule; the mean of a polynomial of this degree on straight cells is exact.
+    """
+    shape = expression.ufl_shape
+    means = fem.Function(fem.functionspace(mesh, ("DG", 0, shape) if shape else ("DG", 0)))
+    parts = [expression[i] for i in np.ndindex(shape)] if shape else [expression]
+    volume = abs(ufl.JacobianDeterminant(mesh))
+    values = means.x.array.reshape(-1, len(parts))
+    dofs = means.function_space.dofmap.list[:, 0]
+    _, weights = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
+    for cells, at_points in _at_quadrature_points(ufl.as_vector([*parts, 1]), volume, mesh, quadrature_degree):
+        sums = np.einsum("q,cqi->ci", weights, at_points)
+        values[dofs[cells]] = sums[:, :-1] / sums[:, -1:]
+    means.x.scatter_forward()
+    return means
+
+
+def quadrature_range(expression: Any, mesh: Mesh, quadrature_degree: int) -> tuple[float, float]:
+    """Smallest and largest value of a scalar UFL expression at any quadrature point of any rank."""
+    low, high = np.inf, -np.inf
+    for _, at_points in _at_quadrature_points(ufl.as_vector([expression]), 1, mesh, quadrature_degree):
+        low, high = min(low, at_points.min()), max(high, at_points.max())
+    return float(mesh.comm.allreduce(low, op=MPI.MIN)), float(mesh.comm.allreduce(high, op=MPI.MAX))
+
+
+def _at_quadrature_points(
+    vector: Any, factor: Any, mesh: Mesh, quadrature_degree: int
+) -> Iterator[tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]]:
+    """Cells of this rank, some at a time, and ``factor`` times a vector of n at their points, (cells, points, n)."""
+    points, _ = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
+    compiled = fem.Expression(factor * vector, points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+    owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+    for start in range(0, len(owned), _CHUNK):
+        cells = owned[start : start + _CHUNK]
+        yield cells, compiled.eval(mesh, cells)

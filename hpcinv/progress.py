@@ -1,0 +1,137 @@
+"""What a run says while it goes on: one line for each step on rank 0, a live bar on a terminal, a report at the end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as LiveBar
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+    from hpcinv.checkpoint import Restart
+    from hpcinv.equilibrium import Solve
+    from hpcinv.job import Job
+    from hpcinv.mesh import Body
+
+_ERRORS = {
+    "round_trip": "round trip: closes to {max:.3g} m ({relative:.1g} of the body's length)",
+    "expected_shape": "recovered shape: {max:.3g} m from the expected one ({relative:.1g} of its length)",
+}
+
+
+class Progress:
+    """Messages of a run; silent without a stream, and on every rank but 0.
+
+    Use it as a context, which takes the live bar off the terminal whatever happens.
+    """
+
+    def __init__(self, comm: Intracomm, stream: TextIO | None) -> None:
+        self._console = (
+            Console(file=stream, highlight=False, markup=False, soft_wrap=True)
+            if stream is not None and comm.rank == 0
+            else None
+        )
+        self._ranks = comm.size
+        self._bar: LiveBar | None = None
+        self._direction = ""
+        self._last = time.perf_counter()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end_bar()
+
+    def note(self, text: str) -> None:
+        """One line of text."""
+        if self._console is not None:
+            self._console.print(text)
+
+    def begin(self, job: Job, body: Body, unknowns: int, directory: Path, restart: Restart | None) -> None:
+        """What is about to be solved, and where results go."""
+        cells = sum(body.partition.cells)
+        ranks = f"{self._ranks} rank{'s' if self._ranks > 1 else ''}"
+        self.note(f"{job.job}: {job.analysis}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
+        if restart is not None:
+            for complaint in restart.complaints:
+                self.note(f"  not used: {complaint}")
+            self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}")
+
+    def leg(self, direction: str, _unknowns: int) -> None:
+        """A direction begins."""
+        self._end_bar()
+        self._direction, self._last = direction, time.perf_counter()
+        self.note(f"{direction}:")
+        if self._console is not None and self._console.is_terminal:
+            columns = TextColumn("  load"), BarColumn(), TextColumn("{task.completed:.3f}"), TimeElapsedColumn()
+            self._bar = LiveBar(*columns, console=self._console, transient=True, refresh_per_second=2)
+            self._bar.add_task(direction, total=1.0)
+            self._bar.start()
+
+    def solve(self, solve: Solve, largest_displacement: float, min_mesh_J: float) -> None:
+        """A step was solved, or not: the state is then that of the last one that was."""
+        now = time.perf_counter()
+        seconds, self._last = now - self._last, now
+        effort = f"{_count(len(solve.iterations), 'iteration')}, {_count(solve.factorizations, 'factorization')}"
+        if solve.outcome.accepted:
+            F = {"forward": "det F", "inverse": "det F^-1"}[self._direction]
+            state = f"largest displacement {largest_displacement:.4g} m, {F} > {min_mesh_J:.4g}"
+            self.note(f"  load {solve.load:.4g}: {effort}, {state}, {seconds:.1f} s")
+        else:
+            self.note(f"  load {solve.load:.4g} not reached: {solve.outcome.text}; {effort}, {seconds:.1f} s")
+        if self._bar is not None and solve.outcome.accepted:
+            self._bar.update(self._bar.task_ids[0], completed=solve.load)
+
+    def finish(self, statistics: Mapping[str, Any]) -> None:
+        """How it ended; how far it is from what was expected stands last."""
+        self._end_bar()
+        for line in report(statistics):
+            self.note(line)
+
+    def _end_bar(self) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+
+
+def report(statistics: Mapping[str, Any]) -> list[str]:
+    """Lines of text on the statistics of a run."""
+    timings, legs = statistics["timings"], statistics["legs"]
+    total = sum(leg["factorizations"] for leg in legs)
+    lines = [f"{statistics['status']}, {_count(total, 'factorization')}, {timings['total']:.1f} s"]
+    slowest = sorted(((p["max"], phase) for phase, p in timings["phases"].items()), reverse=True)
+    lines.append("  seconds: " + ", ".join(f"{phase} {seconds:.1f}" for seconds, phase in slowest if seconds >= 0.05))
+    lines.append(f"  outside compilation, assembly and linear solver: {100 * timings['overhead']:.0f} %")
+    lines.append(f"  memory: {max(statistics['peak_memory']) / 1e6:.0f} MB on the fullest rank")
+    for leg in legs:
+        lines.append(
+            f"  {leg['direction']}: J from {_number(leg['J']['min'])} to {_number(leg['J']['max'])}, "
+            f"strain energy {_number(leg['strain_energy'])} J"
+        )
+    if unused := statistics["unused_petsc_options"]:
+        lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
+    for name, value in statistics["quantities"].items():
+        lines.append(f"{name}: {_value(value)}")
+    lines += [
+        text.format(**statistics["errors"][name]) for name, text in _ERRORS.items() if name in statistics["errors"]
+    ]
+    return lines
+
+
+def _value(value: float | list[float | None] | None) -> str:
+    """A number, or a displacement."""
+    return f"({', '.join(map(_number, value))}) m" if isinstance(value, list) else _number(value)
+
+
+def _number(value: float | None) -> str:
+    return "not finite" if value is None else f"{value:.6g}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -1,0 +1,8 @@
+"""The summary of a run: what is in it, and the files that hold it."""
+
+from __future__ import annotations
+
+from hpcinv.summary.content import statistics
+from hpcinv.summary.files import write_summary
+
+__all__ = ["statistics", "write_summary"]

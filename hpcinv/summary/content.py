@@ -1,0 +1,161 @@
+"""What is in the summary of a run, as plain data; docs/summary.md explains the keys."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import resource
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx
+import numpy as np
+from petsc4py import PETSc
+
+from hpcinv import __version__
+from hpcinv.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.equilibrium import Solve
+    from hpcinv.mesh import Body
+    from hpcinv.result import Leg, Result
+    from hpcinv.timings import Timings
+
+# What no finite-element solver can do without; the rest of the wall time is overhead.
+WORK = ("compile", "residual", "tangent", "factorization", "linear solve")
+
+
+def statistics(
+    result: Result,
+    status: str,
+    unknowns: int,
+    unused_options: Sequence[str],
+    timings: Timings,
+    comm: MPI.Intracomm,
+) -> dict[str, Any]:
+    """The summary of a run as JSON data, its numbers finite or ``None``, the same on every rank; collective.
+
+    Args:
+        status: "converged", or what stopped the run.
+        unknowns: number of unknowns over all ranks.
+        unused_options: PETSc options of the job that nothing asked for.
+    """
+    job, body = result.job, result.body
+    # Rank 0 alone may see the mesh file.
+    fingerprint = comm.bcast(job.fingerprint() if comm.rank == 0 else None)
+    found = {
+        "status": status,
+        "job": job.model_dump(mode="json"),
+        "fingerprint": fingerprint,
+        "versions": versions(),
+        "machine": {"ranks": comm.size, "omp_threads": int(os.environ.get("OMP_NUM_THREADS", "1"))},
+        "mesh": _mesh(body) | {"file": job.mesh.file, "unknowns": unknowns},
+        "partition": _partition(body),
+        "legs": [_leg(leg, job.discretisation.displacement) for leg in result.legs],
+        "unused_petsc_options": list(unused_options),
+        "quantities": dict(result.quantities),
+        "errors": dict(result.errors),
+        "timings": _timings(timings, comm),
+        "peak_memory": comm.allgather(_peak_memory()),
+    }
+    return _plain(found)  # type: ignore[no-any-return]  # a dict stays one
+
+
+def versions() -> dict[str, str | None]:
+    """What the run was made with; ``None`` for what has no version where it was installed."""
+    return {
+        "python": platform.python_version(),
+        "hpcinv": __version__,
+        "dolfinx": dolfinx.__version__,
+        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+        "mpi": " ".join(MPI.Get_library_version().split("\n")[0].split()),
+        **{name: _version_of(name) for name in ("gmsh", "adios2", "numpy")},
+    }
+
+
+def _version_of(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # a site's own build
+        return None
+
+
+def _mesh(body: Body) -> dict[str, Any]:
+    return {
+        "cells": body.mesh.topology.index_map(3).size_global,
+        "nodes": body.mesh.geometry.index_map().size_global,
+        "kind": body.source.kind,
+        "geometry_degree": body.source.degree,
+    }
+
+
+def _partition(body: Body) -> dict[str, Any]:
+    parts = body.partition
+    return {
+        "method": parts.method,
+        "cells": list(parts.cells),
+        "edge_cut": parts.edge_cut,
+        "imbalance": parts.imbalance,
+    }
+
+
+def _leg(leg: Leg, displacement: int) -> dict[str, Any]:
+    pressure = None if leg.pressure is None else leg.pressure.function_space.ufl_element().degree
+    return {
+        "direction": leg.direction,
+        "formulation": "displacement" if pressure is None else "mixed",
+        "degrees": {"displacement": displacement, "pressure": pressure},
+        "load": max((s.load for s in leg.solves if s.outcome.accepted), default=0.0),
+        "factorizations": leg.factorizations,
+        "newton_iterations": sum(len(s.iterations) for s in leg.solves),
+        "J": {"min": leg.J_range[0], "max": leg.J_range[1]},
+        "strain_energy": leg.strain_energy,
+        "solves": [_solve(s) for s in leg.solves],
+    }
+
+
+def _solve(solve: Solve) -> dict[str, Any]:
+    names = ("correction", "state", "residual", "new_tangent")
+    return {
+        "load": solve.load,
+        "outcome": solve.outcome.name,
+        "factorizations": solve.factorizations,
+        "iterations": [{name: getattr(i, name) for name in names} for i in solve.iterations],
+    }
+
+
+def _timings(timings: Timings, comm: MPI.Intracomm) -> dict[str, Any]:
+    """Seconds by phase over the ranks, and the share of the wall time that is not `WORK`."""
+    total, mine = timings.total, dict(timings.seconds)
+    mine["other"] = total - sum(mine.values())
+    every = comm.allgather(mine)
+    phases = {phase: [seconds.get(phase, 0.0) for seconds in every] for phase in sorted(set().union(*every))}
+    overhead = 1 - sum(mine.get(phase, 0.0) for phase in WORK) / total
+    return {
+        "total": comm.allreduce(total, op=MPI.MAX),
+        "phases": {phase: {"min": min(seconds), "max": max(seconds)} for phase, seconds in phases.items()},
+        "overhead": comm.allreduce(overhead, op=MPI.MAX),
+    }
+
+
+def _peak_memory() -> int:
+    """Largest resident memory of this process so far, in bytes."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it: no NumPy types, and no number that is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
