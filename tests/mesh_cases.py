@@ -4,23 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
-
-class Expression:
-    def __init__(s, t): s.t = t
-    def __str__(s): return s.t
-    def evaluate(s, **k):
-        import numpy as np
-        return eval(s.t, dict(np=np, **k))
-class MeshSpec(SimpleNamespace):
-    @classmethod
-    def model_validate(cls, d):
-        u = {"mm": 1e-3, "m": 1.0}
-        q = lambda v: float(v.split()[0]) * u[v.split()[1]] if isinstance(v, str) else v
-        r = cls(parameters={}, unit=1.0, geometry_degree=None, partition="metis"); r.__dict__.update(d)
-        r.parameters = {k: q(v) for k, v in r.parameters.items()}; r.unit = u.get(r.unit, r.unit)
-        return r
+from hpcinv.expressions import Expression
+from hpcinv.job import MeshSpec
 
 TETRAHEDRON = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

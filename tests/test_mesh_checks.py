@@ -101,17 +101,19 @@ def test_every_bad_mesh_is_refused_on_all_ranks(comm: MPI.Intracomm, run_directo
         path = run_directory / f"{name}.msh"
         if comm.rank == 0:
             write_msh22(path, bad.nodes, bad.elements, bad.names)
+        comm.barrier()
         error = fails_everywhere(comm, bad.message, lambda path=path: build_body(spec(path), {}, comm))
         assert str(path) in error.message
-    fails_everywhere(comm, "no such file", lambda: build_body(spec(run_directory / "none.msh"), {}, comm))
 
 
 @pytest.mark.parallel([1, 3])
 def test_every_bad_region_is_refused_on_all_ranks(comm: MPI.Intracomm, run_directory: Path, meshes: Path) -> None:
-    bare, curve = run_directory / "bare.msh", run_directory / "curve.msh"
+    bare, curve, part = (run_directory / f"{name}.msh" for name in ("bare", "curve", "part"))
     if comm.rank == 0:
         write_msh22(bare, TWO, [(4, 0, 1, FIRST[3]), (4, 0, 1, SECOND[3])])
         write_msh22(curve, TWO, [FIRST, SECOND, (1, 1, 1, (1, 2))], [BODY, (1, 1, "edge")])
+        write_msh22(part, TWO, [FIRST, SECOND, (2, 1, 1, (1, 2, 3))], [BODY, (2, 1, "boundary")])
+    comm.barrier()
 
     def build(file: Path, **texts: str) -> Callable[[], object]:
         return lambda: build_body(spec(file), conditions(**texts), comm)
@@ -132,6 +134,7 @@ def test_every_bad_region_is_refused_on_all_ranks(comm: MPI.Intracomm, run_direc
     )
     fails_everywhere(comm, "no region 'clmp'. Did you mean 'clamp'", lambda: body.facets("clmp"))
     fails_everywhere(comm, "region 'clamp' has facets but no cells", lambda: body.cells("clamp"))
+    fails_everywhere(comm, "'boundary' is not the whole boundary", build(part))
     body = build_body(spec(curve), {}, comm)
     fails_everywhere(comm, "region 'body' has cells but no facets", lambda: body.facets("body"))
     fails_everywhere(comm, "no region 'edge': it is a physical group of points or curves", lambda: body.facets("edge"))

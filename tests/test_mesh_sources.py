@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import runpy
 from pathlib import Path
 
@@ -20,12 +19,14 @@ from hpcinv.mesh import MeshSource, read_source
 from hpcinv.mesh.cells import FACET_KIND, coordinate_element, scalar_element, vtk_order
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.gmsh_model import ElementType, save_msh, session
+from hpcinv.mesh.readers import FILES, GENERATORS
+from hpcinv.sections import FORMATS
 
 FACES = {"x0", "x1", "y0", "y1", "z0", "z1"}
 
 
 def box(meshes: Path, hexahedra: bool, degree: int) -> MeshSource:
-    parameters = {"lx": 2, "nx": 3, "ny": 2, "nz": 2, "hexahedra": int(hexahedra)}
+    parameters = {"lx": 2, "nx": 3, "ny": 2, "nz": 2, "hexahedra": hexahedra}
     return read(meshes / "box.py", parameters=parameters, geometry_degree=degree)
 
 
@@ -185,14 +186,12 @@ def test_a_generated_mesh_is_the_same_every_time(meshes: Path) -> None:
     assert np.array_equal(once.cells, again.cells)
 
 
-def test_geo_parameters_reach_the_script_and_a_misspelt_one_is_named(meshes: Path) -> None:
+def test_geo_parameters_reach_the_script(meshes: Path) -> None:
     block = read(meshes / "block.geo", parameters={"lx": "3 m", "size": 0.5})
     check(block)
     assert block.points.max(axis=0) == pytest.approx([3, 1, 1])
     assert volume(block) == pytest.approx(3.0, rel=1e-12)
     assert {g.name for g in block.groups} == FACES | {"block"}
-    with pytest.raises(MeshError, match="no parameter 'sise'.*Did you mean 'size'"):
-        read(meshes / "block.geo", parameters={"sise": 0.5})
 
 
 def test_a_broken_script_spoils_no_later_one(meshes: Path, tmp_path: Path) -> None:
@@ -207,9 +206,6 @@ def test_an_error_in_a_generator_names_its_line(tmp_path: Path) -> None:
     generator = tmp_path / "broken.py"
     generator.write_text("def build(gmsh, *, n=1):\n    raise ValueError(f'{n} is too few')\n")
     with pytest.raises(MeshError, match=r"broken\.py, line 2: ValueError: 1 is too few"):
-        read(generator)
-    generator.write_text("size = 1\n")
-    with pytest.raises(MeshError, match="no function 'build'"):
         read(generator)
     generator.write_text("def build(gmsh):\n    gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)\n")
     with pytest.raises(MeshError, match="no solid cells"):
@@ -250,8 +246,6 @@ def test_the_node_orders_of_gmsh_and_vtk_are_those_that_dolfinx_uses() -> None:
 
 def test_files_that_cannot_be_read_say_so(tmp_path: Path) -> None:
     cases = {
-        "none.msh": (None, "no such file"),
-        "mesh.stl": ("solid", "no reader for '.stl'"),
         "text.msh": ("nonsense", "gmsh cannot read it"),
         "short.msh": ("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 3", "gmsh cannot read it"),
         "empty.msh": ("", "gmsh cannot read it"),
@@ -266,13 +260,16 @@ def test_files_that_cannot_be_read_say_so(tmp_path: Path) -> None:
     }
     for name, (text, message) in cases.items():
         path = tmp_path / name
-        if text is not None:
-            path.write_text(text)
+        path.write_text(text)
         with pytest.raises(MeshError, match=message) as caught:
             read(path)
         assert str(path) in caught.value.message
         assert caught.value.advice
-    if os.geteuid():  # root reads everything
-        path.chmod(0)
-        with pytest.raises(MeshError, match="Permission denied"):
-            read(path)
+    gone = spec(path)
+    path.unlink()
+    with pytest.raises(MeshError, match="no such file"):
+        read_source(gone, path)
+
+
+def test_a_job_may_name_every_format_that_can_be_read_and_no_other() -> None:
+    assert set(FORMATS) == GENERATORS.keys() | FILES.keys()

@@ -25,7 +25,7 @@ from hpcinv.runtime import MPI, on_root
 
 if TYPE_CHECKING:
     from hpcinv.expressions import Expression
-    from hpcinv.job import MeshSpec
+    from hpcinv.sections import MeshFile, MeshSpec
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,15 @@ class Body:
         return region.cells
 
 
-def read_source(spec: MeshSpec, path: Path) -> MeshSource:
+def read_source(spec: MeshFile, path: Path) -> MeshSource:
     """Read or generate the mesh on this process, in metres and of the geometry degree asked for; not collective."""
-    suffix = path.suffix.lower()
-    if suffix not in GENERATORS | FILES:
-        raise MeshError(f"{path}: no reader for '{suffix}'", f"Known are: {', '.join([*GENERATORS, *FILES])}.")
     if not path.is_file():
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
-        if suffix in GENERATORS:
-            source = GENERATORS[suffix](path, spec.parameters, spec.geometry_degree)
+        if path.suffix in GENERATORS:
+            source = GENERATORS[path.suffix](path, spec.parameters, spec.geometry_degree)
         else:
-            source = FILES[suffix](path).in_metres(spec.unit)
+            source = FILES[path.suffix](path).in_metres(spec.unit)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     source = source.without_unused_nodes()

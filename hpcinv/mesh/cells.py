@@ -72,7 +72,7 @@ def node_order(kind: str, degree: int, theirs: Floats) -> Ints:
 def vtk_order(kind: str, degree: int) -> Ints:
     """Permutation p with ``dolfinx_cells = vtk_cells[:, p]``; XDMF has the same order."""
     nodes = scalar_element(kind, degree).dim
-    perm_vtk = dolfinx.cpp.io.perm_vtk  # type: ignore[attr-defined]  # compiled, without stubs
+    perm_vtk = dolfinx.cpp.io.perm_vtk
     return np.array(perm_vtk(dolfinx.mesh.to_type(kind), nodes), dtype=np.int64)
 
 

@@ -44,7 +44,7 @@ def _double_nodes(source: MeshSource) -> Problems:
         first = int(np.flatnonzero(same)[0])
         pair = sorted(source.node_tags[order[first : first + 2]].tolist())
         yield (
-            f"{same.sum()} nodes lie exactly on another (first: nodes {pair[0]} and {pair[1]}): the body comes apart there",
+            f"{same.sum()} nodes lie exactly on another (first: nodes {pair[0]} and {pair[1]}); the body is cut there",
             "Join the parts: gmsh's fragment on the volumes, or model.mesh.removeDuplicateNodes() on the mesh.",
         )
 
@@ -73,13 +73,13 @@ def _bad_cells(source: MeshSource) -> Problems:
     if inverted.any():
         yield (
             f"{inverted.sum()} cells are inverted, det J < 0 in them ({_some(source.cell_tags[inverted], 'cell')})",
-            "Mesh finer where it is curved (gmsh: model.mesh.optimize('HighOrder')), or turn cells that are only numbered the"
-            + " other way round than the rest (gmsh: model.mesh.reverseElements).",
+            "Mesh finer where it is curved (gmsh: model.mesh.optimize('HighOrder')), or turn cells only numbered"
+            + " the other way round than the rest (gmsh: model.mesh.reverseElements).",
         )
 
 
 def determinants(source: MeshSource) -> tuple[Floats, Floats]:
-    """Least and greatest det J / ∏|∂x/∂ξᵢ| of each cell over its own nodes and those of degree 4; 1 is a right angle."""
+    """Least and greatest det J / ∏|∂x/∂ξᵢ| of each cell, over its own nodes and those of degree 4."""
     constant = source.kind == "tetrahedron" and source.degree == 1
     at = np.zeros((1, 3))
     if not constant:
@@ -109,8 +109,8 @@ def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:
     ungrouped = np.setdiff1d(np.arange(len(source.cells)), members(source, 3))
     if len(ungrouped) and len(members(source, 3)):
         yield (
-            f"{len(ungrouped)} cells are in no physical group, others are ({_some(source.cell_tags[ungrouped], 'cell')})",
-            "Put them in a physical volume too, or delete them if they are not of the body.",
+            f"{len(ungrouped)} cells are in no physical group ({_some(source.cell_tags[ungrouped], 'cell')})",
+            "Others are: put these in a physical volume too, or delete them if they are not of the body.",
         )
 
 

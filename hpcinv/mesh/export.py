@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -31,7 +30,7 @@ def write_mesh(path: Path, body: Body, coordinates: Floats) -> None:
         partial = path.with_name(f".{path.stem}.partial{path.suffix}")
         try:
             SAVERS[path.suffix](partial, body.source, points)
-            os.replace(partial, path)
+            partial.replace(path)
         except Exception as exc:  # gmsh and VTK raise nothing narrower
             partial.unlink(missing_ok=True)
             raise OutputError(f"{path}: cannot be written: {exc}", "Is there such a directory, and space?") from exc

@@ -198,6 +198,8 @@ def _lay(gmsh: Any, source: MeshSource, points: Floats) -> None:
 
 def metis(corners: Ints, kind: str, parts: int) -> Ints:
     """Part of each cell (m,), 0 ≤ part < ``parts``, by METIS on the dual graph of cells given by their ``corners``."""
+    if parts == 1:
+        return np.zeros(len(corners), dtype=np.int64)
     with session("partition") as gmsh:
         for what in ("Topology", "GhostCells", "Physicals"):
             gmsh.option.setNumber(f"Mesh.PartitionCreate{what}", 0)

@@ -36,7 +36,7 @@ def metis_partitioner(comm: MPI.Intracomm, source: MeshSource) -> Callable[..., 
 
     def assign() -> Ints:
         corners = source.cells[:, : vertex_count(source.kind)]
-        return np.zeros(len(corners), dtype=np.int64) if comm.size == 1 else metis(corners, source.kind, comm.size)
+        return metis(corners, source.kind, comm.size)
 
     # Run now, not inside DOLFINx, where an exception on rank 0 would leave the others waiting.
     owner: list[Ints] = []
@@ -51,7 +51,7 @@ def metis_partitioner(comm: MPI.Intracomm, source: MeshSource) -> Callable[..., 
 
 def scotch_partitioner(comm: MPI.Intracomm, source: MeshSource) -> Callable[..., Any]:
     """PT-SCOTCH on the dual graph, as DOLFINx offers it."""
-    scotch = dolfinx.graph.partitioner_scotch()  # type: ignore[attr-defined]  # compiled, without stubs
+    scotch = dolfinx.graph.partitioner_scotch()
     partitioner: Callable[..., Any] = dolfinx.mesh.create_cell_partitioner(scotch, dolfinx.mesh.GhostMode.none, 2)
     return partitioner
 

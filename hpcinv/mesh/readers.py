@@ -11,16 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import HpcinvError, MeshError
-from hpcinv.generators import parameters_of
+from hpcinv.generators import Value
 from hpcinv.mesh.gmsh_model import extract, session
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.vtu import read_vtu
 from hpcinv.mesh.xdmf import read_xdmf
-from hpcinv.spelling import did_you_mean
 
 
-def build_python(path: Path, parameters: Mapping[str, float], degree: int | None) -> MeshSource:
-    """Mesh a generator: a Python file whose ``build(gmsh, *, size=0.002, …)`` meshes gmsh's current model, in metres."""
+def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None) -> MeshSource:
+    """Mesh a generator: a Python file whose ``build(gmsh, *, size=0.002, …)`` meshes the current model, in metres."""
     with session(path.stem) as gmsh:
         try:
             build = runpy.run_path(str(path)).get("build")
@@ -38,14 +37,8 @@ def build_python(path: Path, parameters: Mapping[str, float], degree: int | None
         return _of_degree(gmsh, path, degree)
 
 
-def build_geo(path: Path, parameters: Mapping[str, float], degree: int | None) -> MeshSource:
+def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None) -> MeshSource:
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
-    known = parameters_of(path)
-    for name in parameters.keys() - known:
-        raise MeshError(
-            f"{path}: no parameter '{name}' in DefineConstant.{did_you_mean(name, known, list_all=False)}",
-            f"It has: {', '.join(sorted(known)) or 'none'}.",
-        )
     with session(path.stem) as gmsh:
         for name, value in parameters.items():
             gmsh.parser.setNumber(name, [value])
@@ -86,7 +79,7 @@ def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     return extract(gmsh, path)
 
 
-GENERATORS: dict[str, Callable[[Path, Mapping[str, float], int | None], MeshSource]] = {
+GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None], MeshSource]] = {
     ".py": build_python,
     ".geo": build_geo,
 }

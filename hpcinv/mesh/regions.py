@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.source import MeshSource
 from hpcinv.runtime import MPI, agree
 from hpcinv.spelling import did_you_mean
@@ -42,10 +43,10 @@ def build_regions(
 
     A geometric region holds the boundary facets all of whose vertices satisfy its condition in SI coordinates, and the
     cells all of whose vertices do. The comparison has no tolerance of its own: write ``x < 1e-6 m``, not ``x == 0``.
-    A physical or geometric region called "boundary" takes the place of the built-in one.
 
     Raises:
-        MeshError: on all ranks, if a condition matches nothing, cannot be evaluated, or has a physical group's name.
+        MeshError: on all ranks, if a condition matches nothing, cannot be evaluated, or has the name of a physical
+            group, or if a physical group called "boundary" is not the whole of it.
     """
     topology = mesh.topology
     topology.create_entities(2)
@@ -53,11 +54,11 @@ def build_regions(
     topology.create_connectivity(2, 0)
     exterior = dolfinx.mesh.exterior_facet_indices(topology).astype(np.int32)
     none = np.zeros(0, dtype=np.int32)
-    regions = {BOUNDARY: _count(mesh.comm, BOUNDARY, "built in", exterior, none)}
-    regions |= _physical(mesh, source)
-    problems = [
-        f"region '{n}' is a physical group of the mesh too" for n in conditions if n in regions and n != BOUNDARY
-    ]
+    boundary = _count(mesh, BOUNDARY, "built in", exterior, none)
+    regions = {BOUNDARY: boundary} | _physical(mesh, source)
+    problems = [f"region '{name}' is a physical group of the mesh too" for name in conditions if name in regions]
+    if not mesh.comm.allreduce(np.array_equal(regions[BOUNDARY].facets, exterior), MPI.LAND):
+        problems.append("the physical group 'boundary' is not the whole boundary, which has that name")
     error: HpcinvError | None = None
     points = mesh.geometry.x * length_scale
     for name, condition in conditions.items():
@@ -71,7 +72,7 @@ def build_regions(
         facets = exterior[_all_vertices(mesh, 2, exterior, inside)]
         owned = np.arange(topology.index_map(3).size_local, dtype=np.int32)
         cells = owned[_all_vertices(mesh, 3, owned, inside)]
-        regions[name] = region = _count(mesh.comm, name, "geometric", facets, cells)
+        regions[name] = region = _count(mesh, name, "geometric", facets, cells)
         if region.facet_count == region.cell_count == 0:
             problems.append(f"region '{name}': no boundary facet and no cell satisfies '{condition}'")
     if problems:
@@ -117,7 +118,7 @@ def _physical(mesh: Mesh, source: MeshSource) -> dict[str, Region]:
         for dim, (entities, labels) in local.items():
             of_name = [i for i, g in enumerate(source.groups) if g.name == name and g.dim == dim]
             parts[dim] = entities[np.isin(labels, of_name)]
-        regions[name] = _count(mesh.comm, name, "physical", parts[2], parts[3])
+        regions[name] = _count(mesh, name, "physical", parts[2], parts[3])
     return regions
 
 
@@ -138,13 +139,17 @@ def _distribute(mesh: Mesh, source: MeshSource, dim: int) -> tuple[LocalIndices,
 def _all_vertices(mesh: Mesh, dim: int, entities: LocalIndices, inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     if not len(entities):
         return np.zeros(0, dtype=bool)
-    return np.asarray(inside[dolfinx.mesh.entities_to_geometry(mesh, dim, entities)].all(axis=1))
+    kind = mesh.topology.cell_type.name
+    vertices = vertex_count(kind if dim == 3 else FACET_KIND[kind])  # they come first; nodes inside edges do not count
+    return np.asarray(inside[dolfinx.mesh.entities_to_geometry(mesh, dim, entities)[:, :vertices]].all(axis=1))
 
 
-def _count(comm: MPI.Intracomm, name: str, origin: str, facets: LocalIndices, cells: LocalIndices) -> Region:
-    counts = np.array([len(facets), len(cells)], dtype=np.int64)
+def _count(mesh: Mesh, name: str, origin: str, facets: LocalIndices, cells: LocalIndices) -> Region:
+    """A region and its size; ranks on both sides of a facet inside the body know it, and its owner counts it."""
+    owned = mesh.topology.index_map(2).size_local
+    counts = np.array([np.count_nonzero(facets < owned), len(cells)], dtype=np.int64)
     total = np.empty_like(counts)
-    comm.Allreduce(counts, total)
+    mesh.comm.Allreduce(counts, total)
     return Region(name, origin, facets, cells, int(total[0]), int(total[1]))
 
 
