@@ -82,15 +82,16 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
         from hpcinv.progress import Progress
 
         overwrite = not resume and options.overwrite
-        run(
-            job,
-            comm,
-            directory=directory.path,
-            overwrite=overwrite,
-            resume=resume,
-            progress=Progress(comm, sys.stdout),
-            stop_asked=stop,
-        )
+        with Progress(comm, sys.stdout) as progress:
+            run(
+                job,
+                comm,
+                directory=directory.path,
+                overwrite=overwrite,
+                resume=resume,
+                progress=progress,
+                stop_asked=stop,
+            )
     except HpcinvError as error:
         tell(comm, error)
         return error.exit_code

@@ -59,9 +59,9 @@ def run(
         SolveError: the load was not reached; the diagnosis is in the message and in ``summary.json``.
         Interrupted: ``stop_asked`` was true on some rank.
     """
-    return _Run(job, comm, directory and RunDirectory(directory), progress or Progress(comm, None), stop_asked).go(
-        overwrite=overwrite, resume=resume
-    )
+    where = RunDirectory(directory) if directory else None
+    started = _Run(job, comm, where, progress or Progress(comm, None), stop_asked)
+    return started.go(overwrite=overwrite, resume=resume)
 
 
 class _Run:
@@ -98,7 +98,7 @@ class _Run:
                 self.body.mesh.geometry.x[:] = self.legs[-1].other_nodes / self.body.length_scale
 
         errors = {}
-        if expected is not None or job.expected_shape is not None:
+        if job.expected_shape is not None:
             errors["expected_shape"] = distance(self.body, self.legs[0], expected)
         if len(self.legs) == 2:
             errors["round_trip"] = closure(*self.legs)

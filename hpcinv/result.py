@@ -78,7 +78,7 @@ class Result:
     Attributes:
         legs: one for each direction that was solved; the first is on the mesh that the job gives.
         quantities: the job's quantities of interest by name.
-        errors: distances in m: from the job's expected shape, and what a round trip failed to close.
+        errors: distances (``comparison``): from the job's expected shape, and what a round trip failed to close.
         statistics: what ``summary.json`` holds.
         directory: where it was written, if anywhere.
     """
@@ -87,7 +87,7 @@ class Result:
     body: Body
     legs: tuple[Leg, ...]
     quantities: Mapping[str, Any]
-    errors: Mapping[str, float]
+    errors: Mapping[str, Mapping[str, float]]
     statistics: Mapping[str, Any] = field(default_factory=dict)
     directory: Path | None = None
 

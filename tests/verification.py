@@ -1,0 +1,69 @@
+"""What the verification tests share: jobs written as data, their models, and errors of fields measured by quadrature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from hpcinv.continuation import follow
+from hpcinv.job import Job, parse
+from hpcinv.mesh import Body, build_body
+from hpcinv.model import Model
+from hpcinv.runtime import MPI
+from hpcinv.scene import Scene
+from hpcinv.timings import Timings
+
+HERE = Path(__file__)
+BOX = "../meshes/box.py"
+
+
+def job(**data: Any) -> Job:
+    """A job as its file would give it; paths in it start from this directory."""
+    return parse(data, HERE)
+
+
+class Solved:
+    """A job's first leg in the hands of a test: solved to the end, its scene and body still there."""
+
+    def __init__(self, job: Job, comm: MPI.Intracomm) -> None:
+        self.body: Body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
+        self.model = Model(job, self.body, Timings())
+        self.scene: Scene = self.model.scene(job.legs[0])
+        equilibrium = self.model.equilibrium(self.scene, lambda: False)
+        self.solves = list(follow(equilibrium, self.model.steps, job.solver.tolerance))
+        assert self.solves[-1].outcome.accepted, self.solves[-1].outcome
+        self.kinematics = self.scene.kinematics
+        self.x = ufl.SpatialCoordinate(self.body.mesh) * self.body.length_scale
+
+    def integral(self, integrand: Any, degree: int = 8) -> float:
+        """Integral over the mesh, in scaled lengths, by a quadrature of its own."""
+        form = fem.form(integrand * ufl.dx(self.body.mesh, degree=degree))
+        return float(self.body.mesh.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM))
+
+    def relative_error(self, found: Any, exact: Any) -> float:
+        """Relative L² error of a field; the exact one must not vanish."""
+        error = self.integral(ufl.inner(found - exact, found - exact))
+        return float(np.sqrt(error / self.integral(ufl.inner(exact, exact))))
+
+    @property
+    def cauchy_stress(self) -> Any:
+        """Cauchy stress in Pa."""
+        return self.scene.cauchy_stress * self.model.scales.stress
+
+    @property
+    def strain_energy(self) -> float:
+        """Energy in J."""
+        comm = self.body.mesh.comm
+        energy = comm.allreduce(fem.assemble_scalar(fem.form(self.scene.strain_energy)), op=MPI.SUM)
+        return float(energy * self.model.scales.stress * self.body.length_scale**3)
+
+
+def box(divisions: Sequence[int] = (2, 2, 2), **parameters: Any) -> dict[str, Any]:
+    """A unit cube."""
+    nx, ny, nz = divisions
+    return {"file": BOX, "parameters": {"nx": nx, "ny": ny, "nz": nz, **parameters}}
