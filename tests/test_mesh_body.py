@@ -137,7 +137,7 @@ def test_regions_hold_the_same_entities_on_any_number_of_ranks(
     for name, low, high in (("left", 0, 1), ("right", 1, 2)):
         cells = body.cells(name)
         assert len(in_input_order(body, 3, cells)) == body.regions[name].cell_count
-        where = x[body.mesh.geometry.dofmap[cells]][..., 0]
+        where = x[body.mesh.geometry.dofmaps[0][cells]][..., 0]
         assert np.all((where >= low) & (where <= high))
 
     def interface_of_the_source() -> None:

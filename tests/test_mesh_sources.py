@@ -82,6 +82,9 @@ def test_a_box_is_the_same_through_every_format(meshes: Path, tmp_path: Path, he
         gmsh.option.setNumber("Mesh.Binary", binary)
         written.append(tmp_path / f"box-{version}-{binary}.msh")
         gmsh.write(str(written[-1]))
+    gmsh.model.mesh.partition(3)  # a file that gmsh has cut for other programs is put together again
+    written.append(tmp_path / "box-cut.msh")
+    gmsh.write(str(written[-1]))
     gmsh.finalize()
     for path in written:
         again = read(path)
@@ -206,6 +209,12 @@ def test_an_error_in_a_generator_names_its_line(tmp_path: Path) -> None:
     generator = tmp_path / "broken.py"
     generator.write_text("def build(gmsh, *, n=1):\n    raise ValueError(f'{n} is too few')\n")
     with pytest.raises(MeshError, match=r"broken\.py, line 2: ValueError: 1 is too few"):
+        read(generator)
+    generator.write_text("import sys\ndef build(gmsh):\n    sys.exit(3)\n")
+    with pytest.raises(MeshError, match=r"broken\.py, line 3: SystemExit: 3"):
+        read(generator)
+    generator.write_text("def build(gmsh):\n    gmsh.finalize()\n")
+    with pytest.raises(MeshError, match="finalised gmsh"):
         read(generator)
     generator.write_text("def build(gmsh):\n    gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)\n")
     with pytest.raises(MeshError, match="no solid cells"):

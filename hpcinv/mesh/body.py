@@ -25,7 +25,7 @@ from hpcinv.runtime import MPI, on_root
 
 if TYPE_CHECKING:
     from hpcinv.expressions import Expression
-    from hpcinv.sections import MeshFile, MeshSpec
+    from hpcinv.sections import MeshSpec
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Body:
         return region.cells
 
 
-def read_source(spec: MeshFile, path: Path) -> MeshSource:
+def read_source(spec: MeshSpec, path: Path) -> MeshSource:
     """Read or generate the mesh on this process, in metres and of the geometry degree asked for; not collective."""
     if not path.is_file():
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")

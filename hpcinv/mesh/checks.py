@@ -106,8 +106,12 @@ def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:
             )
     yield from _shared(source, 2, found)
     yield from _shared(source, 3, np.arange(len(source.cells)))
-    ungrouped = np.setdiff1d(np.arange(len(source.cells)), members(source, 3))
-    if len(ungrouped) and len(members(source, 3)):
+    grouped = np.zeros(len(source.cells), dtype=bool)
+    for group in source.groups:
+        if group.dim == 3:
+            grouped[group.members] = True
+    if grouped.any() and not grouped.all():
+        ungrouped = np.flatnonzero(~grouped)
         yield (
             f"{len(ungrouped)} cells are in no physical group ({_some(source.cell_tags[ungrouped], 'cell')})",
             "Others are: put these in a physical volume too, or delete them if they are not of the body.",
@@ -129,11 +133,6 @@ def _shared(source: MeshSource, dim: int, place: Ints) -> Problems:
             f"{len(twice)} {'cells' if dim == 3 else 'facets'} are in several physical groups: {'; '.join(names)}",
             "Keep one group on each and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
         )
-
-
-def members(source: MeshSource, dim: int) -> Ints:
-    """Rows of all cells (3) or facets (2) that are in some group."""
-    return np.concatenate([np.zeros(0, dtype=np.int64), *(g.members for g in source.groups if g.dim == dim)])
 
 
 def _some(tags: Ints, what: str) -> str:

@@ -52,7 +52,8 @@ def session(name: str) -> Iterator[Any]:
         gmsh.model.add(name)
         yield gmsh
     finally:
-        gmsh.finalize()
+        if gmsh.isInitialized():  # a generator may have ended it
+            gmsh.finalize()
 
 
 @dataclass(frozen=True)

@@ -28,12 +28,14 @@ def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None
             build(gmsh, **parameters)
         except HpcinvError:
             raise
-        except Exception as exc:  # whatever the user's own code raises
+        except (Exception, SystemExit) as exc:  # whatever the user's own code raises
             lines = [f.lineno for f in traceback.extract_tb(exc.__traceback__) if f.filename == str(path)]
             line = f", line {lines[-1]}" if lines else ""
             raise MeshError(
                 f"{path}{line}: {type(exc).__name__}: {exc}", "Mend the generator or its parameters."
             ) from exc
+        if not gmsh.isInitialized():
+            raise MeshError(f"{path}: build() finalised gmsh", "Leave gmsh running: its mesh is read after build().")
         return _of_degree(gmsh, path, degree)
 
 
