@@ -67,7 +67,6 @@ def test_each_rank_owns_what_metis_said_in_equal_parts(
 ) -> None:
     cases = (
         ("pdms_beam.py", {"size": "2 mm"}, 2),
-        ("pdms_beam.py", {"size": "1.5 mm"}, 1),
         ("box.py", {"nx": 12, "ny": 10, "nz": 8}, 1),
         ("box.py", {"nx": 12, "ny": 10, "nz": 8, "hexahedra": True}, 2),
     )
