@@ -62,8 +62,8 @@ class Solver(Spec):
     """step below which the load counts as unreachable (strategy: adaptive)"""
     maximum_iterations: Annotated[int, Field(ge=1)] = 25
     """Newton iterations after which a step has failed"""
-    tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10
-    """residual at which a step has converged, relative to the full external load"""
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-12
+    """estimated error of the displacement, relative to it, at which the full load has converged"""
     reuse_tangent: bool = True
     """keep a factorized tangent for as long as it converges well"""
     petsc: Mapping[str, PetscValue] = {}

@@ -98,5 +98,5 @@ class Unknowns:
         nodal.interpolate(u)
         values = np.empty((x.x.shape[0], 3))
         dofmap = nodal.function_space.dofmap.list
-        values[x.dofmap] = nodal.x.array.reshape(-1, 3)[dofmap]
+        values[x.dofmaps[0]] = nodal.x.array.reshape(-1, 3)[dofmap]
         return values

@@ -55,7 +55,7 @@ def test_stress_converges_with_order_two_on_hexahedra(direction: str, comm: MPI.
     errors = [stress_errors(direction, n, True, comm)[0] for n in (1, 2, 4)]
     print(f"{direction}, hexahedra: errors {errors}, orders {orders(errors)}")
     assert orders(errors)[-1] > 1.95
-    assert errors[-1] < 2e-4
+    assert errors[-1] < 3e-3
 
 
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
