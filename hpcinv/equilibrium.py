@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
@@ -42,7 +42,7 @@ _PREFIX = "hpcinv_"
 _GIVEN_UP = -7  # SNES_DIVERGED_INNER: what PETSc is told when NewtonMonitor gives up
 _DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE
 
-_OUTCOMES_BY_REASON = {
+_OUTCOMES_BY_REASON: dict[int, Outcome] = {
     PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE: Outcome.LINEAR_SOLVER,
     PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH: Outcome.LINE_SEARCH,
     PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_NANORINF: Outcome.NOT_FINITE,
@@ -155,9 +155,11 @@ class Equilibrium:
             self.snes.solve(None, x)
             for event, seconds in _logged_seconds().items():
                 self.timings.move("newton", event, seconds - before[event])
-        outcome = self._outcome or _OUTCOMES_BY_REASON.get(self.snes.getConvergedReason(), Outcome.DIVERGED)
-        if self.snes.getConvergedReason() > 0 and not outcome.accepted:  # a test of the user's own
-            outcome = Outcome.CONVERGED
+        reason: Any = self.snes.getConvergedReason()  # an int, whatever its stub says
+        # Without an outcome of ours, PETSc ended the solve: it failed, or by a test that the user's options chose.
+        outcome = self._outcome or (
+            Outcome.CONVERGED if reason > 0 else _OUTCOMES_BY_REASON.get(reason, Outcome.DIVERGED)
+        )
         self._set_state(x)
         if outcome.accepted and not self.min_mesh_J() > 0:
             outcome = Outcome.INVERTED
@@ -178,7 +180,7 @@ class Equilibrium:
             self.snes.ksp.solve(self.rhs, x)
         x.aypx(-1.0, start)
         self._set_state(x)
-        if not (np.isfinite(x.norm()) and self.min_mesh_J() > 0):
+        if not (np.isfinite(_norm(x)) and self.min_mesh_J() > 0):
             self._set_state(start)
         start.destroy()
 
@@ -240,9 +242,9 @@ class Equilibrium:
             return 0
         if self._correction is None:  # no line search: a trust region, say
             self._before.aypx(-1.0, x)
-            self._correction = self._before.norm()
+            self._correction = _norm(self._before)
             x.copy(self._before)
-        iteration = NewtonIteration(self._correction, x.norm(), residual, self._fresh)
+        iteration = NewtonIteration(self._correction, _norm(x), residual, self._fresh)
         self._outcome = self._monitor.judge(iteration)
         if self._outcome is None:
             return 0
@@ -251,9 +253,8 @@ class Equilibrium:
     def _back_off_from_inversion(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
         """Halve the correction ``-y`` until no element is turned inside out, at most ten times."""
         # The whole correction is what measures the error: a damped one is small even far from the solution.
-        self._correction = y.norm()
+        self._correction = _norm(y)
         trial = x.duplicate()
-        halvings = 0
         with self.timings("inversion check"):
             for halvings in range(10):
                 x.copy(trial)
@@ -273,6 +274,12 @@ def _at_quadrature_points(expression: ufl.core.expr.Expr, scene: Scene) -> Calla
     compiled = fem.Expression(expression, points, jit_options=JIT_OPTIONS)
     cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
     return lambda: compiled.eval(mesh, cells)
+
+
+def _norm(x: PETSc.Vec) -> float:
+    norm = x.norm()
+    assert isinstance(norm, float)  # PETSc gives two for NORM_1_AND_2 only
+    return norm
 
 
 def _logged_seconds() -> dict[str, float]:

@@ -204,7 +204,7 @@ class ForwardKinematics(Kinematics):
 
 
 class InverseKinematics(Kinematics):
-    """The mesh is the current body, the undeformed one is looked for (Mazier et al., doi:10.1007/s00366-021-01597-z)."""
+    """The mesh is the current body, the undeformed one is looked for (doi:10.1007/s00366-021-01597-z)."""
 
     direction = "inverse"
     sign = -1

@@ -17,7 +17,7 @@ _ORIGIN = "origin.json"
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """``job.yaml`` as it was run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``."""
+    """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``."""
 
     path: Path
 

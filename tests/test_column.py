@@ -42,9 +42,7 @@ def test_density_per_current_volume_means_the_same_in_a_forward_analysis(comm: M
             analysis="forward",
             mesh=box((1, 1, 16), lx="0.2 m", ly="0.2 m", lz=f"{SPATIAL} m"),
             material={"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
-            effects=[
-                {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000, "density_in": "current"}
-            ],
+            effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000, "density_in": "current"}],
             supports=[{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
         ),
         comm,

@@ -60,7 +60,7 @@ def test_stress_converges_with_order_two_on_hexahedra(direction: str, comm: MPI.
 
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_stress_converges_on_tetrahedra(direction: str, comm: MPI.Intracomm) -> None:
-    """The pressure loses half an order: in the corners of this regular mesh, cells have all vertices on the boundary."""
+    """The pressure loses half an order: in corners of this regular mesh, cells have all vertices on the boundary."""
     errors = [stress_errors(direction, n, False, comm) for n in (2, 4, 8)]
     whole, deviator = zip(*errors, strict=True)
     print(f"{direction}, tetrahedra: errors {errors}, orders {orders(list(whole))}, {orders(list(deviator))}")

@@ -1,4 +1,4 @@
-"""What the verification tests share: jobs written as data, their models, and errors of fields measured by quadrature."""
+"""What the verification tests share: jobs written as data, their models, errors of fields measured by quadrature."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
@@ -100,23 +101,54 @@ def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
 
 def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
     """Write the topology, tags and groups of ``source`` at ``points`` (n, 3) m; not collective."""
-    import pyvista
+    # VTK itself: pyvista takes a second to load, as long as a small job takes to solve.
+    from vtkmodules import vtkCommonDataModel
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    vtk: Any = vtkCommonDataModel
+    support: Any = numpy_support  # without types
+
+    def array(name: str, values: npt.NDArray[np.integer]) -> Any:
+        converted = support.numpy_to_vtk(values, deep=True)
+        converted.SetName(name)
+        return converted
 
     kinds = (source.kind, FACET_KIND[source.kind])
-    types, connectivity = [], []
+    types, sizes, connectivity = [], [], []
     for kind, nodes in zip(kinds, (source.cells, source.facets), strict=True):
-        if len(nodes):
-            theirs = nodes[:, np.argsort(vtk_order(kind, source.degree))]
-            connectivity.append(np.insert(theirs, 0, theirs.shape[1], axis=1).ravel())
-            types.append(np.full(len(nodes), pyvista.CellType[VTK_TYPES[kind][source.degree - 1]]))
-    grid = pyvista.UnstructuredGrid(np.concatenate(connectivity), np.concatenate(types), points)
-    grid.point_data[NODE_TAG] = source.node_tags
+        connectivity.append(nodes[:, np.argsort(vtk_order(kind, source.degree))].ravel())
+        sizes.append(np.full(len(nodes), nodes.shape[1]))
+        name = VTK_TYPES[kind][source.degree - 1]
+        types.append(np.full(len(nodes), getattr(vtk, f"VTK_{name}"), dtype=np.uint8))
+    offsets = np.concatenate([[0], np.cumsum(np.concatenate(sizes))])
+
+    cells = vtk.vtkCellArray()
+    cells.SetData(
+        *(
+            support.numpy_to_vtkIdTypeArray(np.asarray(a, np.int64), deep=True)
+            for a in (offsets, np.concatenate(connectivity))
+        )
+    )
+    positions = vtkPoints()
+    positions.SetData(support.numpy_to_vtk(points, deep=True))
+    grid = vtk.vtkUnstructuredGrid()
+    grid.SetPoints(positions)
+    grid.SetCells(support.numpy_to_vtk(np.concatenate(types), deep=True), cells)
+
+    grid.GetPointData().AddArray(array(NODE_TAG, source.node_tags))
     beyond = source.cell_tags.max() + 1 + np.arange(len(source.facets))
-    grid.cell_data[CELL_TAG] = np.concatenate([source.cell_tags, beyond])
+    grid.GetCellData().AddArray(array(CELL_TAG, np.concatenate([source.cell_tags, beyond])))
     for name in dict.fromkeys(g.name for g in source.groups):
-        marks = np.zeros(grid.n_cells, dtype=np.int32)
+        marks = np.zeros(len(offsets) - 1, dtype=np.int32)
         for group in source.groups:
             if group.name == name:
                 marks[group.members + (0 if group.dim == 3 else len(source.cells))] = group.tag
-        grid.cell_data[REGION + name] = marks
-    grid.save(path)
+        grid.GetCellData().AddArray(array(REGION + name, marks))
+
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetFileName(str(path))
+    writer.SetInputData(grid)
+    if not writer.Write():
+        raise OSError(f"VTK error {writer.GetErrorCode()}")
