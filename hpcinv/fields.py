@@ -48,8 +48,8 @@ def write_fields(directory: Path, body: Body, leg: Leg) -> None:
     functions = [*_at_nodes(leg), *_in_cells(body, leg)]
     error: HpcinvError | None = None
     try:
-        with placed(body.mesh, leg.mesh_nodes), VTKFile(comm, partial / "fields.pvd", "w") as file:
-            file.write_function(functions)
+        with placed(body.mesh, leg.mesh_nodes):
+            _write(partial / "fields.pvd", functions)
     except RuntimeError:
         error = failed
     agree(comm, error)  # also the barrier that all have written
@@ -66,6 +66,12 @@ def write_fields(directory: Path, body: Body, leg: Leg) -> None:
             raise OutputError(f"{directory}: cannot be replaced: {exc.strerror or exc}", failed.advice) from exc
 
     on_root(comm, publish)
+
+
+def _write(path: Path, functions: list[fem.Function]) -> None:
+    # In a function of its own, since a VTKFile writes once more when it is deleted.
+    with VTKFile(functions[0].function_space.mesh.comm, path, "w") as file:
+        file.write_function(functions)
 
 
 def _at_nodes(leg: Leg) -> list[fem.Function]:

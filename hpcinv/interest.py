@@ -13,10 +13,10 @@ import numpy.typing as npt
 from dolfinx import geometry, la
 from dolfinx.mesh import entities_to_geometry
 
-from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh.regions import find
 from hpcinv.placement import placed
-from hpcinv.runtime import MPI, agree
+from hpcinv.runtime import MPI
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from hpcinv.result import Leg
     from hpcinv.sections import QuantityOfInterest
 
-# A point is taken to be in a cell up to this far outside, as a share of the cell: on a curved surface that cells
-# follow only roughly, points that are on the true surface lie outside of all cells.
-_MARGIN = 0.05
+# A point is taken to be in a cell up to this far outside, as a share of the cell: points on a truly curved surface lie
+# outside of straight cells, by about h/6R of them where the radius is R, and coarse cells are as large as R.
+_MARGIN = 0.2
 
 
 def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
@@ -88,13 +88,12 @@ def _values(quantity: QuantityOfInterest, body: Body, X: Floats, x: Floats, u: F
     """The quantity's formula at points with reference and current positions and displacements (n, 3) m; collective."""
     names = dict(zip("XYZ", X.T, strict=True)) | dict(zip("xyz", x.T, strict=True))
     names |= dict(zip(("ux", "uy", "uz"), u.T, strict=True))
-    error: HpcinvError | None = None
-    values = np.zeros(len(X))
-    try:
-        values = quantity.of.evaluate(**names)
-    except HpcinvError as exc:
-        error = exc
-    agree(body.mesh.comm, error)
+    values: Floats = quantity.of.evaluate(**names)
+    comm = body.mesh.comm
+    if bad := comm.allreduce(int(np.count_nonzero(~np.isfinite(values)))):
+        what = f"quantities: {quantity.name}: '{quantity.of}' has no finite value"
+        where = f"({_triple(quantity.at)}) m" if quantity.at else f"{bad} of the nodes of '{quantity.on}'"
+        raise JobError([f"{what} at {where}; look for divisions by zero, and roots and logarithms of negative values"])
     return values
 
 
@@ -132,12 +131,12 @@ def _owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
 def _cell_at(body: Body, point: Floats) -> tuple[int, int] | None:
     """Rank and local cell that hold a point of the scaled mesh, the same on all ranks; collective."""
     mesh = body.mesh
-    x, dofmap = mesh.geometry.x, mesh.geometry.dofmap
+    x, dofmap = mesh.geometry.x, mesh.geometry.dofmaps[0]
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     padding = _MARGIN * float(mesh.h(3, owned).max(initial=0.0))
     tree = geometry.bb_tree(mesh, 3, padding=padding, entities=owned)
     candidates = geometry.compute_collisions_points(tree, point).array
-    excess = [_outside(mesh.geometry.cmap, body.source.kind, point, x[dofmap[cell]]) for cell in candidates]
+    excess = [_outside(mesh.geometry.cmaps[0], body.source.kind, point, x[dofmap[cell]]) for cell in candidates]
     nearest = int(np.argmin(excess)) if excess else -1
     mine = (excess[nearest], mesh.comm.rank, int(candidates[nearest])) if excess else (np.inf, mesh.comm.rank, -1)
     least, rank, cell = min(mesh.comm.allgather(mine))

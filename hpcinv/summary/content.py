@@ -19,7 +19,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv import __version__
-from hpcinv.runtime import MPI
+from hpcinv.runtime import MPI, on_root
 
 if TYPE_CHECKING:
     from hpcinv.equilibrium import Solve
@@ -47,12 +47,10 @@ def statistics(
         unused_options: PETSc options of the job that nothing asked for.
     """
     job, body = result.job, result.body
-    # Rank 0 alone may see the mesh file.
-    fingerprint = comm.bcast(job.fingerprint() if comm.rank == 0 else None)
     found = {
         "status": status,
         "job": job.model_dump(mode="json"),
-        "fingerprint": fingerprint,
+        "fingerprint": on_root(comm, job.fingerprint),  # other ranks may not see the mesh file
         "versions": versions(),
         "machine": {"ranks": comm.size, "omp_threads": int(os.environ.get("OMP_NUM_THREADS", "1"))},
         "mesh": _mesh(body) | {"file": job.mesh.file, "unknowns": unknowns},

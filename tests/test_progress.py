@@ -1,0 +1,91 @@
+"""What a run says, and to whom."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import pty
+from typing import Any
+
+import pytest
+from legs import SOLVES
+
+from hpcinv.progress import Progress
+from hpcinv.runtime import MPI
+
+STATISTICS: dict[str, Any] = {
+    "status": "converged",
+    "legs": [{"direction": "inverse", "factorizations": 4, "J": {"min": 0.9, "max": None}, "strain_energy": 2e-3}],
+    "quantities": {"tip": [0.0, -0.1325, 1e-9], "roundness": 1.5e-6},
+    "unused_petsc_options": ["snes_tpye"],
+    "timings": {
+        "total": 12.34,
+        "overhead": 0.083,
+        "phases": {"tangent": {"min": 1.0, "max": 2.0}, "x": {"min": 0, "max": 0.01}},
+    },
+    "peak_memory": [250_000_000, 350_000_000],
+    "errors": {
+        "expected_shape": {"max": 1.34e-14, "rms": 1e-15, "relative": 7.3e-14},
+        "round_trip": {"max": 1e-12, "rms": 1e-13, "relative": 2e-12},
+    },
+}
+
+
+def tell(progress: Progress) -> None:
+    progress.leg("inverse", 1000)
+    for solve in SOLVES:
+        progress.solve(solve, 0.132456, 0.87654321)
+    progress.finish(STATISTICS)
+
+
+@pytest.mark.parallel([1, 2])
+def test_rank_0_tells_each_step_in_a_line_and_the_error_last(comm: MPI.Intracomm) -> None:
+    stream = io.StringIO()
+    with Progress(comm, stream) as progress:
+        tell(progress)
+    lines = stream.getvalue().splitlines()
+    if comm.rank > 0:
+        assert lines == []
+        return
+    assert lines[0] == "inverse:"
+    assert "not reached: an element would turn inside out" in lines[1]
+    step = "  load 0.5: 2 iterations, 1 factorization, largest displacement 0.1325 m, det F^-1 > 0.8765, "
+    assert lines[2].startswith(step)
+    assert lines[3].startswith("  load 1: 2 iterations, 2 factorizations, ")
+    assert lines[4] == "converged, 4 factorizations, 12.3 s"
+    assert "  seconds: tangent 2.0" in lines
+    assert "  memory: 350 MB on the fullest rank" in lines
+    assert "  inverse: J from 0.9 to not finite, strain energy 0.002 J" in lines
+    assert "tip: (0, -0.1325, 1e-09) m" in lines
+    assert "roundness: 1.5e-06" in lines
+    assert sum("snes_tpye" in line for line in lines) == 1
+    assert lines[-1] == "recovered shape: 1.34e-14 m from the expected one (7e-14 of its length)"
+    assert lines[-2].startswith("round trip: closes to 1e-12 m")
+    assert not any("\x1b" in line for line in lines)
+
+
+def test_without_a_stream_nothing_is_said(comm: MPI.Intracomm, capfd: pytest.CaptureFixture[str]) -> None:
+    with Progress(comm, None) as progress:
+        progress.note("a note")
+        tell(progress)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_terminal_shows_a_bar_and_has_its_cursor_back_after_a_failure(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs, "w") as terminal:
+        with contextlib.suppress(RuntimeError), Progress(comm, terminal) as progress:
+            progress.leg("forward", 10)
+            progress.solve(SOLVES[1], 0.1, 0.9)
+            raise RuntimeError
+        terminal.flush()
+        shown = os.read(ours, 100_000).decode()
+    os.close(ours)
+    assert "━" in shown
+    assert "load 0.5: 2 iterations" in shown
+    hidden, back = "\x1b[?25l", "\x1b[?25h"
+    assert shown.rindex(back) > shown.rindex(hidden)
