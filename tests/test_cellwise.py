@@ -30,8 +30,7 @@ def test_means_are_those_of_the_volume_and_ranges_those_of_the_points(comm: MPI.
     total = v.sum(axis=1)
     exact = (np.einsum("cvi,cvj->cij", v, v) + np.einsum("ci,cj->cij", total, total)) / 20
     exact[:, 0, 1] += 1
-    assert len(found) == owned > 0
-    assert np.allclose(found, exact, rtol=1e-13)
+    assert comm.allreduce(len(found) == owned > 0 and np.allclose(found, exact, rtol=1e-13), op=MPI.LAND)
 
     points, _ = basix.make_quadrature(basix.CellType.tetrahedron, 3)
     barycentric = np.insert(points, 0, 1 - points.sum(axis=1), axis=1)
@@ -53,4 +52,4 @@ def test_means_are_those_of_the_volume_and_ranges_those_of_the_points(comm: MPI.
         means = cell_means(x[0] ** 2, body.mesh, 12)
         integral = comm.allreduce(means.x.array @ volumes.array) * body.length_scale**3
         assert integral == pytest.approx(8 / 3, rel=1e-12)
-        assert np.ptp(volumes.array) > 0.2 * volumes.array.mean()  # the distortion is one
+        assert comm.allreduce(np.ptp(volumes.array) > 0.2 * volumes.array.mean(), op=MPI.LOR)  # it is distorted

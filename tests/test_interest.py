@@ -12,8 +12,8 @@ from mesh_cases import conditions, spec
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.interest import check_points, evaluate
-from hpcinv.mesh import build_body
-from hpcinv.runtime import MPI
+from hpcinv.mesh import MeshSource, build_body
+from hpcinv.runtime import MPI, on_root
 from hpcinv.sections import QuantityOfInterest
 
 RADIUS = 4.25e-3
@@ -25,6 +25,28 @@ def quantity(name: str, of: Any, **settings: Any) -> QuantityOfInterest:
 
 def displacement(x: np.ndarray) -> np.ndarray:
     return np.stack([0.1 * x[:, 0] + 0.01 * x[:, 1], -0.5 * x[:, 0], 0.3 * x[:, 2]], axis=1)
+
+
+def check(found: dict[str, Any], source: MeshSource, sign: int) -> None:
+    """Compare reductions over regions with those over the nodes of the source, each taken once."""
+    facets = {g.name: source.facets[g.members] for g in source.groups if g.dim == 2}
+    clamp = facets["clamp"]
+    corner = clamp[(source.points[clamp[:, :3], 1] < 1e-3).all(axis=1)]
+    regions = {"side": facets["side"], "clamp": clamp, "silicone": source.cells, "corner": corner}
+    for region, entities in regions.items():
+        nodes = source.points[np.unique(entities)]
+        u = displacement(nodes)
+        X, x = (nodes, nodes + u) if sign == 1 else (nodes - u, nodes)
+        v = X[:, 0] * X[:, 1] / 0.01 + u[:, 1] - 1e-3 * x[:, 2]
+        exact = {
+            "min": v.min(),
+            "max": v.max(),
+            "mean": v.mean(),
+            "max_abs": abs(v).max(),
+            "rms": np.sqrt(v @ v / v.size),
+        }
+        for name, value in exact.items():
+            assert found[f"{name}-{region}"] == pytest.approx(value, rel=1e-11, abs=1e-16), name
 
 
 @pytest.mark.parallel([1, 2, 3])
@@ -62,21 +84,7 @@ def test_points_and_regions_have_the_values_of_the_formulas(comm: MPI.Intracomm,
                     value = x[0, 0] + 2 * X[0, 0] + 3 * u[0, 0] * x[0, 1] / X[0, 1] + 5 * u[0, 2] + X[0, 2]
                     assert np.allclose(found[f"f{i}"], value, **close)
 
-            # Of the nodes of the source, on rank 0, each once.
-            if comm.rank == 0:
-                nodes, source = body.source.points, body.source
-                facets = {g.name: source.facets[g.members] for g in source.groups if g.dim == 2}
-                clamp = facets["clamp"]
-                corner = clamp[(nodes[clamp[:, :3], 1] < 1e-3).all(axis=1)]
-                regions = {"side": facets["side"], "clamp": clamp, "silicone": source.cells, "corner": corner}
-                for region, entities in regions.items():
-                    on_region = nodes[np.unique(entities)]
-                    u = displacement(on_region)
-                    X, x = (on_region, on_region + u) if sign == 1 else (on_region - u, on_region)
-                    v = X[:, 0] * X[:, 1] / 0.01 + u[:, 1] - 1e-3 * x[:, 2]
-                    exact = {"min": v.min(), "max": v.max(), "mean": v.mean(), "max_abs": abs(v).max()}
-                    for name, value in (exact | {"rms": np.sqrt(np.mean(v**2))}).items():
-                        assert found[f"{name}-{region}"] == pytest.approx(value, rel=1e-11, abs=1e-16), name
+            on_root(comm, lambda: check(found, body.source, sign))  # noqa: B023
 
 
 @pytest.mark.parallel([1, 2])
@@ -103,3 +111,17 @@ def test_quantities_that_the_body_does_not_have_are_told_on_all_ranks_before_the
         with pytest.raises(JobError, match=f"{bad.name}.*no finite value"):
             evaluate([bad], body, leg)
         assert np.array_equal(body.mesh.geometry.x, before)
+
+
+@pytest.mark.parallel([2, 3])
+def test_nodes_of_a_region_count_once_where_it_ends_between_ranks(comm: MPI.Intracomm, meshes: Path) -> None:
+    # A bar of eight cubes: one of these regions ends where the ranks meet, at nodes that another rank may own.
+    bar = spec(meshes / "box.py", parameters={"lx": 8.0, "nx": 8, "ny": 1, "nz": 1})
+    regions = {f"b{k}": f"x < {k}.5" for k in range(8)} | {f"a{k}": f"x > {k}.5" for k in range(8)}
+    body = build_body(bar, conditions(**regions), comm)
+    leg = made_up(body, "forward", np.zeros_like)
+    for k in range(8):
+        means = [quantity(f"{side}{k}", "X", on=f"{side}{k}", reduce="mean") for side in "ba"]
+        found = evaluate(means, body, leg)
+        assert found[f"b{k}"] == pytest.approx(k / 2, rel=1e-12)  # four nodes at each of 0, 1, …, k
+        assert found[f"a{k}"] == pytest.approx((k + 9) / 2, rel=1e-12)
