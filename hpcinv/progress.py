@@ -46,7 +46,7 @@ class Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end_bar()
+        self.close()
 
     def note(self, text: str) -> None:
         """One line of text."""
@@ -65,7 +65,7 @@ class Progress:
 
     def leg(self, direction: str, _unknowns: int) -> None:
         """A direction begins."""
-        self._end_bar()
+        self.close()
         self._direction, self._last = direction, time.perf_counter()
         self.note(f"{direction}:")
         if self._console is not None and self._console.is_terminal:
@@ -90,11 +90,12 @@ class Progress:
 
     def finish(self, statistics: Mapping[str, Any]) -> None:
         """How it ended; how far it is from what was expected stands last."""
-        self._end_bar()
+        self.close()
         for line in report(statistics):
             self.note(line)
 
-    def _end_bar(self) -> None:
+    def close(self) -> None:
+        """Take the live bar off the terminal, and give that its cursor back."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None

@@ -71,7 +71,7 @@ def test_the_recovered_shape_is_measured_from_the_expected_one(comm: MPI.Intraco
     assert missed["rms"] == pytest.approx(1e-3 / 3 * np.sqrt(np.mean(nodes[:, 0] ** 2)), rel=1e-9)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2])
 def test_an_expected_shape_of_another_mesh_is_refused_on_all_ranks(
     comm: MPI.Intracomm, run_directory: Path, meshes: Path
 ) -> None:

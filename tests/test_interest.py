@@ -49,7 +49,7 @@ def check(found: dict[str, Any], source: MeshSource, sign: int) -> None:
             assert found[f"{name}-{region}"] == pytest.approx(value, rel=1e-11, abs=1e-16), name
 
 
-@pytest.mark.parallel([1, 2, 3])
+@pytest.mark.parallel([1, 3])
 def test_points_and_regions_have_the_values_of_the_formulas(comm: MPI.Intracomm, meshes: Path) -> None:
     # On the axis, at the ends, inside, and on the true surface of the cylinder, outside of its straight cells.
     on_surface = [(0.07, RADIUS * np.cos(a), RADIUS * np.sin(a)) for a in np.linspace(0.1, 6.2, 7)]
@@ -87,7 +87,7 @@ def test_points_and_regions_have_the_values_of_the_formulas(comm: MPI.Intracomm,
             on_root(comm, lambda: check(found, body.source, sign))  # noqa: B023
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2])
 def test_quantities_that_the_body_does_not_have_are_told_on_all_ranks_before_the_solve(
     comm: MPI.Intracomm, meshes: Path
 ) -> None:
@@ -113,7 +113,7 @@ def test_quantities_that_the_body_does_not_have_are_told_on_all_ranks_before_the
         assert np.array_equal(body.mesh.geometry.x, before)
 
 
-@pytest.mark.parallel([2, 3])
+@pytest.mark.parallel([2])
 def test_nodes_of_a_region_count_once_where_it_ends_between_ranks(comm: MPI.Intracomm, meshes: Path) -> None:
     # A bar of eight cubes: one of these regions ends where the ranks meet, at nodes that another rank may own.
     bar = spec(meshes / "box.py", parameters={"lx": 8.0, "nx": 8, "ny": 1, "nz": 1})
