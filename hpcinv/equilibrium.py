@@ -53,15 +53,12 @@ _OUTCOMES_BY_REASON: dict[int, Outcome] = {
 
 @dataclass(frozen=True)
 class Solve:
-    """What one solve at a fixed load factor did."""
+    """What one solve at a fixed load factor did; ``iterations`` is empty if a test of the user's options ended it."""
 
     load: float
     outcome: Outcome
     iterations: tuple[NewtonIteration, ...]
-
-    @property
-    def factorizations(self) -> int:
-        return sum(i.new_tangent for i in self.iterations)
+    factorizations: int
 
 
 class Equilibrium:
@@ -101,15 +98,16 @@ class Equilibrium:
             trial = ufl.TrialFunction(scene.unknowns.space)
             self._tangent = fem.form(ufl.derivative(scene.residual, self.state, trial), jit_options=JIT_OPTIONS)
             self._mesh_J = _at_quadrature_points(scene.mesh_J, scene)
-        with timings("set-up"):
+        with timings("tangent"):
             self.matrix = fem_petsc.create_matrix(self._tangent)
+        with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
             # SNES iterates on a vector of its own: the state moves along with every trial of the line search.
             self._x, self._before = self.rhs.duplicate(), self.rhs.duplicate()
             self.snes = self._create_snes(options)
         self._user_options = tuple(options)
         self._monitor = self._new_monitor(1.0)
-        self._fresh = False
+        self._fresh, self._tangents = False, 0
         self._correction: float | None = None
         self._outcome: Outcome | None = None
 
@@ -145,7 +143,7 @@ class Equilibrium:
         """
         self._set_load(load)
         self._monitor = self._new_monitor(tolerance)
-        self._outcome, self._fresh, self._correction = None, False, None
+        self._outcome, self._fresh, self._correction, self._tangents = None, False, None, 0
         start, x = self.state.x.petsc_vec, self._x
         accepted = start.copy()
         start.copy(x)
@@ -166,7 +164,7 @@ class Equilibrium:
         if not outcome.accepted:
             self._set_state(accepted)
         accepted.destroy()
-        return Solve(load, outcome, tuple(self._monitor.history))
+        return Solve(load, outcome, tuple(self._monitor.history), self._tangents)
 
     def predict(self, load: float) -> None:
         """Move the state along the tangent of the solution path to another load factor, with the factors at hand.
@@ -219,6 +217,7 @@ class Equilibrium:
         self._fresh = self._monitor.wants_new_tangent
         if not self._fresh:
             return
+        self._tangents += 1
         with self.timings("tangent"):
             self._set_state(x)
             A.zeroEntries()
@@ -255,16 +254,18 @@ class Equilibrium:
         # The whole correction is what measures the error: a damped one is small even far from the solution.
         self._correction = _norm(y)
         trial = x.duplicate()
+        shortened = False
         with self.timings("inversion check"):
-            for halvings in range(10):
+            for _ in range(10):
                 x.copy(trial)
                 trial.axpy(-1.0, y)
                 self._set_state(trial)
                 if self.min_mesh_J() > 0:
                     break
                 y.scale(0.5)
+                shortened = True
         trial.destroy()
-        return halvings > 0
+        return shortened
 
 
 def _at_quadrature_points(expression: ufl.core.expr.Expr, scene: Scene) -> Callable[[], np.ndarray]:

@@ -63,7 +63,7 @@ class Progress:
                 self.note(f"  not used: {complaint}")
             self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}")
 
-    def leg(self, direction: str, _unknowns: int) -> None:
+    def leg(self, direction: str) -> None:
         """A direction begins."""
         self.close()
         self._direction, self._last = direction, time.perf_counter()

@@ -33,7 +33,7 @@ STATISTICS: dict[str, Any] = {
 
 
 def tell(progress: Progress) -> None:
-    progress.leg("inverse", 1000)
+    progress.leg("inverse")
     for solve in SOLVES:
         progress.solve(solve, 0.132456, 0.87654321)
     progress.finish(STATISTICS)
@@ -80,7 +80,7 @@ def test_a_terminal_shows_a_bar_and_has_its_cursor_back_after_a_failure(monkeypa
     ours, theirs = pty.openpty()
     with os.fdopen(theirs, "w") as terminal:
         with contextlib.suppress(RuntimeError), Progress(rank(0), terminal) as progress:
-            progress.leg("forward", 10)
+            progress.leg("forward")
             progress.solve(SOLVES[1], 0.1, 0.9)
             raise RuntimeError
         terminal.flush()
