@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 from hpcinv import __version__
 from hpcinv.errors import HpcinvError
@@ -14,7 +15,7 @@ from hpcinv.job import Job, json_schema, load
 from hpcinv.rundirectory import RunDirectory, choose
 
 EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
-4 no usable checkpoint, 5 a system part is missing, 75 interrupted and saved (resume it)"""
+4 no usable checkpoint, 5 a system part is missing, 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C"""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -46,7 +47,9 @@ def _schema(_options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     def read() -> tuple[Job, RunDirectory]:
         job = load(options.job)
-        return job, choose(options.output, job)
+        directory = choose(options.output, job)
+        directory.check_free(overwrite=options.overwrite)
+        return job, directory
 
     return _in_parallel(options, read, resume=False)
 
@@ -61,40 +64,40 @@ def _resume(options: argparse.Namespace) -> int:
 
 def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
     """Read the job on rank 0 and solve it on all; an error that all ranks share is told once."""
-    from hpcinv.signals import StopRequest
+    from hpcinv.signals import StopRequest, end_on_interrupt
 
     stop = StopRequest()
-    stop.install()  # before MPI starts
+    stop.install()
 
-    from hpcinv.runtime import MPI, end_all_on_uncaught, on_root, require_ranks, tell
+    from hpcinv.progress import Progress
+    from hpcinv.runtime import MPI, abort, failing_together, on_root, require_ranks
 
+    stop.install()
     comm = MPI.COMM_WORLD
-    end_all_on_uncaught(comm)
-    try:
+    with failing_together(comm), Progress(comm, sys.stdout) as progress:
+
+        def interrupted() -> NoReturn:
+            progress.close()  # gives the terminal its cursor back
+            abort(comm, 130)
+
+        end_on_interrupt(interrupted)
         require_ranks(comm, options.ranks)
         job, directory = on_root(comm, read)
-        if resume and directory.is_finished:
-            if comm.rank == 0:
-                print(f"{directory.path}: this run is finished; its results are in summary.json")
+        if resume and on_root(comm, lambda: directory.is_finished):
+            progress.note(f"{directory.path}: this run is finished; its results are in summary.json")
             return 0
 
         from hpcinv.driver import run
-        from hpcinv.progress import Progress
 
-        overwrite = not resume and options.overwrite
-        with Progress(comm, sys.stdout) as progress:
-            run(
-                job,
-                comm,
-                directory=directory.path,
-                overwrite=overwrite,
-                resume=resume,
-                progress=progress,
-                stop_asked=stop,
-            )
-    except HpcinvError as error:
-        tell(comm, error)
-        return error.exit_code
+        run(
+            job,
+            comm,
+            directory=directory.path,
+            overwrite=not resume and options.overwrite,
+            resume=resume,
+            progress=progress,
+            stop_asked=stop,
+        )
     return 0
 
 
@@ -107,8 +110,10 @@ def _parser() -> argparse.ArgumentParser:
 
     run = commands.add_parser("run", help="solve a job (under mpirun for more than one rank)")
     run.add_argument("job", type=Path, help="job file (YAML)")
-    run.add_argument("--output", type=Path, metavar="DIR", help="where results go (default: results/JOB, then JOB-2, …)")
-    run.add_argument("--overwrite", action="store_true", help="replace what is in --output")
+    run.add_argument(
+        "--output", type=Path, metavar="DIR", help="where results go (default: results/JOB, then JOB-2, …)"
+    )
+    run.add_argument("--overwrite", action="store_true", help="replace the results of the run in --output")
     run.set_defaults(command=_run)
 
     resume = commands.add_parser("resume", help="go on with a run from its last checkpoint, on any number of ranks")

@@ -2,7 +2,7 @@
 
 A checkpoint is a directory with the functions (ADIOS2, in the cell order of the mesh's source, so that neither the
 partition nor the number of ranks matters) and ``state.json``: where the run stood, which problem it was, and a digest
-of the functions. It is written under another name and renamed when all ranks are done, so that what is there is whole.
+of it all. It is written under another name and renamed when all ranks are done, so that what is there is whole.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from hpcinv.runtime import MPI, on_root
 if TYPE_CHECKING:
     from dolfinx.fem import Function
 
+    from hpcinv.mesh import Body
+
 _FORMAT = 1
 _NAME = re.compile(r"\d{4,}")
 
@@ -51,7 +53,7 @@ class Position:
     def from_json(cls, data: Mapping[str, Any]) -> Position:
         def solve(s: Mapping[str, Any]) -> Solve:
             iterations = tuple(NewtonIteration(**i) for i in s["iterations"])
-            return Solve(s["load"], Outcome[s["outcome"]], iterations)
+            return Solve(s["load"], Outcome[s["outcome"]], iterations, s["factorizations"])
 
         return cls(data["leg"], data["load"], tuple(tuple(map(solve, leg)) for leg in data["solves"]))
 
@@ -66,18 +68,22 @@ class Checkpoints:
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, problem: Mapping[str, Any], keep: int) -> None:
         self.directory, self.comm, self.problem, self.keep = directory, comm, problem, keep
+        self._damaged: list[Path] = []
 
     def write(self, position: Position, functions: Mapping[str, Function]) -> None:
         """Save a converged state; collective.
 
         Raises:
-            CheckpointError: on every rank, if it cannot be written; earlier ones are then still there.
+            CheckpointError: on each rank that cannot write it; earlier ones are then still there.
         """
         number = on_root(self.comm, lambda: max((int(p.name) for p in self._all()), default=0) + 1)
         partial = self.directory / f".partial-{number:04}"
         on_root(self.comm, lambda: _create(partial))
-        for name, function in functions.items():
-            adios4dolfinx.write_function_on_input_mesh(partial / "functions.bp", function, name=name)
+        try:
+            for name, function in functions.items():
+                adios4dolfinx.write_function_on_input_mesh(partial / "functions.bp", function, name=name)
+        except RuntimeError as exc:  # ADIOS2 knows no other
+            raise _unwritable(partial, exc) from exc
         self.comm.Barrier()
 
         def finish() -> None:
@@ -86,14 +92,15 @@ class Checkpoints:
                 "position": position.as_json(),
                 "functions": sorted(functions),
                 "problem": self.problem,
-                "digest": _digest(partial / "functions.bp"),
             }
             try:
+                state["digest"] = _digest(state, partial / "functions.bp")
                 _write_durably(partial / "state.json", json.dumps(state, indent=1))
-                os.replace(partial, self.directory / f"{number:04}")
+                partial.replace(self.directory / f"{number:04}")
             except OSError as exc:
-                raise CheckpointError(f"{partial}: cannot be written: {exc.strerror}", "Is there space left?") from exc
-            for old in self._all()[: -self.keep]:
+                raise _unwritable(partial, exc) from exc
+            # A damaged one must not push out one that is whole.
+            for old in [*self._damaged, *[p for p in self._all() if p not in self._damaged][: -self.keep]]:
                 shutil.rmtree(old, ignore_errors=True)
 
         on_root(self.comm, finish)
@@ -107,10 +114,12 @@ class Checkpoints:
 
         def search() -> Restart | None:
             complaints: list[str] = []
+            _remove_partial(self.directory)
             for path in reversed(self._all()):
                 try:
                     return self._open(path, tuple(complaints))
                 except _Damaged as exc:
+                    self._damaged.append(path)
                     complaints.append(f"{path}: {exc}")
             if complaints:
                 raise CheckpointError(
@@ -129,18 +138,18 @@ class Checkpoints:
     def _open(self, path: Path, complaints: tuple[str, ...]) -> Restart:
         try:
             state = json.loads((path / "state.json").read_text())
-            written = state["format"], state["digest"], state["problem"]
+            version, digest, problem = state["format"], state.pop("digest"), state["problem"]
             position, functions = Position.from_json(state["position"]), tuple(state["functions"])
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as exc:
             raise _Damaged(f"state.json is missing or damaged ({type(exc).__name__})") from exc
-        if written[0] != _FORMAT:
+        if version != _FORMAT:
             raise CheckpointError(
-                f"{path}: has format {written[0]}, but this version of hpcinv reads {_FORMAT}",
+                f"{path}: has format {version}, but this version of hpcinv reads {_FORMAT}",
                 "Resume with the version that wrote it.",
             )
-        if written[1] != _digest(path / "functions.bp"):
-            raise _Damaged("functions.bp is damaged: its digest is not the one written down")
-        if changes := difference(written[2], self.problem):
+        if digest != _digest(state, path / "functions.bp"):
+            raise _Damaged("functions.bp or state.json is damaged: the digest is not the one written down")
+        if changes := difference(problem, self.problem):
             raise CheckpointError(
                 "\n".join([f"{path}: belongs to another problem:", *(f"  {line}" for line in changes)]),
                 "Solver, output and checkpoint settings may change in a resume, the physics may not; use 'run' for it.",
@@ -163,16 +172,32 @@ class Restart:
         function.x.scatter_forward()
 
 
+def cells_digest(body: Body) -> str:
+    """SHA-256 of the cells of a body's mesh, on rank 0: functions are saved in their order."""
+    return hashlib.sha256(body.source.cells.tobytes()).hexdigest()
+
+
 class _Damaged(Exception):
     pass
 
 
+def _remove_partial(directory: Path) -> None:
+    """Remove what a run left that was killed while it wrote."""
+    for partial in directory.glob(".partial-*"):
+        shutil.rmtree(partial, ignore_errors=True)
+
+
 def _create(partial: Path) -> None:
-    shutil.rmtree(partial, ignore_errors=True)  # left by a run that was killed while it wrote
+    _remove_partial(partial.parent)
     try:
         partial.mkdir(parents=True)
     except OSError as exc:
         raise CheckpointError(f"{partial}: cannot be created: {exc.strerror}", "Is the directory writable?") from exc
+
+
+def _unwritable(partial: Path, exc: OSError | RuntimeError) -> CheckpointError:
+    reason = exc.strerror if isinstance(exc, OSError) else str(exc).strip().splitlines()[-1]
+    return CheckpointError(f"{partial}: cannot be written: {reason}", "Is there space left?")
 
 
 def _write_durably(path: Path, text: str) -> None:
@@ -182,9 +207,11 @@ def _write_durably(path: Path, text: str) -> None:
         os.fsync(file.fileno())
 
 
-def _digest(directory: Path) -> str:
-    digest = hashlib.sha256()
-    for file in sorted(p for p in directory.rglob("*") if p.is_file()):
-        digest.update(str(file.relative_to(directory)).encode())
-        digest.update(file.read_bytes())
+def _digest(state: Mapping[str, Any], functions: Path) -> str:
+    """SHA-256 of all that a checkpoint holds but the digest itself."""
+    digest = hashlib.sha256(json.dumps(state, sort_keys=True).encode())
+    for file in sorted(p for p in functions.rglob("*") if p.is_file()):
+        digest.update(str(file.relative_to(functions)).encode())
+        with file.open("rb") as content:
+            digest.update(hashlib.file_digest(content, "sha256").digest())
     return digest.hexdigest()

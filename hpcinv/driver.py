@@ -13,7 +13,7 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 from dolfinx import fem
 
 from hpcinv.cellwise import cell_means, quadrature_range
-from hpcinv.checkpoint import Checkpoints, Position, Restart
+from hpcinv.checkpoint import Checkpoints, Position, Restart, cells_digest
 from hpcinv.comparison import closure, distance, read_expected
 from hpcinv.continuation import follow
 from hpcinv.errors import Interrupted, SolveError
@@ -25,7 +25,7 @@ from hpcinv.newton import Outcome
 from hpcinv.progress import Progress
 from hpcinv.result import Leg, Result
 from hpcinv.rundirectory import RunDirectory, relative
-from hpcinv.runtime import MPI, on_root, require_compiler
+from hpcinv.runtime import MPI, compilation_explained, on_root
 from hpcinv.summary import statistics, write_summary
 from hpcinv.timings import Timings
 
@@ -61,7 +61,8 @@ def run(
     """
     where = RunDirectory(directory) if directory else None
     started = _Run(job, comm, where, progress or Progress(comm, None), stop_asked)
-    return started.go(overwrite=overwrite, resume=resume)
+    with compilation_explained(comm):
+        return started.go(overwrite=overwrite, resume=resume)
 
 
 class _Run:
@@ -77,10 +78,11 @@ class _Run:
         self.progress, self.stop_asked = progress, stop_asked
         self.timings = Timings()
         self.legs: list[Leg] = []
+        self.since_checkpoint = 0  # accepted steps
+        self.unused_options: list[str] = []
 
     def go(self, *, overwrite: bool, resume: bool) -> Result:
         job, comm = self.job, self.comm
-        on_root(comm, require_compiler)
         with self.timings("mesh"):
             self.body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
             expected = read_expected(job, self.body)
@@ -109,13 +111,16 @@ class _Run:
         """Make or find the run directory, now that the job is known to be right."""
         if self.directory is None:
             return None, None
-        problem = on_root(self.comm, self.job.fingerprint)
-        checkpoints = Checkpoints(self.directory.checkpoints, self.comm, problem, self.job.checkpoint.keep)
+        directory, job = self.directory, self.job
+        # Functions are saved cell by cell: a generator must have made the same cells again.
+        problem = on_root(self.comm, lambda: job.fingerprint() | {"cells": cells_digest(self.body)})
+        checkpoints = Checkpoints(directory.checkpoints, self.comm, problem, job.checkpoint.keep)
         restart = checkpoints.latest() if resume else None
         if not resume:
-            directory = self.directory
-            on_root(self.comm, lambda: directory.create(self.job, overwrite=overwrite))
-        self.progress.begin(self.job, self.body, self.model.unknowns.size, self.directory.path, restart)
+            on_root(self.comm, lambda: directory.create(job, overwrite=overwrite))
+        elif on_root(self.comm, lambda: directory.job(None) != job):
+            on_root(self.comm, lambda: directory.change(job))
+        self.progress.begin(job, self.body, self.model.unknowns.size, directory.path, restart)
         return checkpoints, restart
 
     def _solve(self, number: int, direction: Direction, restart: Restart | None) -> None:
@@ -133,23 +138,29 @@ class _Run:
             model.set_solution(u, p)
         scene = model.scene(direction)
         equilibrium = model.equilibrium(scene, self.stop_asked)
-        self.progress.leg(direction, unknowns.size)
-        since_checkpoint = 0
+        self.progress.leg(direction)
+        stop, begin, every = False, load, self.job.checkpoint.every
         for solve in follow(equilibrium, model.steps, self.job.solver.tolerance, load=load):
-            solves.append(solve)
-            if solve.outcome.accepted:
-                load, since_checkpoint = solve.load, since_checkpoint + 1
             self.progress.solve(solve, self._largest_displacement(), equilibrium.min_mesh_J())
-            stop = self.comm.allreduce(self.stop_asked(), op=MPI.LOR)
-            every = self.job.checkpoint.every
-            if (stop and since_checkpoint) or (every and since_checkpoint >= every):
-                self._checkpoint(Position(number, load, (*(leg.solves for leg in self.legs), tuple(solves))))
-                since_checkpoint = 0
-            if stop and load < 1.0:
-                raise self._interrupted(load)
-        self.unused_options = equilibrium.unused_options()
-        self.legs.append(self._leg(direction, scene, tuple(solves)))
+            interrupted = solve.outcome is Outcome.INTERRUPTED
+            if not interrupted:  # else the resumed run does it
+                solves.append(solve)
+            if solve.outcome.accepted:
+                load = solve.load
+                self.since_checkpoint += 1
+            if every and self.since_checkpoint >= every:
+                self._checkpoint(number, load, solves)
+            stop = self.comm.allreduce(self.stop_asked() or interrupted, op=MPI.LOR)
+            if stop:
+                break
+        if begin < 1.0:  # else nothing was solved, and PETSc asked for nothing
+            self.unused_options = equilibrium.unused_options()
         equilibrium.destroy()
+        if self.since_checkpoint and (stop or (every and load < 1.0)):
+            self._checkpoint(number, load, solves)
+        if stop and (load < 1.0 or number + 1 < len(self.job.legs)):
+            raise self._interrupted(number, load)
+        self.legs.append(self._leg(direction, scene, tuple(solves)))
         if load < 1.0:
             self._give_up(load, solves[-1].outcome)
 
@@ -175,10 +186,12 @@ class _Run:
                 solves=solves,
             )
 
-    def _checkpoint(self, position: Position) -> None:
+    def _checkpoint(self, number: int, load: float, solves: list[Solve]) -> None:
+        self.since_checkpoint = 0
         if self.checkpoints is None:
             return
         with self.timings("checkpoint"):
+            position = Position(number, load, (*(leg.solves for leg in self.legs), tuple(solves)))
             solutions = [*((leg.displacement, leg.pressure) for leg in self.legs), self.model.solution()]
             named = (_named(leg, *solution) for leg, solution in enumerate(solutions))
             self.checkpoints.write(position, {name: f for part in named for name, f in part.items()})
@@ -209,11 +222,13 @@ class _Run:
         self._finish(Result(self.job, self.body, tuple(self.legs), {}, {}, {}, self._path), outcome.text)
         raise SolveError(f"stopped at load factor {load:.6g} of 1: {outcome.text}", outcome.advice)
 
-    def _interrupted(self, load: float) -> Interrupted:
+    def _interrupted(self, number: int, load: float) -> Interrupted:
+        where = f"stopped by a signal in the {self.job.legs[number]} solve at load factor {load:.6g}"
         if self.directory is None:
-            return Interrupted(f"stopped by a signal at load factor {load:.6g}; nothing was saved")
+            return Interrupted(f"{where}; nothing was saved")
+        saved = "what was reached is saved" if number > 0 or load > 0 else "there was nothing to save yet"
         return Interrupted(
-            f"stopped by a signal at load factor {load:.6g}; what was reached is saved",
+            f"{where}; {saved}",
             f"Go on with: mpirun -n {self.comm.size} python -m hpcinv resume {relative(self.directory.path)}",
         )
 

@@ -12,7 +12,8 @@ from hpcinv.errors import OutputError
 from hpcinv.job import Job, load, parse
 from hpcinv.loading import read_yaml
 
-_ORIGIN = "origin.json"
+_JOB, _ORIGIN = "job.yaml", "origin.json"
+_CONTENT = (_JOB, _ORIGIN, "checkpoints", "fields", "shape.*", "summary.*", ".*.partial")
 
 
 @dataclass(frozen=True)
@@ -29,30 +30,63 @@ class RunDirectory:
     def is_finished(self) -> bool:
         try:
             status = json.loads((self.path / "summary.json").read_text())["status"]
-        except (OSError, ValueError, KeyError):
+        except (OSError, ValueError, KeyError, TypeError):
             return False
         return bool(status == "converged")
 
-    def create(self, job: Job, *, overwrite: bool) -> None:
-        """Make the directory and put the job in it.
-
-        Raises:
-            OutputError: there are other results, or it cannot be written.
-        """
-        if self._is_taken() and not overwrite:
+    def check_free(self, *, overwrite: bool) -> None:
+        """Raise ``OutputError`` if a run cannot have this directory for itself; nothing is touched."""
+        if self.path.exists() and not self.path.is_dir():
+            raise OutputError(f"{self.path}: is a file", "Choose another --output.")
+        if not self.path.is_dir() or not any(self.path.iterdir()):
+            return
+        if not (self.path / _ORIGIN).exists():
+            raise OutputError(f"{self.path}: holds files that are not of a run", "Choose another --output.")
+        if not overwrite:
             raise OutputError(
                 f"{self.path}: holds the results of another run",
                 "Choose another place with --output, go on with it by 'resume', or give --overwrite.",
             )
+
+    def create(self, job: Job, *, overwrite: bool) -> None:
+        """Make the directory and put the job in it; what another run left there goes, other files stay.
+
+        Raises:
+            OutputError: there are other results, or it cannot be written.
+        """
+        self.check_free(overwrite=overwrite)
         try:
-            if self._is_taken():
-                shutil.rmtree(self.path)
+            text = job.path.read_bytes() if job.path else None  # first: it may be among what goes
+            for old in (p for pattern in _CONTENT for p in self.path.glob(pattern)):
+                shutil.rmtree(old) if old.is_dir() else old.unlink()
             self.path.mkdir(parents=True, exist_ok=True)
-            if job.path is not None:
-                shutil.copyfile(job.path, self.path / "job.yaml")
-                (self.path / _ORIGIN).write_text(json.dumps({"job": str(job.path.resolve())}))
+            with (self.path / _ORIGIN).open("x") as file:  # of two runs that start together one gets it
+                json.dump({"job": str(job.path.resolve()) if job.path else None}, file)
+            if text is not None:
+                (self.path / _JOB).write_bytes(text)
+        except FileExistsError as exc:
+            raise OutputError(f"{self.path}: another run has just taken it", "Choose another --output.") from exc
         except OSError as exc:
             raise OutputError(f"{self.path}: cannot be written: {exc.strerror}", "Choose another --output.") from exc
+
+    def change(self, job: Job) -> None:
+        """Put a changed job in place of the one that was run, for the next resume.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        if job.path is None:
+            return
+        try:
+            for name, text in {
+                _JOB: job.path.read_text(),
+                _ORIGIN: json.dumps({"job": str(job.path.resolve())}),
+            }.items():
+                partial = self.path / f".{name}.partial"
+                partial.write_text(text)
+                partial.replace(self.path / name)
+        except OSError as exc:
+            raise OutputError(f"{self.path}: cannot be written: {exc.strerror}") from exc
 
     def job(self, changed: Path | None) -> Job:
         """The job to resume: the one that was run, or a ``changed`` file.
@@ -62,17 +96,18 @@ class RunDirectory:
             JobError: the job is not valid (any more).
         """
         try:
-            origin = Path(json.loads((self.path / _ORIGIN).read_text())["job"])
-        except (OSError, ValueError, KeyError) as exc:
+            origin = json.loads((self.path / _ORIGIN).read_text())["job"]
+        except (OSError, ValueError, KeyError, TypeError) as exc:
             raise OutputError(
                 f"{self.path}: is not the directory of a run",
                 "Give 'resume' the directory that 'run' named when it began, such as results/pdms-beam.",
             ) from exc
+        if changed is not None:
+            return load(changed)
+        if origin is None:
+            raise OutputError(f"{self.path}: was run from Python, without a job file", "Give one with --job.")
         # Relative paths in the job still start from where the job file was.
-        return load(changed) if changed else parse(read_yaml(self.path / "job.yaml"), origin)
-
-    def _is_taken(self) -> bool:
-        return self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir()))
+        return parse(read_yaml(self.path / _JOB), Path(origin))
 
 
 def choose(output: Path | None, job: Job) -> RunDirectory:

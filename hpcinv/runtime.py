@@ -8,12 +8,15 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
+import re
+import shlex
 import shutil
 import sys
+import sysconfig
 import time
 import traceback
-from collections.abc import Callable
-from types import TracebackType
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv.errors import HpcinvError, OutputError, SystemPartMissing
@@ -47,6 +50,10 @@ _load_stack()
 from mpi4py import MPI  # noqa: E402  (after the order above)
 
 
+class RootFailure(RuntimeError):
+    """Something other than a user's error went wrong on rank 0, which has printed it."""
+
+
 def on_root[T](comm: Intracomm, function: Callable[[], T]) -> T:
     """Run ``function`` on rank 0 alone and give its result, or the exception that it raised, to every rank."""
     result: T | None = None
@@ -56,13 +63,14 @@ def on_root[T](comm: Intracomm, function: Callable[[], T]) -> T:
             result = function()
         except HpcinvError as exc:
             error = exc
-        except Exception as exc:  # any failure must reach the ranks that wait below
-            traceback.print_exc()
-            error = RuntimeError(f"rank 0: {type(exc).__name__}: {exc}")
+        except BaseException as exc:  # whatever it is, SystemExit too, must reach the ranks that wait below
+            _print_traceback(comm, exc)
+            error = RootFailure(f"rank 0: {type(exc).__name__}: {exc}")
     error = comm.bcast(error)
     if error is not None:
         raise error
-    return comm.bcast(result)
+    shared: T = comm.bcast(result)
+    return shared
 
 
 def agree(comm: Intracomm, error: HpcinvError | None) -> None:
@@ -72,44 +80,78 @@ def agree(comm: Intracomm, error: HpcinvError | None) -> None:
         raise errors[0]
 
 
-def end_all_on_uncaught(comm: Intracomm) -> None:
-    """Make an exception that nothing catches on one rank end the whole run instead of hanging the others."""
+@contextmanager
+def failing_together(comm: Intracomm, patience: float = 5.0) -> Iterator[None]:
+    """Let no rank leave this block by an exception while others wait for it in vain.
 
-    def hook(kind: type[BaseException], value: BaseException, trace: TracebackType | None) -> None:
-        sys.stderr.write(f"[rank {comm.rank}] " + "".join(traceback.format_exception(kind, value, trace)))
-        sys.stderr.flush()
+    A user's error that all ranks meet is printed once and goes on as ``SystemExit`` with its code; anything else, on
+    any rank, ends the run.
+
+    Args:
+        patience: seconds after which another rank will not meet the same error any more.
+    """
+    ending = comm.Dup()  # of its own: nothing else can take part in the agreement on how it ended
+    try:
+        yield
+    except HpcinvError as error:
+        everyone, deadline = ending.Ibarrier(), time.monotonic() + patience
+        while not everyone.Test():
+            if time.monotonic() > deadline:
+                print(f"[rank {comm.rank}] {error}", file=sys.stderr, flush=True)
+                abort(comm, error.exit_code)
+            time.sleep(0.01)
+        if comm.rank == 0:
+            print(error, file=sys.stderr, flush=True)
+        raise SystemExit(error.exit_code) from None
+    except BaseException as exc:  # SystemExit too: Python would wait in MPI_Finalize for ranks that wait for it
+        if not isinstance(exc, RootFailure):
+            _print_traceback(comm, exc)
+        if comm.rank != 0:
+            time.sleep(1.0)  # rank 0 often knows more: let it speak before all are ended
         abort(comm, 1)
 
-    sys.excepthook = hook
 
-
-def tell(comm: Intracomm, error: HpcinvError, patience: float = 20.0) -> None:
-    """Print a user's error once, from rank 0; end the run if some rank did not meet the same error in time."""
-    everyone = comm.Ibarrier()
-    deadline = time.monotonic() + patience
-    while not everyone.Test():
-        if time.monotonic() > deadline:
-            print(f"[rank {comm.rank}] {error}", file=sys.stderr, flush=True)
-            abort(comm, error.exit_code)
-        time.sleep(0.01)
-    if comm.rank == 0:
-        print(error, file=sys.stderr, flush=True)
+def _print_traceback(comm: Intracomm, exc: BaseException) -> None:
+    sys.stderr.write(f"[rank {comm.rank}] " + "".join(traceback.format_exception(exc)))
+    sys.stderr.flush()
 
 
 def abort(comm: Intracomm, code: int) -> NoReturn:
     """End every rank of a run that cannot go on together."""
+    sys.stdout.flush()
+    sys.stderr.flush()
     if comm.size > 1:
         comm.Abort(code)
     os._exit(code)
 
 
-def require_compiler() -> None:
-    """Raise ``SystemPartMissing`` where DOLFINx would find no C compiler for its kernels."""
-    compiler = os.environ.get("CC", "cc").split()[0]
+@contextmanager
+def compilation_explained(comm: Intracomm) -> Iterator[None]:
+    """Turn a kernel that could not be compiled into a ``SystemPartMissing`` on every rank.
+
+    Asking for a compiler beforehand would refuse runs whose kernels are all in DOLFINx's cache.
+    """
+    try:
+        yield
+    except Exception as exc:
+        modules = {frame.f_globals.get("__name__") for frame, _ in traceback.walk_tb(exc.__traceback__)}
+        if "dolfinx.jit" in modules:  # where a failure on rank 0 is raised on all ranks
+            text = str(exc)
+            on_root(comm, lambda: _explain_compilation(text))
+        raise
+
+
+def _explain_compilation(text: str) -> None:
+    packages = "On Debian and Ubuntu: apt-get install gcc libc6-dev python3-dev; elsewhere set CC to your compiler."
+    compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[0]
     if shutil.which(compiler) is None:
+        raise SystemPartMissing(f"no C compiler '{compiler}', which DOLFINx compiles its kernels with", packages)
+    if "CompileError" in text or "LinkError" in text:
+        raise SystemPartMissing(f"the C compiler '{compiler}' could not compile a kernel: {text}", packages)
+    if stale := re.search(r"remove (\S+\.c)\)", text):
         raise SystemPartMissing(
-            f"no C compiler: '{compiler}' was not found, and DOLFINx compiles its kernels with it",
-            "On Debian and Ubuntu: apt-get install gcc libc6-dev; elsewhere set CC to the compiler of your site.",
+            f"{stale[1]}: another run has been compiling this kernel for long, or was killed while it did",
+            "Wait for that run; if there is none, remove the file.",
         )
 
 
@@ -125,4 +167,12 @@ def require_ranks(comm: Intracomm, expected: int | None) -> None:
         )
 
 
-__all__ = ["MPI", "abort", "agree", "end_all_on_uncaught", "on_root", "require_compiler", "require_ranks", "tell"]
+__all__ = [
+    "MPI",
+    "abort",
+    "agree",
+    "compilation_explained",
+    "failing_together",
+    "on_root",
+    "require_ranks",
+]

@@ -1,22 +1,27 @@
-"""Signals that ask a run to stop: they only set a flag, which all ranks agree on at the next iteration.
-
-Imported before MPI starts, since some launchers keep handlers that are installed later from being called.
-"""
+"""Signals to a run: one asks it to save and stop, Ctrl-C ends it where it is."""
 
 from __future__ import annotations
 
 import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
+from typing import NoReturn
 
 
 class StopRequest:
-    """Whether SIGTERM or SIGUSR1 has arrived on this rank."""
+    """Whether SIGTERM or SIGUSR1 has arrived on this rank; all ranks agree on it at the next Newton iteration."""
 
     def __init__(self) -> None:
         self.signal: signal.Signals | None = None
 
     def install(self) -> None:
-        """Handle the signals of this process from now on."""
+        """Only note the signals from now on.
+
+        Once before MPI starts, since some launchers keep handlers that come later from being called, and again when
+        the stack is loaded, since PETSc puts a handler of its own on SIGTERM, which kills.
+        """
         for number in (signal.SIGTERM, signal.SIGUSR1):
             signal.signal(number, self._note)
 
@@ -25,3 +30,21 @@ class StopRequest:
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self.signal = signal.Signals(number)
+
+
+def end_on_interrupt(end: Callable[[], NoReturn]) -> None:
+    """Let Ctrl-C end the run by ``end``: a KeyboardInterrupt would get lost in PETSc, which calls back into Python."""
+    signal.signal(signal.SIGINT, lambda _number, _frame: end())
+
+
+@contextmanager
+def handlers_kept() -> Iterator[None]:
+    """Undo what a library does in this block to signals that Python handles, behind Python's back."""
+    handled = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            for number, handler in handled.items():
+                if callable(handler):
+                    signal.signal(number, handler)

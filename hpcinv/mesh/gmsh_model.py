@@ -15,6 +15,7 @@ import numpy as np
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.signals import handlers_kept
 
 DIMENSION_NAMES = {0: "point", 1: "curve", 2: "surface", 3: "volume"}
 GMSH_NAMES = {
@@ -44,8 +45,8 @@ def session(name: str) -> Iterator[Any]:
     gmsh = _load()
     if gmsh.isInitialized():
         raise MeshError("gmsh is already in use by this process", "Call gmsh.finalize() before hpcinv builds a mesh.")
-    # Not interruptible: gmsh would replace the handler of SIGINT.
-    gmsh.initialize(argv=[], readConfigFiles=False, run=False, interruptible=False)
+    with handlers_kept():  # gmsh resets SIGTERM
+        gmsh.initialize(argv=[], readConfigFiles=False, run=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)
