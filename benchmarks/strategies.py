@@ -1,8 +1,8 @@
 """What the default strategy saves on the silicone beam: against the paper's own, both ways, in one run.
 
 The paper's strategy is 10 equal load steps with full Newton steps, each until the residual is below 1e-10 N or 1e-9 of
-the step's first, as in the authors' code. Kernels are compiled beforehand, and the strategies take turns, so that a noisy
-machine is unfair to none.
+the step's first, as in the authors' code. Kernels are compiled beforehand, and the strategies take turns, so that a
+noisy machine is unfair to none.
 
 Command: mpirun -n 1 python benchmarks/strategies.py [--size "2 mm"] [--repeat 3]
 """

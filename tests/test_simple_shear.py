@@ -74,13 +74,16 @@ def solve(direction: str, k: float, material: Any, mesh: Any, discretisation: An
     )
 
 
-def check(solved: Solved, direction: str, k: float, stress: Any, energy: Any) -> None:
+def check(solved: Solved, k: float, stress: Any, energy: Any) -> None:
     y = solved.x[1]
-    assert solved.relative_error(solved.cauchy_stress, ufl.as_tensor(stress(k).tolist())) < 1e-12
-    assert solved.strain_energy == pytest.approx(energy(k), rel=1e-12)
     u = solved.model.unknowns.u * solved.body.length_scale
-    assert solved.relative_error(u, ufl.as_vector([k * y, 0, 0])) < 1e-12
-    assert solved.solves[-1].outcome.accepted
+    errors = {
+        "stress": solved.relative_error(solved.cauchy_stress, ufl.as_tensor(stress(k).tolist())),
+        "energy": abs(solved.strain_energy / energy(k) - 1),
+        "displacement": solved.relative_error(u, ufl.as_vector([k * y, 0, 0])),
+    }
+    print(f"k = {k}:", ", ".join(f"{name} {error:.1e}" for name, error in errors.items()))
+    assert max(errors.values()) < 1e-12
 
 
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
@@ -88,7 +91,7 @@ def check(solved: Solved, direction: str, k: float, stress: Any, energy: Any) ->
 def test_stress_energy_and_shape_are_exact(
     direction: str, name: str, material: Any, exact: Any, mesh: Any, discretisation: Any, comm: MPI.Intracomm
 ) -> None:
-    check(solve(direction, 0.4, material, mesh, discretisation, comm), direction, 0.4, *exact)
+    check(solve(direction, 0.4, material, mesh, discretisation, comm), 0.4, *exact)
 
 
 @pytest.mark.parallel([2, 3])
@@ -96,4 +99,4 @@ def test_they_are_exact_on_more_ranks_and_for_several_shears(comm: MPI.Intracomm
     for direction in ("forward", "inverse"):
         for k in (1e-6, 0.1, 1.0):
             for _, material, exact, mesh, discretisation in CASES[1:3]:
-                check(solve(direction, k, material, mesh, discretisation, comm), direction, k, *exact)
+                check(solve(direction, k, material, mesh, discretisation, comm), k, *exact)
