@@ -89,15 +89,18 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
 
         from hpcinv.driver import run
 
-        run(
-            job,
-            comm,
-            directory=directory.path,
-            overwrite=not resume and options.overwrite,
-            resume=resume,
-            progress=progress,
-            stop_asked=stop,
-        )
+        try:
+            run(
+                job,
+                comm,
+                directory=directory.path,
+                overwrite=not resume and options.overwrite,
+                resume=resume,
+                progress=progress,
+                stop_asked=stop,
+            )
+        finally:
+            stop.ignore()
     return 0
 
 

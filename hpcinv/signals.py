@@ -25,6 +25,11 @@ class StopRequest:
         for number in (signal.SIGTERM, signal.SIGUSR1):
             signal.signal(number, self._note)
 
+    def ignore(self) -> None:
+        """No longer even note them: the run is over, and Python's own end would let a late one kill it."""
+        for number in (signal.SIGTERM, signal.SIGUSR1):
+            signal.signal(number, signal.SIG_IGN)
+
     def __call__(self) -> bool:
         return self.signal is not None
 
