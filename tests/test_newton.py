@@ -1,0 +1,116 @@
+"""Newton's method and continuation: what is reused, where the step is cut, and that neither changes the answer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+from verification import job
+
+import hpcinv
+from hpcinv.errors import SolveError
+from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.result import Result
+from hpcinv.runtime import MPI
+
+
+def beam(comm: MPI.Intracomm, *, direction: str = "forward", load: float = 1.0, **solver: Any) -> Result:
+    return hpcinv.run(
+        job(
+            analysis=direction,
+            mesh={"file": "../meshes/pdms_beam.py", "parameters": {"size": "4 mm"}, "geometry_degree": 2},
+            material={"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8},
+            effects=[{"effect": "gravity", "acceleration": [0, -9.81 * load, 0], "density": 963}],
+            supports=[{"region": "clamp", "fix": ["x", "y", "z"]}],
+            solver=solver,
+        ),
+        comm,
+    )
+
+
+def times_logged(event: str) -> int:
+    return int(PETSc.Log.Event(event).getPerfInfo()["count"])
+
+
+@pytest.mark.parametrize("solver", [{}, {"strategy": "fixed", "steps": 4}], ids=["default", "four steps"])
+def test_one_symbolic_analysis_serves_the_run(solver: dict[str, Any], comm: MPI.Intracomm) -> None:
+    PETSc.Log.begin()
+    symbolic, numeric = times_logged("MatLUFactorSym"), times_logged("MatLUFactorNum")
+    result = beam(comm, direction="inverse", **solver)
+    assert times_logged("MatLUFactorSym") - symbolic == 1
+    assert times_logged("MatLUFactorNum") - numeric == result.legs[0].factorizations
+
+
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+def test_reuse_and_steps_do_not_change_the_answer(direction: str, comm: MPI.Intracomm) -> None:
+    default = beam(comm, direction=direction)
+    careful = beam(comm, direction=direction, strategy="fixed", steps=10, reuse_tangent=False)
+    assert default.legs[0].factorizations * 3 < careful.legs[0].factorizations
+    assert np.abs(default.shape - careful.shape).max() < 1e-10 * 0.182
+
+
+def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.Intracomm) -> None:
+    result = beam(comm, load=2.0)
+    outcomes = [s.outcome for s in result.legs[0].solves]
+    assert not outcomes[0].accepted
+    assert outcomes[-1].accepted
+    small_steps = beam(comm, load=2.0, initial_step=0.05)
+    assert np.abs(result.shape - small_steps.shape).max() < 1e-10 * 0.182
+
+
+def test_a_correction_that_would_invert_an_element_is_backed_off_from(comm: MPI.Intracomm) -> None:
+    """Squeezed to a third in one step, the block's first correction turns elements inside out."""
+    squeezed = hpcinv.run(
+        job(
+            analysis="forward",
+            mesh={"file": "../meshes/box.py", "parameters": {"nx": 2, "ny": 2, "nz": 2}},
+            material={"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
+            supports=[
+                {"region": "z0", "fix": ["x", "y", "z"]},
+                {"region": "z1", "displacement": [0, 0, "-0.65 m"]},
+            ],
+        ),
+        comm,
+    )
+    assert squeezed.legs[0].solves[-1].outcome.accepted
+    assert squeezed.legs[0].J_range[0] > 0
+
+
+def test_a_load_that_cannot_be_reached_ends_with_a_diagnosis(comm: MPI.Intracomm) -> None:
+    with pytest.raises(SolveError, match="stopped at load factor 0 of 1: .*\n  Try"):
+        beam(comm, load=50.0, minimum_step=0.5)
+
+
+def test_petsc_options_reach_the_solver_and_unused_ones_are_named(comm: MPI.Intracomm) -> None:
+    options = {"snes_linesearch_type": "l2", "mat_mumps_icntl_14": 80, "snes_linesearch_typ": "l2"}
+    result = beam(comm, direction="inverse", petsc=options)
+    assert result.statistics["unused_petsc_options"] == ["snes_linesearch_typ"]
+
+
+def monitored(*corrections: float, tolerance: float = 1e-10) -> tuple[NewtonMonitor, Outcome | None]:
+    monitor = NewtonMonitor(tolerance, limit=30, reuse=0.3)
+    outcome = None
+    for correction in corrections:
+        outcome = monitor.judge(NewtonIteration(correction, 1.0, 1.0, monitor.wants_new_tangent))
+    return monitor, outcome
+
+
+def test_converged_means_that_the_error_left_is_small_not_the_last_correction() -> None:
+    assert monitored(1.0, 1e-2, 1e-7)[1] is Outcome.CONVERGED
+    assert monitored(1e-7, 5e-8, 2.5e-8)[1] is None  # contraction 1/2: as far to go as the last correction
+    assert monitored(1.0)[1] is None
+
+
+def test_rounding_errors_end_the_iteration_and_growth_gives_it_up() -> None:
+    assert monitored(1e-3, 1e-9, 9e-10, tolerance=1e-14)[1] is None  # the tangent was old
+    assert monitored(1e-9, 9e-10, 8.9e-10, tolerance=1e-14)[1] is Outcome.ROUND_OFF
+    assert monitored(1.0, 2.0, 1.5, 3.0, 2.0, 5.0)[1] is Outcome.DIVERGED
+    assert monitored(1.0, float("nan"))[1] is Outcome.NOT_FINITE
+
+
+def test_tangent_is_kept_only_near_the_solution_and_while_it_contracts() -> None:
+    assert monitored(1.0, 0.1)[0].wants_new_tangent  # still far
+    assert not monitored(1.0, 0.01)[0].wants_new_tangent
+    assert monitored(0.01, 0.008)[0].wants_new_tangent  # hardly contracts
