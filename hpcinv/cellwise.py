@@ -14,7 +14,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from hpcinv.equilibrium import JIT_OPTIONS
+from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.runtime import MPI
 
 if TYPE_CHECKING:

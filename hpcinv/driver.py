@@ -154,7 +154,7 @@ class _Run:
             if stop:
                 break
         if begin < 1.0:  # else nothing was solved, and PETSc asked for nothing
-            self.unused_options = equilibrium.unused_options()
+            self.unused_options = equilibrium.options.unused()
         equilibrium.destroy()
         if self.since_checkpoint and (stop or (every and load < 1.0)):
             self._checkpoint(number, load, solves)

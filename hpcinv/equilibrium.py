@@ -16,7 +16,9 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.petsc_options import SolverOptions, Value
 from hpcinv.runtime import MPI
 
 if TYPE_CHECKING:
@@ -24,21 +26,6 @@ if TYPE_CHECKING:
     from hpcinv.supports import Supports
     from hpcinv.timings import Timings
 
-# -g0 halves the compile time against the interpreter's own -g; -ffast-math would break small-strain accuracy.
-JIT_OPTIONS = {"cffi_extra_compile_args": ["-O2", "-g0"]}
-
-DEFAULT_OPTIONS: dict[str, str | float | int] = {
-    "snes_type": "newtonls",
-    "snes_linesearch_type": "basic",
-    "snes_divergence_tolerance": "unlimited",
-    "snes_max_it": 10_000,  # the limit is NewtonMonitor's
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
-}
-
-_PREFIX = "hpcinv_"
 _GIVEN_UP = -7  # SNES_DIVERGED_INNER: what PETSc is told when NewtonMonitor gives up
 _DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE
 
@@ -71,7 +58,7 @@ class Equilibrium:
     Args:
         scene: residual and load factor.
         supports: Dirichlet conditions on the scene's unknowns.
-        options: PETSc options of the user; they override `DEFAULT_OPTIONS`.
+        options: PETSc options of the job, beside the defaults.
         limit: Newton iterations after which a solve is given up.
         reuse: largest contraction at which the tangent is kept, 0 for full Newton.
         stop_asked: whether a signal asks to stop; all ranks are asked before each iteration.
@@ -83,7 +70,7 @@ class Equilibrium:
         supports: Supports,
         timings: Timings,
         *,
-        options: Mapping[str, str | float | int | bool | None],
+        options: Mapping[str, Value],
         limit: int = 30,
         reuse: float = 0.3,
         stop_asked: Callable[[], bool] = lambda: False,
@@ -104,30 +91,22 @@ class Equilibrium:
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
             # SNES iterates on a vector of its own: the state moves along with every trial of the line search.
             self._x, self._before = self.rhs.duplicate(), self.rhs.duplicate()
-            self.snes = self._create_snes(options)
-        self._user_options = tuple(options)
+            self.options = SolverOptions(options)
+            self.snes = self._create_snes()
         self._monitor = self._new_monitor(1.0)
         self._fresh, self._tangents = False, 0
         self._correction: float | None = None
         self._outcome: Outcome | None = None
 
-    def _create_snes(self, options: Mapping[str, str | float | int | bool | None]) -> PETSc.SNES:
-        database = PETSc.Options(_PREFIX)
-        for name, value in {**DEFAULT_OPTIONS, **options}.items():
-            database.setValue(name, value)
+    def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.comm)
-        snes.setOptionsPrefix(_PREFIX)
+        snes.setOptionsPrefix(SolverOptions.prefix)
         snes.setFunction(self._assemble_residual, self.rhs)
         snes.setJacobian(self._assemble_tangent, self.matrix)
         snes.setConvergenceTest(self._judge)
         snes.setFromOptions()
         snes.setLineSearchPreCheck(self._back_off_from_inversion)
         return snes
-
-    def unused_options(self) -> list[str]:
-        """Options of the user that nothing in PETSc has asked for so far: misspelt, or without effect here."""
-        database = PETSc.Options()  # with a prefix of its own, `used` looks for the wrong name
-        return [name for name in self._user_options if not database.used(_PREFIX + name)]
 
     def min_mesh_J(self) -> float:
         """Smallest determinant of the position map over all quadrature points; it must stay positive."""
@@ -183,10 +162,8 @@ class Equilibrium:
         start.destroy()
 
     def destroy(self) -> None:
-        """Free what PETSc holds, and take the options back, so that PETSc does not report them a second time."""
-        database = PETSc.Options(_PREFIX)
-        for name in database.getAll():
-            database.delValue(name)
+        """Free what PETSc holds."""
+        self.options.remove()
         for part in (self.snes, self.matrix, self.rhs, self._x, self._before):
             part.destroy()
 

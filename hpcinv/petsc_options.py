@@ -1,0 +1,45 @@
+"""PETSc options of one solver: defaults, what the job sets, and which of the latter nothing asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+from petsc4py import PETSc
+
+type Value = str | float | int | bool | None  # None is a flag
+
+DEFAULTS: Mapping[str, Value] = {
+    "snes_type": "newtonls",
+    "snes_linesearch_type": "basic",  # monotone ones stall: the residual rises on the way to the solution
+    "snes_divergence_tolerance": "unlimited",
+    "snes_max_it": 10_000,  # the limit is NewtonMonitor's
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
+}
+
+
+class SolverOptions:
+    """Options in PETSc's database under a prefix of their own, from construction until `remove`."""
+
+    prefix = "hpcinv_"
+
+    def __init__(self, of_the_job: Mapping[str, Value]) -> None:
+        self._names = tuple(of_the_job)
+        self._database = PETSc.Options(self.prefix)
+        for name, value in {**DEFAULTS, **of_the_job}.items():
+            self._database.setValue(name, value)
+
+    def unused(self) -> list[str]:
+        """Options of the job that nothing in PETSc has asked for so far: misspelt, or without effect here."""
+        everything = PETSc.Options()  # with a prefix of its own, `used` looks for the wrong name
+        return [name for name in self._names if not everything.used(self.prefix + name)]
+
+    def remove(self) -> None:
+        """Take the options back, so that PETSc does not report the unused ones a second time at its end."""
+        for name in self._database.getAll():
+            self._database.delValue(name)
