@@ -4,7 +4,7 @@ The paper's strategy is 10 equal load steps with full Newton steps, each until t
 the step's first, as in the authors' code. Kernels are compiled beforehand, and the strategies take turns, so that a
 noisy machine is unfair to none.
 
-Command: mpirun -n 1 python benchmarks/strategies.py [--size "2 mm"] [--repeat 3]
+Command: mpirun -n 1 python benchmarks/strategies.py [--size "2 mm"] [--repeat 3] [--line-searches cp nleqerr l2]
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ PAPER = {
         "snes_max_it": 50,
     },
 }
-STRATEGIES: dict[str, dict[str, Any]] = {"default": {}, "paper": PAPER}
+type Strategies = dict[str, dict[str, Any]]
 
 
 def job(analysis: str, mesh: dict[str, Any], solver: dict[str, Any]) -> hpcinv.Job:
@@ -62,7 +62,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", default="2 mm", help="size of the cells")
     parser.add_argument("--repeat", type=int, default=3, help="runs of each strategy; the median is reported")
+    parser.add_argument("--line-searches", nargs="*", default=[], help="PETSc line searches to compare as well")
     options = parser.parse_args()
+    strategies: Strategies = {"default": {}, "paper": PAPER}
+    strategies |= {name: {"petsc": {"snes_linesearch_type": name}} for name in options.line_searches}
     comm = MPI.COMM_WORLD
 
     straight = {"file": "../meshes/pdms_beam.py", "parameters": {"size": options.size}, "geometry_degree": 2}
@@ -80,13 +83,13 @@ def main() -> None:
             f"{'':18}{'factorizations':>15}{'solver s':>10}{'whole run s':>13}{'outside, solver':>17}{'whole run':>11}",
         )
         for analysis, mesh in meshes.items():
-            compare(analysis, mesh, options.repeat, comm)
+            compare(analysis, mesh, strategies, options.repeat, comm)
 
 
-def compare(analysis: str, mesh: dict[str, Any], repeat: int, comm: MPI.Intracomm) -> None:
-    runs: dict[str, list[Result]] = {name: [] for name in STRATEGIES}
+def compare(analysis: str, mesh: dict[str, Any], strategies: Strategies, repeat: int, comm: MPI.Intracomm) -> None:
+    runs: dict[str, list[Result]] = {name: [] for name in strategies}
     for _ in range(repeat):
-        for name, solver in STRATEGIES.items():
+        for name, solver in strategies.items():
             runs[name].append(hpcinv.run(job(analysis, mesh, solver), comm))
     found = {}
     for name, results in runs.items():
@@ -99,8 +102,9 @@ def compare(analysis: str, mesh: dict[str, Any], repeat: int, comm: MPI.Intracom
             comm,
             f"{analysis + ', ' + name:18}{count:15}{seconds:10.2f}{total:13.2f}{outside:16.1%} {overhead:10.1%}",
         )
-    ratios = [theirs / ours for ours, theirs in zip(found["default"], found["paper"], strict=True)]
-    say(comm, f"{'  paper / default':18}{ratios[0]:14.1f}x{ratios[1]:9.1f}x{ratios[2]:12.1f}x")
+    for name in list(strategies)[1:]:
+        ratios = [theirs / ours for ours, theirs in zip(found["default"], found[name], strict=True)]
+        say(comm, f"{f'  {name} / default':18}{ratios[0]:14.1f}x{ratios[1]:9.1f}x{ratios[2]:12.1f}x")
 
 
 def say(comm: MPI.Intracomm, line: str) -> None:

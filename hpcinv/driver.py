@@ -19,6 +19,7 @@ from hpcinv.continuation import follow
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.fields import write_fields
 from hpcinv.interest import check_points, evaluate
+from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.mesh import build_body, write_mesh
 from hpcinv.model import Model
 from hpcinv.newton import Outcome
@@ -172,7 +173,7 @@ class _Run:
             degree = model.quadrature_degree
             sigma = cell_means(scene.cauchy_stress, self.body.mesh, degree)
             sigma.x.array[:] *= stress
-            energy = self.comm.allreduce(fem.assemble_scalar(fem.form(scene.strain_energy)), op=MPI.SUM)
+            energy = fem.assemble_scalar(fem.form(scene.strain_energy, jit_options=JIT_OPTIONS))
             return Leg(
                 direction=direction,
                 mesh_nodes=self.body.mesh.geometry.x * length,
@@ -182,7 +183,7 @@ class _Run:
                 J=cell_means(scene.J, self.body.mesh, degree),
                 cauchy_stress=sigma,
                 J_range=quadrature_range(scene.J, self.body.mesh, degree),
-                strain_energy=energy * stress * length**3,
+                strain_energy=self.comm.allreduce(energy, op=MPI.SUM) * stress * length**3,
                 solves=solves,
             )
 
