@@ -34,7 +34,7 @@ class Supports:
         self._full: list[npt.NDArray[np.float64]] = []
         self._now: list[fem.Function] = []
         for number, spec in enumerate(specs):
-            facets = body.facets(spec.region)
+            facets = _facets(body, spec.region, f"supports[{number}].region")
             for i, axis in enumerate(AXES):
                 if axis not in spec.held:
                     continue
@@ -65,3 +65,10 @@ class Supports:
         """Prescribe the displacements that belong to a load factor."""
         for now, full in zip(self._now, self._full, strict=True):
             now.x.array[:] = load * full
+
+
+def _facets(body: Body, region: str, field: str) -> npt.NDArray[np.int32]:
+    try:
+        return body.facets(region)
+    except MeshError as error:
+        raise MeshError(f"{field}: {error.message}", error.advice) from None
