@@ -171,7 +171,7 @@ class Equilibrium:
         return NewtonMonitor(tolerance, self.limit, self.reuse)
 
     def _set_load(self, load: float) -> None:
-        self.scene.load.value = load
+        self.scene.parameters.set_load(load)
         self.supports.scale(load)
 
     def _set_state(self, x: PETSc.Vec) -> None:

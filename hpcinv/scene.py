@@ -16,22 +16,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import ufl
-from dolfinx import fem
-from pydantic import BaseModel
+from ufl.classes import Label, Variable
 
 from hpcinv.kinematics import Deformation, Kinematics
-from hpcinv.quantities import quantities_of
+from hpcinv.parameters import Parameters
 
 if TYPE_CHECKING:
-    from dolfinx.mesh import Mesh
-
     from hpcinv.effects.base import Effect
     from hpcinv.materials.base import MaterialLaw
     from hpcinv.scales import Scales
@@ -43,7 +39,7 @@ class Scene:
 
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
-        load: load factor ``λ``, a constant of the form.
+        parameters: the load factor ``λ`` and the parameters of law and effects.
         strain_energy: UFL form of the energy stored in the body (scaled stress × length³).
         J: volume ratio; mesh_J: the determinant that must stay positive at every point.
         cauchy_stress: ``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3).
@@ -61,15 +57,18 @@ class Scene:
         self.unknowns = unknowns
         self.kinematics = kinematics(unknowns.u, ufl.dx(unknowns.mesh, degree=quadrature_degree))
         self.quadrature_degree = quadrature_degree
-        self.load = fem.Constant(unknowns.mesh, 0.0)
+        modulus = material.dilatation_modulus
+        is_finite = math.isfinite(modulus)
+        further = {"dilatation_modulus": modulus / scales.stress} if is_finite else {}
+        self.parameters = parameters = Parameters([material, *effects], further, unknowns.mesh, scales)
 
-        kin, par = self.kinematics, constants(material, unknowns.mesh, scales)
-        H = ufl.variable(kin.H)
+        kin, par = self.kinematics, parameters.of(0)
+        # A label of our own: UFL's running number would make the kernels of each scene's expressions new ones.
+        H = Variable(kin.H, Label(0))
         deformation = Deformation(H)
         distortion = material.distortion(deformation, par)
         dilatation = material.dilatation(deformation)
-        modulus = material.dilatation_modulus
-        finite_modulus = fem.Constant(unknowns.mesh, modulus / scales.stress) if math.isfinite(modulus) else None
+        finite_modulus = parameters.further("dilatation_modulus") if is_finite else None
         if unknowns.p is None:
             psi = energy = distortion + finite_modulus * dilatation**2 / 2
         else:
@@ -81,26 +80,11 @@ class Scene:
         if unknowns.p is not None:
             constraint = dilatation if finite_modulus is None else dilatation + unknowns.p / finite_modulus
             residual -= kin.dV(constraint * unknowns.q)
-        for effect in effects:
-            residual -= effect.virtual_work(kin, unknowns.v, self.load, constants(effect, unknowns.mesh, scales))
+        for number, effect in enumerate(effects, start=1):
+            residual -= effect.virtual_work(kin, unknowns.v, parameters.load, parameters.of(number))
 
         self.residual = residual
         self.strain_energy = kin.dV(energy)
         self.J = deformation.J
         self.mesh_J = kin.mesh_J
         self.cauchy_stress = P * deformation.F.T / deformation.J
-
-
-def constants(spec: BaseModel, mesh: Mesh, scales: Scales) -> Any:
-    """The finite parameters of a law or effect as scaled ``fem.Constant``s, by name.
-
-    They are constants of the form and not numbers in it, so that changing one recompiles nothing.
-    """
-    found = SimpleNamespace()
-    for name, dimension in quantities_of(type(spec)).items():
-        value, scale = getattr(spec, name), scales.of(dimension)
-        if value is None or value == math.inf:
-            continue
-        scaled = [v / scale for v in value] if isinstance(value, tuple) else value / scale
-        setattr(found, name, fem.Constant(mesh, scaled))
-    return found
