@@ -38,7 +38,7 @@ def cell_means(expression: Any, mesh: Mesh, quadrature_degree: int) -> fem.Funct
     values = means.x.array.reshape(-1, len(parts))
     dofs = means.function_space.dofmap.list[:, 0]
     _, weights = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
-    for cells, at_points in _at_quadrature_points(ufl.as_vector([*parts, 1]), volume, mesh, quadrature_degree):
+    for cells, at_points in QuadratureValues(volume * ufl.as_vector([*parts, 1]), mesh, quadrature_degree):
         sums = np.einsum("q,cqi->ci", weights, at_points)
         values[dofs[cells]] = sums[:, :-1] / sums[:, -1:]
     means.x.scatter_forward()
@@ -47,19 +47,31 @@ def cell_means(expression: Any, mesh: Mesh, quadrature_degree: int) -> fem.Funct
 
 def quadrature_range(expression: Any, mesh: Mesh, quadrature_degree: int) -> tuple[float, float]:
     """Smallest and largest value of a scalar UFL expression at any quadrature point of any rank."""
-    low, high = np.inf, -np.inf
-    for _, at_points in _at_quadrature_points(ufl.as_vector([expression]), 1, mesh, quadrature_degree):
-        low, high = min(low, at_points.min()), max(high, at_points.max())
-    return float(mesh.comm.allreduce(low, op=MPI.MIN)), float(mesh.comm.allreduce(high, op=MPI.MAX))
+    return QuadratureValues(expression, mesh, quadrature_degree).range()
 
 
-def _at_quadrature_points(
-    vector: Any, factor: Any, mesh: Mesh, quadrature_degree: int
-) -> Iterator[tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]]:
-    """Cells of this rank, some at a time, and ``factor`` times a vector of n at their points, (cells, points, n)."""
-    points, _ = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
-    compiled = fem.Expression(factor * vector, points, comm=mesh.comm, jit_options=JIT_OPTIONS)
-    owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
-    for start in range(0, len(owned), _CHUNK):
-        cells = owned[start : start + _CHUNK]
-        yield cells, compiled.eval(mesh, cells)
+class QuadratureValues:
+    """A UFL expression compiled for the quadrature points of a mesh, to be evaluated as often as needed.
+
+    Iterating gives the cells of this rank, some at a time, and the values in them: (cells, points, …).
+    """
+
+    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int) -> None:
+        points, _ = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
+        self._compiled = fem.Expression(expression, points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._mesh = mesh
+
+    def __iter__(self) -> Iterator[tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]]:
+        mesh = self._mesh
+        owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+        for start in range(0, len(owned), _CHUNK):
+            cells = owned[start : start + _CHUNK]
+            yield cells, self._compiled.eval(mesh, cells)
+
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value at any point of any rank; collective."""
+        low, high = np.inf, -np.inf
+        for _, values in self:
+            low, high = np.minimum(low, values.min()), np.maximum(high, values.max())
+        comm = self._mesh.comm
+        return float(comm.allreduce(low, op=MPI.MIN)), float(comm.allreduce(high, op=MPI.MAX))

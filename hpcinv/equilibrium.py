@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-import basix
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.cellwise import QuadratureValues
 from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
 from hpcinv.petsc_options import SolverOptions, Value
@@ -84,7 +84,7 @@ class Equilibrium:
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
             trial = ufl.TrialFunction(scene.unknowns.space)
             self._tangent = fem.form(ufl.derivative(scene.residual, self.state, trial), jit_options=JIT_OPTIONS)
-            self._mesh_J = _at_quadrature_points(scene.mesh_J, scene)
+            self._mesh_J = QuadratureValues(scene.mesh_J, scene.unknowns.mesh, scene.quadrature_degree)
         with timings("tangent"):
             self.matrix = fem_petsc.create_matrix(self._tangent)
         with timings("set-up"):
@@ -110,8 +110,7 @@ class Equilibrium:
 
     def min_mesh_J(self) -> float:
         """Smallest determinant of the position map over all quadrature points; it must stay positive."""
-        smallest = float(self._mesh_J().min(initial=np.inf))
-        return float(self.comm.allreduce(smallest, op=MPI.MIN))
+        return self._mesh_J.range()[0]
 
     def solve(self, load: float, tolerance: float) -> Solve:
         """Newton's method from the present state, which is left unchanged if the outcome is not accepted.
@@ -245,15 +244,6 @@ class Equilibrium:
         return shortened
 
 
-def _at_quadrature_points(expression: ufl.core.expr.Expr, scene: Scene) -> Callable[[], np.ndarray]:
-    """A function that evaluates a scalar at the quadrature points of the cells of this rank."""
-    mesh = scene.unknowns.mesh
-    points, _ = basix.make_quadrature(mesh.basix_cell(), scene.quadrature_degree)
-    compiled = fem.Expression(expression, points, jit_options=JIT_OPTIONS)
-    cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
-    return lambda: compiled.eval(mesh, cells)
-
-
 def _norm(x: PETSc.Vec) -> float:
     norm = x.norm()
     assert isinstance(norm, float)  # PETSc gives two for NORM_1_AND_2 only
@@ -264,5 +254,5 @@ def _logged_seconds() -> dict[str, float]:
     """Seconds that PETSc's log has counted on this rank, by phase."""
     if not PETSc.Log.isActive():
         PETSc.Log.begin()
-    events = {"factorization": ("PCSetUp",), "linear solve": ("KSPSolve",)}
-    return {phase: sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in names) for phase, names in events.items()}
+    events = {"factorization": "PCSetUp", "linear solve": "KSPSolve"}
+    return {phase: PETSc.Log.Event(event).getPerfInfo()["time"] for phase, event in events.items()}

@@ -42,10 +42,11 @@ class Supports:
                 part = unknowns.displacement_component(i)
                 scalar, _ = part.collapse()
                 dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
-                x, y, z = scalar.tabulate_dof_coordinates().T * body.length_scale
-                full = np.zeros(len(x))
+                now = fem.Function(scalar)
+                full = np.zeros_like(now.x.array)
                 held = dofs[1]
                 if formula is not None:
+                    x, y, z = scalar.tabulate_dof_coordinates().T * body.length_scale
                     with np.errstate(all="ignore"):  # what is not finite is told below, once
                         values = formula.evaluate(x=x[held], y=y[held], z=z[held], **spec.constants)
                     full[held] = np.asarray(values) / body.length_scale
@@ -54,7 +55,6 @@ class Supports:
                         f"supports[{number}].displacement: '{formula}' is not finite somewhere on '{spec.region}'",
                         "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
                     )
-                now = fem.Function(scalar)
                 self.conditions.append(fem.dirichletbc(now, dofs, part))
                 self._full.append(full)
                 self._now.append(now)

@@ -31,7 +31,6 @@ class Unknowns:
 
     def __init__(self, mesh: Mesh, displacement: int, pressure: int | None) -> None:
         self.mesh = mesh
-        self.degrees = (displacement, pressure)
         cell = mesh.basix_cell()
         vector = basix.ufl.element("Lagrange", cell, displacement, shape=(3,))
         self.q: Any
@@ -42,7 +41,6 @@ class Unknowns:
             self.u, self.p = self.state, None
             self.v, self.q = ufl.TestFunction(self.space), None
             self.displacement_space = self.space
-            owned = self.space.dofmap.index_map.size_local * 3
             self._displacement_dofs = np.arange(self.state.x.array.size, dtype=np.int32)
         else:
             scalar = basix.ufl.element("Lagrange", cell, pressure)
@@ -52,8 +50,8 @@ class Unknowns:
             self.v, self.q = ufl.TestFunctions(self.space)
             self.displacement_space, dofs = self.space.sub(0).collapse()
             self._displacement_dofs = np.asarray(dofs, dtype=np.int32)
-            owned = self.space.dofmap.index_map.size_local
-        self.owned_displacement = self._displacement_dofs[self._displacement_dofs < owned]
+            self._pressure_space, dofs = self.space.sub(1).collapse()
+            self._pressure_dofs = np.asarray(dofs, dtype=np.int32)
 
     @property
     def size(self) -> int:
@@ -79,15 +77,13 @@ class Unknowns:
         """A copy of the pressure alone, in scaled stresses; ``None`` in the displacement form."""
         if self.p is None:
             return None
-        space, dofs = self.space.sub(1).collapse()
-        p = fem.Function(space, name="pressure")
-        p.x.array[:] = self.state.x.array[dofs]
+        p = fem.Function(self._pressure_space, name="pressure")
+        p.x.array[:] = self.state.x.array[self._pressure_dofs]
         return p
 
     def set_pressure(self, p: fem.Function) -> None:
         """Put ``p`` in the state, as ``set_displacement`` does."""
-        _, dofs = self.space.sub(1).collapse()
-        self.state.x.array[np.asarray(dofs)] = p.x.array
+        self.state.x.array[self._pressure_dofs] = p.x.array
 
     def at_nodes(self, u: fem.Function) -> npt.NDArray[np.float64]:
         """Values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3)."""

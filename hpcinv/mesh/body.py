@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.topology import FacetTable
 from hpcinv.runtime import MPI, on_root
+from hpcinv.scales import power_of_two
 
 if TYPE_CHECKING:
     from hpcinv.expressions import Expression
@@ -110,7 +110,7 @@ def build_body(
 def length_scale_of(points: Floats) -> float:
     """The power of two next to the diagonal of the bounding box, so that scaling is exact in floating point."""
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
-    return 2.0 ** round(math.log2(diagonal))
+    return power_of_two(diagonal)
 
 
 def gather_nodes(body: Body, values: npt.NDArray[np.float64]) -> Floats | None:
