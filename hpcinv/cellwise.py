@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -20,27 +20,30 @@ from hpcinv.runtime import MPI
 if TYPE_CHECKING:
     from hpcinv.mesh.regions import Mesh
 
+type Cells = npt.NDArray[np.int32]
+
 _CHUNK = 10_000  # cells at a time, so that values at quadrature points take little memory
 
 
-def cell_means(expression: Any, mesh: Mesh, quadrature_degree: int) -> fem.Function:
-    """Mean ``∫ e dV / ∫ dV`` of a UFL expression of any shape over the volume of each cell, piecewise constant.
+def cell_means(expressions: Sequence[tuple[Any, Cells | None]], mesh: Mesh, quadrature_degree: int) -> fem.Function:
+    """Mean ``∫ e dV / ∫ dV`` over the volume of each cell of what UFL expressions give there, piecewise constant.
 
     Args:
-        expression: scalar, vector or tensor ``e``.
+        expressions: scalars, vectors or tensors ``e`` of one shape, each with the cells it holds in (``None`` for all).
         mesh: the mesh that it lives on.
         quadrature_degree: of the rule; the mean of a polynomial of this degree on straight cells is exact.
     """
-    shape = expression.ufl_shape
+    shape = expressions[0][0].ufl_shape
     means = fem.Function(fem.functionspace(mesh, ("DG", 0, shape) if shape else ("DG", 0)))
-    parts = [expression[i] for i in np.ndindex(shape)] if shape else [expression]
-    volume = abs(ufl.JacobianDeterminant(mesh))
-    values = means.x.array.reshape(-1, len(parts))
+    values = means.x.array.reshape(-1, int(np.prod(shape)))
     dofs = means.function_space.dofmap.list[:, 0]
+    volume = abs(ufl.JacobianDeterminant(mesh))
     _, weights = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
-    for cells, at_points in QuadratureValues(volume * ufl.as_vector([*parts, 1]), mesh, quadrature_degree):
-        sums = np.einsum("q,cqi->ci", weights, at_points)
-        values[dofs[cells]] = sums[:, :-1] / sums[:, -1:]
+    for expression, of in expressions:
+        parts = [expression[i] for i in np.ndindex(shape)] if shape else [expression]
+        for cells, at_points in QuadratureValues(volume * ufl.as_vector([*parts, 1]), mesh, quadrature_degree, of):
+            sums = np.einsum("q,cqi->ci", weights, at_points)
+            values[dofs[cells]] = sums[:, :-1] / sums[:, -1:]
     means.x.scatter_forward()
     return means
 
@@ -53,20 +56,21 @@ def quadrature_range(expression: Any, mesh: Mesh, quadrature_degree: int) -> tup
 class QuadratureValues:
     """A UFL expression compiled for the quadrature points of a mesh, to be evaluated as often as needed.
 
-    Iterating gives the cells of this rank, some at a time, and the values in them: (cells, points, …).
+    Iterating gives the owned cells, or those of them in ``cells``, some at a time, and the values in them:
+    (cells, points, …).
     """
 
-    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int) -> None:
+    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: Cells | None = None) -> None:
         points, _ = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
         self._compiled = fem.Expression(expression, points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self._mesh = mesh
+        owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+        self._cells = owned if cells is None else cells
 
     def __iter__(self) -> Iterator[tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]]:
-        mesh = self._mesh
-        owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
-        for start in range(0, len(owned), _CHUNK):
-            cells = owned[start : start + _CHUNK]
-            yield cells, self._compiled.eval(mesh, cells)
+        for start in range(0, len(self._cells), _CHUNK):
+            cells = self._cells[start : start + _CHUNK]
+            yield cells, self._compiled.eval(self._mesh, cells)
 
     def range(self) -> tuple[float, float]:
         """Smallest and largest value at any point of any rank; collective."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,16 +17,22 @@ if TYPE_CHECKING:
 class AdaptiveSteps:
     """Try the whole remaining load, halve the step where Newton's method fails, and lengthen it where it is easy.
 
-    Steps before the last only lead the way, so they are solved to ``path_tolerance``.
+    Steps before the last only lead the way, so they are solved to ``path_tolerance``. Steps are shares of a load case,
+    and none goes beyond the end of its case.
     """
 
     first: float = 1.0
     smallest: float = 1e-3
     path_tolerance: float = 1e-4
     easy: int = 6  # Newton iterations up to which the next step is twice as long
+    cases: int = 1
 
     def start(self) -> float:
-        return self.first
+        return self.first / self.cases
+
+    @property
+    def least(self) -> float:
+        return self.smallest / self.cases
 
     def after(self, solve: Solve, step: float) -> float:
         if not solve.outcome.accepted:
@@ -35,17 +42,18 @@ class AdaptiveSteps:
 
 @dataclass(frozen=True)
 class FixedSteps:
-    """Equal steps, each solved to the final tolerance; the first failure ends the run."""
+    """Equal steps in each load case, each solved to the final tolerance; the first failure ends the run."""
 
     count: int
     path_tolerance: float
+    cases: int = 1
 
     @property
-    def smallest(self) -> float:
-        return 1.0 / self.count
+    def least(self) -> float:
+        return self.start()
 
     def start(self) -> float:
-        return 1.0 / self.count
+        return 1.0 / (self.count * self.cases)
 
     def after(self, solve: Solve, step: float) -> float:
         return step if solve.outcome.accepted else 0.0
@@ -62,8 +70,7 @@ def follow(
     state = equilibrium.state.x
     step, has_tangent = steps.start(), False
     while load < 1.0:
-        # A remainder that is only rounding error is no step of its own.
-        target = 1.0 if load + step > 1.0 - 1e-9 else load + step
+        target = _target(load, step, steps.cases)
         accepted = state.array.copy()
         if has_tangent:
             equilibrium.predict(target)
@@ -75,5 +82,12 @@ def follow(
             state.array[:] = accepted
             has_tangent = False  # the factors at hand are of a state that was given up
         yield solve
-        if not solve.outcome.accepted and (step < steps.smallest or solve.outcome is Outcome.INTERRUPTED):
+        if not solve.outcome.accepted and (step < steps.least or solve.outcome is Outcome.INTERRUPTED):
             return
+
+
+def _target(load: float, step: float, cases: int) -> float:
+    """The next load, not beyond the end of the present load case."""
+    end = min((math.floor(load * cases + 1e-9) + 1) / cases, 1.0)
+    # A remainder that is only rounding error is no step of its own.
+    return end if load + step > end - 1e-9 / cases else load + step

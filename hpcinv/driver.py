@@ -180,7 +180,7 @@ class _Run:
                 u=model.unknowns.at_nodes(u),
                 displacement=u,
                 pressure=p,
-                J=cell_means(scene.J, self.body.mesh, degree),
+                J=cell_means([(scene.J, None)], self.body.mesh, degree),
                 cauchy_stress=sigma,
                 J_range=quadrature_range(scene.J, self.body.mesh, degree),
                 strain_energy=self.comm.allreduce(energy, op=MPI.SUM) * stress * length**3,

@@ -52,8 +52,8 @@ class Equilibrium:
     """The discrete equations of one scene, and Newton's method for them.
 
     The tangent is kept while corrections contract (Shamanskii); the matrix is then left untouched, so that PETSc keeps
-    its factors too, and its symbolic analysis serves the whole run. A correction that would turn an element inside out
-    is halved before the line search sees it.
+    its factors too, and its symbolic analysis serves the whole run. A correction that would turn an element inside out,
+    or strain it beyond what its law is defined for, is halved before the line search sees it.
 
     Args:
         scene: residual and load factor.
@@ -84,7 +84,11 @@ class Equilibrium:
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
             trial = ufl.TrialFunction(scene.unknowns.space)
             self._tangent = fem.form(ufl.derivative(scene.residual, self.state, trial), jit_options=JIT_OPTIONS)
-            self._mesh_J = QuadratureValues(scene.mesh_J, scene.unknowns.mesh, scene.quadrature_degree)
+            mesh, degree = scene.unknowns.mesh, scene.quadrature_degree
+            self._mesh_J = QuadratureValues(scene.mesh_J, mesh, degree)
+            self._domains = [
+                QuadratureValues(value, mesh, degree, part.cells) for part in scene.parts for value in part.domain
+            ]
         with timings("tangent"):
             self.matrix = fem_petsc.create_matrix(self._tangent)
         with timings("set-up"):
@@ -105,12 +109,20 @@ class Equilibrium:
         snes.setJacobian(self._assemble_tangent, self.matrix)
         snes.setConvergenceTest(self._judge)
         snes.setFromOptions()
-        snes.setLineSearchPreCheck(self._back_off_from_inversion)
+        snes.setLineSearchPreCheck(self._back_off)
         return snes
 
     def min_mesh_J(self) -> float:
         """Smallest determinant of the position map over all quadrature points; it must stay positive."""
         return self._mesh_J.range()[0]
+
+    def _inadmissible(self) -> Outcome | None:
+        """Why the present state is none, ``None`` if it is one."""
+        if not self.min_mesh_J() > 0:
+            return Outcome.INVERTED
+        if any(not values.range()[0] > 0 for values in self._domains):
+            return Outcome.OUTSIDE_LAW
+        return None
 
     def solve(self, load: float, tolerance: float) -> Solve:
         """Newton's method from the present state, which is left unchanged if the outcome is not accepted.
@@ -137,8 +149,8 @@ class Equilibrium:
             Outcome.CONVERGED if reason > 0 else _OUTCOMES_BY_REASON.get(reason, Outcome.DIVERGED)
         )
         self._set_state(x)
-        if outcome.accepted and not self.min_mesh_J() > 0:
-            outcome = Outcome.INVERTED
+        if outcome.accepted:
+            outcome = self._inadmissible() or outcome
         if not outcome.accepted:
             self._set_state(accepted)
         accepted.destroy()
@@ -156,7 +168,7 @@ class Equilibrium:
             self.snes.ksp.solve(self.rhs, x)
         x.aypx(-1.0, start)
         self._set_state(x)
-        if not (np.isfinite(_norm(x)) and self.min_mesh_J() > 0):
+        if not np.isfinite(_norm(x)) or self._inadmissible():
             self._set_state(start)
         start.destroy()
 
@@ -225,18 +237,18 @@ class Equilibrium:
             return 0
         return _DONE if self._outcome.accepted else _GIVEN_UP
 
-    def _back_off_from_inversion(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Halve the correction ``-y`` until no element is turned inside out, at most ten times."""
+    def _back_off(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Halve the correction ``-y`` until the state is admissible, at most ten times."""
         # The whole correction is what measures the error: a damped one is small even far from the solution.
         self._correction = _norm(y)
         trial = x.duplicate()
         shortened = False
-        with self.timings("inversion check"):
+        with self.timings("admissibility check"):
             for _ in range(10):
                 x.copy(trial)
                 trial.axpy(-1.0, y)
                 self._set_state(trial)
-                if self.min_mesh_J() > 0:
+                if self._inadmissible() is None:
                     break
                 y.scale(0.5)
                 shortened = True

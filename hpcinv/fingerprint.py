@@ -13,7 +13,7 @@ from hpcinv.schema import Location, at
 if TYPE_CHECKING:
     from hpcinv.job import Job
 
-_PHYSICS = {"analysis", "regions", "material", "effects", "supports"}
+_PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
 _MESH = {"parameters", "unit", "geometry_degree"}  # not its path: a moved file is the same mesh
 
 

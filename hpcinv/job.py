@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import pickle
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
-from hpcinv.effects import AnyEffect, Direction
+from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
 from hpcinv.expressions import Expression, faults
+from hpcinv.fibres import FibreFamily
 from hpcinv.fingerprint import fingerprint
+from hpcinv.ingredient import Ingredient
 from hpcinv.loading import read_yaml
-from hpcinv.materials import Material
-from hpcinv.schema import ListOf, Problems, Spec, at, problems_in, raise_if_any
-from hpcinv.sections import AXES, COORDINATES, MeshFile, Name, QuantityOfInterest, Support
+from hpcinv.materials import Material, MaterialLaw
+from hpcinv.plugins import load_file, load_installed
+from hpcinv.schema import ListOf, Location, Name, Problems, Spec, at, problems_in, raise_if_any
+from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.settings import Checkpoint, Discretisation, Output, Solver
+from hpcinv.spelling import did_you_mean
 
 NEARLY_INCOMPRESSIBLE = 20.0  # bulk-to-shear ratio above which displacements alone lock
 
@@ -38,11 +43,17 @@ class Job(Spec):
     """the mesh of the given body, such as {file: ../meshes/beam.msh, unit: mm}"""
     regions: Mapping[Name, Expression] = {}
     """parts of the given body by conditions on x, y, z, for meshes without physical groups"""
+    plugins: ListOf[str] = ()
+    """Python files, beside the job file, that define further laws and effects"""
+    fibres: Mapping[Name, FibreFamily] = {}
+    """families of fibres by name, for laws and effects that refer to them"""
     material: Material
-    """the material law and its parameters"""
+    """the material law and its parameters, or one for each region of cells: {core: {law: …}, skin: {law: …}}"""
+    load_cases: ListOf[Name] = ()
+    """names of load cases that follow each other; left out, there is one"""
     effects: ListOf[AnyEffect] = ()
     """what loads or strains the body"""
-    supports: Annotated[ListOf[Support], Field(json_schema_extra={"minItems": 1})]
+    supports: ListOf[Support]
     """where the body is held; unless something holds it, it can move as a rigid body and there is no one answer"""
     discretisation: Discretisation = Discretisation()
     """finite-element spaces"""
@@ -76,10 +87,35 @@ class Job(Spec):
         return ("forward", "inverse") if self.first == "forward" else ("inverse", "forward")
 
     @property
+    def laws(self) -> Mapping[str, MaterialLaw]:
+        """The material laws by their place in the job: ``material``, or ``material.REGION`` for each region."""
+        return _laws(self.material)
+
+    @property
+    def named_effects(self) -> list[tuple[str, Effect]]:
+        """The effects, each with its place in the job."""
+        return [(f"effects[{i}]", effect) for i, effect in enumerate(self.effects)]
+
+    @property
+    def families(self) -> dict[str, FibreFamily]:
+        """The families of fibres that the scene needs, by their place in the job."""
+        needed = dict.fromkeys(name for part in (*self.laws.values(), *self.effects) for name in part.families)
+        return {f"fibres.{name}": self.fibres[name] for name in needed}
+
+    @property
+    def case_count(self) -> int:
+        """Number of load cases."""
+        return max(len(self.load_cases), 1)
+
+    def case_of(self, part: Effect | Support) -> int:
+        """Number of the load case of an effect or support, from 0."""
+        return 0 if part.case is None else self.load_cases.index(part.case)
+
+    @property
     def is_mixed(self) -> bool:
         """Whether the pressure is an unknown."""
         chosen = self.discretisation.formulation
-        return chosen == "mixed" or (chosen == "auto" and _is_nearly_incompressible(self.material))
+        return chosen == "mixed" or (chosen == "auto" and _is_nearly_incompressible(self.laws))
 
     @property
     def pressure_degree(self) -> int | None:
@@ -91,6 +127,38 @@ class Job(Spec):
         return fingerprint(self)
 
     # The rules between sections stand with the later section, which sees the earlier ones that are right in themselves.
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled so that another rank has the classes of its plugins before it needs them."""
+        plugins = [self.resolve(p).resolve() for p in self.plugins]
+        return _unpickled, (plugins, pickle.dumps((self.__class__, self.__getstate__())))
+
+    @field_validator("plugins")
+    @classmethod
+    def _are_imported(cls, plugins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        load_installed()
+        problems = []
+        for i, plugin in enumerate(plugins):
+            try:
+                load_file(directory_of(info) / plugin)
+            except ValueError as error:
+                problems.append(((i,), str(error)))
+        raise_if_any(problems)
+        return plugins
+
+    @field_validator("material")
+    @classmethod
+    def _has_its_fibres(cls, material: Material, info: ValidationInfo) -> Material:
+        for where, law in _laws(material).items():
+            region = tuple(where.split(".", 1)[1:])
+            raise_if_any(((*region, *place), text) for place, text in _unknown_families(law, info))
+        return material
+
+    @field_validator("load_cases")
+    @classmethod
+    def _are_several(cls, cases: tuple[str, ...]) -> tuple[str, ...]:
+        raise_if_any(((i,), f"'{name}' is there already") for i, name in enumerate(cases) if name in cases[:i])
+        return cases
 
     @field_validator("first")
     @classmethod
@@ -117,15 +185,24 @@ class Job(Spec):
             for i, effect in enumerate(effects)
             if needed - effect.directions
         )
+        raise_if_any(
+            ((i, *place), text)
+            for i, effect in enumerate(effects)
+            for place, text in (*_unknown_families(effect, info), *_unknown_case(effect, info))
+        )
         return effects
 
     @field_validator("supports")
     @classmethod
-    def _hold_the_body(cls, supports: tuple[Support, ...]) -> tuple[Support, ...]:
-        free = set(AXES).difference(*(s.held for s in supports))
-        if free:
+    def _hold_the_body(cls, supports: tuple[Support, ...], info: ValidationInfo) -> tuple[Support, ...]:
+        holds = (*(s.held for s in supports), *(e.holds for e in info.data.get("effects", ())))
+        free = set(AXES).difference(*holds)
+        if free and "effects" in info.data:
             text = f"leave the body free to move along {' and '.join(sorted(free))}: hold it there in some region"
             raise ValueError(text)
+        raise_if_any(
+            ((i, *place), text) for i, support in enumerate(supports) for place, text in _unknown_case(support, info)
+        )
         taken: set[tuple[str, str]] = set()
         for i, support in enumerate(supports):
             held = {(support.region, axis) for axis in support.held}
@@ -137,10 +214,17 @@ class Job(Spec):
     @field_validator("discretisation")
     @classmethod
     def _suits_the_material(cls, discretisation: Discretisation, info: ValidationInfo) -> Discretisation:
-        material = info.data.get("material")
-        if material is None or not _is_nearly_incompressible(material):
+        if "material" not in info.data:
             return discretisation
-        if discretisation.formulation == "displacement" and material.bulk_modulus == float("inf"):
+        laws = _laws(info.data["material"])
+        if discretisation.formulation == "auto":
+            for where, law in laws.items():
+                if law.stiffness_ratio is None:
+                    text = f"must be stated, displacement or mixed, since the moduli of {where} vary over the body"
+                    raise Problems((("formulation",), text))
+        if not _is_nearly_incompressible(laws):
+            return discretisation
+        if discretisation.formulation == "displacement" and any(law.is_incompressible for law in laws.values()):
             raise Problems((("formulation",), "must be mixed (or auto), since the material is incompressible"))
         if discretisation.formulation == "auto" and discretisation.displacement == 1:
             text = (
@@ -162,8 +246,37 @@ class Job(Spec):
         return quantities
 
 
-def _is_nearly_incompressible(material: Material) -> bool:
-    return material.bulk_modulus > NEARLY_INCOMPRESSIBLE * material.shear_modulus
+def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, MaterialLaw]:
+    if isinstance(material, MaterialLaw):
+        return {"material": material}
+    return {f"material.{region}": law for region, law in material.items()}
+
+
+def _is_nearly_incompressible(laws: Mapping[str, MaterialLaw]) -> bool:
+    return any((law.stiffness_ratio or 0.0) > NEARLY_INCOMPRESSIBLE for law in laws.values())
+
+
+def _unknown_families(part: Ingredient, info: ValidationInfo) -> Iterator[tuple[Location, str]]:
+    fibres = info.data.get("fibres")
+    for family, field in part.families.items():
+        if fibres is not None and family not in fibres:
+            hint = did_you_mean(family, fibres) if fibres else ""
+            yield (field,), f"there are no fibres '{family}'; define them in 'fibres'.{hint}".removesuffix(".")
+
+
+def _unknown_case(part: Effect | Support, info: ValidationInfo) -> Iterator[tuple[Location, str]]:
+    cases = info.data.get("load_cases")
+    if cases is not None and part.case is not None and part.case not in cases:
+        yield ("case",), f"'{part.case}' is not among 'load_cases'" + (did_you_mean(part.case, cases) if cases else "")
+
+
+def _unpickled(plugins: list[Path], data: bytes) -> Job:
+    for plugin in plugins:
+        load_file(plugin)
+    kind, state = pickle.loads(data)
+    job: Job = kind.__new__(kind)
+    job.__setstate__(state)
+    return job
 
 
 def load(path: str | Path) -> Job:

@@ -11,6 +11,9 @@ position map        ``x = X + u``          ``X = x - u``
 ``Grad v``          ``∇v``                 ``∇v F``
 ``dV``              ``dx``                 ``det(I - h) dx``
 ``dv``              ``J dx``               ``dx``
+``dA``              ``ds``                 ``|cof(I - h) n| ds``
+``da``              ``|cof(F) N| ds``      ``ds``
+``n da``            ``cof(F) N ds``        ``n ds``
 ==================  =====================  ==========================
 
 Invariants are built from ``H``, never from ``F``, so that nothing cancels at small strain (Shakeri et al., "Stable
@@ -20,10 +23,15 @@ numerics for finite-strain elasticity", 2024, doi:10.1002/nme.7563).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import ufl
+
+if TYPE_CHECKING:
+    from hpcinv.integration import Integration
 
 _SERIES_BELOW = 2.0**-7  # |x| at which the closed forms take over from the series; both are exact there to 1e-16
 _SERIES_TERMS = 9
@@ -46,12 +54,15 @@ def log1p_remainder(x: Any) -> Any:
 class Deformation:
     """Strain measures and invariants of one displacement gradient ``H`` (3 × 3, dimensionless).
 
+    ``fibres`` are unit vectors ``a0`` of the reference body by the name of their family.
+
     Quantities that vanish in the undeformed state are computed without subtracting large numbers; laws should be
     written in terms of them.
     """
 
-    def __init__(self, H: Any) -> None:
+    def __init__(self, H: Any, fibres: Mapping[str, Any] = MappingProxyType({})) -> None:
         self.H = H
+        self.fibres = fibres
 
     @cached_property
     def I(self) -> Any:  # noqa: E743  (the identity's name in every text on the subject)
@@ -115,6 +126,14 @@ class Deformation:
         remainder = s**2 * (3 * s**2 + 8 * s + 6) / 3  # J^(4/3) - 1 - 4/3 (J - 1)
         return (4 * self._trE_minus_J_minus_1 + self._second_of_E - 3 * remainder) / (1 + s) ** 4
 
+    def fibre(self, family: str) -> Fibre:
+        """Invariants of a family of fibres."""
+        return Fibre(self, self.fibres[family])
+
+    def I8(self, family: str, other: str) -> Any:
+        """``a0·(C - I) b0`` of two families: ``a·b`` of the deformed fibres, if they are orthogonal at first."""
+        return 2 * ufl.inner(self.fibres[family], self.E * self.fibres[other])
+
     @cached_property
     def _cbrt_J_minus_1(self) -> Any:
         """``J^(1/3) - 1``, from ``t³ - 1 = (t - 1)(1 + t + t²)``."""
@@ -137,19 +156,45 @@ class Deformation:
         return 2 * (ufl.tr(self.E) ** 2 - ufl.inner(self.E, self.E))
 
 
+class Fibre:
+    """Invariants of one family of fibres with the unit vector ``a0`` in the reference body."""
+
+    def __init__(self, k: Deformation, direction: Any) -> None:
+        self._k, self.direction = k, direction
+
+    @cached_property
+    def E_aa(self) -> Any:
+        """Green–Lagrange strain along the fibre, ``a0·E a0``."""
+        return ufl.inner(self.direction, self._k.E * self.direction)
+
+    @cached_property
+    def I4_minus_1(self) -> Any:
+        """``a0·C a0 - 1``, the squared stretch of the fibre less 1."""
+        return 2 * self.E_aa
+
+    @cached_property
+    def I5_minus_1(self) -> Any:
+        """``a0·C² a0 - 1``."""
+        Ea = self._k.E * self.direction
+        return 4 * self.E_aa + 4 * ufl.inner(Ea, Ea)
+
+
 class Kinematics(ABC):
     """What a residual needs to know about the direction of the analysis.
 
     Args:
         u: displacement ``x - X``, vector of 3, in scaled lengths.
-        dx: volume measure of the mesh, with its quadrature degree.
+        integration: measures of the mesh.
     """
 
     direction: str
+    sign: int
+    """The other body is the mesh moved by ``sign * u``."""
 
-    def __init__(self, u: Any, dx: Any) -> None:
+    def __init__(self, u: Any, integration: Integration) -> None:
         self.u = u
-        self.dx = dx
+        self.integration = integration
+        self._at = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))
 
     @property
     @abstractmethod
@@ -158,25 +203,75 @@ class Kinematics(ABC):
 
     @property
     @abstractmethod
-    def mesh_J(self) -> Any:
-        """Determinant that must stay positive at every point: of ``∂x/∂X`` or of ``∂X/∂x``."""
+    def F_inverse(self) -> Any:
+        """``∂X/∂x``."""
+
+    @property
+    @abstractmethod
+    def X(self) -> Any:
+        """Reference position in scaled lengths."""
+
+    @property
+    @abstractmethod
+    def x(self) -> Any:
+        """Current position in scaled lengths."""
 
     @abstractmethod
     def Grad(self, v: Any) -> Any:
         """Gradient of ``v`` with respect to the reference body."""
 
     @abstractmethod
-    def dV(self, integrand: Any) -> Any:
-        """Integral over the reference volume."""
+    def dV(self, integrand: Any, measure: Any = None) -> Any:
+        """Integral over the reference volume, of the whole body or of what ``measure`` covers."""
 
     @abstractmethod
     def dv(self, integrand: Any) -> Any:
         """Integral over the current volume."""
 
+    @abstractmethod
+    def dA(self, integrand: Any, region: str) -> Any:
+        """Integral over the reference area of a region of the boundary."""
+
+    @abstractmethod
+    def da(self, integrand: Any, region: str) -> Any:
+        """Integral over the current area of a region of the boundary."""
+
+    @abstractmethod
+    def n_da(self, vector: Any, region: str) -> Any:
+        """``∫ vector · n da`` over a region of the boundary, ``n`` the outward unit normal of the current body."""
+
     @property
     @abstractmethod
-    def sign(self) -> int:
-        """The other body is the mesh moved by ``sign * u``."""
+    def N(self) -> Any:
+        """Outward unit normal of the reference body."""
+
+    @property
+    @abstractmethod
+    def n(self) -> Any:
+        """Outward unit normal of the current body."""
+
+    @property
+    @abstractmethod
+    def _h(self) -> Any:
+        """Gradient of the mesh's map to the other body, less ``I``."""
+
+    @cached_property
+    def mesh_J(self) -> Any:
+        """Determinant that must stay positive at every point: of ``∂x/∂X`` or of ``∂X/∂x``."""
+        return Deformation(self._h).J
+
+    @cached_property
+    def _normal(self) -> Any:
+        return ufl.FacetNormal(ufl.domain.extract_unique_domain(self._at))
+
+    @cached_property
+    def _area_vector(self) -> Any:
+        """The other body's normal times its area per area of the mesh (Nanson's formula)."""
+        return ufl.cofac(ufl.Identity(3) + self._h) * self._normal
+
+    @cached_property
+    def _area(self) -> Any:
+        return ufl.sqrt(ufl.inner(self._area_vector, self._area_vector))
 
 
 class ForwardKinematics(Kinematics):
@@ -189,18 +284,47 @@ class ForwardKinematics(Kinematics):
     def H(self) -> Any:
         return ufl.grad(self.u)
 
+    @property
+    def _h(self) -> Any:
+        return self.H
+
     @cached_property
-    def mesh_J(self) -> Any:
-        return Deformation(self.H).J
+    def F_inverse(self) -> Any:
+        return ufl.inv(ufl.Identity(3) + self.H)
+
+    @property
+    def X(self) -> Any:
+        return self._at
+
+    @property
+    def x(self) -> Any:
+        return self._at + self.u
+
+    @property
+    def N(self) -> Any:
+        return self._normal
+
+    @property
+    def n(self) -> Any:
+        return self._area_vector / self._area
 
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v)
 
-    def dV(self, integrand: Any) -> Any:
-        return integrand * self.dx
+    def dV(self, integrand: Any, measure: Any = None) -> Any:
+        return integrand * (measure or self.integration.volume)
 
     def dv(self, integrand: Any) -> Any:
-        return integrand * self.mesh_J * self.dx
+        return integrand * self.mesh_J * self.integration.volume
+
+    def dA(self, integrand: Any, region: str) -> Any:
+        return integrand * self.integration.surface(region)
+
+    def da(self, integrand: Any, region: str) -> Any:
+        return integrand * self._area * self.integration.surface(region)
+
+    def n_da(self, vector: Any, region: str) -> Any:
+        return ufl.inner(vector, self._area_vector) * self.integration.surface(region)
 
 
 class InverseKinematics(Kinematics):
@@ -211,26 +335,50 @@ class InverseKinematics(Kinematics):
 
     @cached_property
     def _h(self) -> Any:
-        return ufl.grad(self.u)
+        return -ufl.grad(self.u)
+
+    @cached_property
+    def F_inverse(self) -> Any:
+        return ufl.Identity(3) + self._h
 
     @cached_property
     def _F(self) -> Any:
-        """``(I - h)⁻¹``."""
-        return ufl.inv(ufl.Identity(3) - self._h)
+        return ufl.inv(self.F_inverse)
 
     @cached_property
     def H(self) -> Any:
-        return self._h * self._F
+        return -self._h * self._F
 
-    @cached_property
-    def mesh_J(self) -> Any:
-        return Deformation(-self._h).J
+    @property
+    def X(self) -> Any:
+        return self._at - self.u
+
+    @property
+    def x(self) -> Any:
+        return self._at
+
+    @property
+    def N(self) -> Any:
+        return self._area_vector / self._area
+
+    @property
+    def n(self) -> Any:
+        return self._normal
 
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v) * self._F
 
-    def dV(self, integrand: Any) -> Any:
-        return integrand * self.mesh_J * self.dx
+    def dV(self, integrand: Any, measure: Any = None) -> Any:
+        return integrand * self.mesh_J * (measure or self.integration.volume)
 
     def dv(self, integrand: Any) -> Any:
-        return integrand * self.dx
+        return integrand * self.integration.volume
+
+    def dA(self, integrand: Any, region: str) -> Any:
+        return integrand * self._area * self.integration.surface(region)
+
+    def da(self, integrand: Any, region: str) -> Any:
+        return integrand * self.integration.surface(region)
+
+    def n_da(self, vector: Any, region: str) -> Any:
+        return ufl.inner(vector, self.n) * self.integration.surface(region)

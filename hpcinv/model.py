@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from hpcinv.bodyfields import BodyFields
 from hpcinv.continuation import AdaptiveSteps, FixedSteps
 from hpcinv.equilibrium import Equilibrium
+from hpcinv.fieldchecks import check_fields, shear_modulus
 from hpcinv.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.scales import Scales, power_of_two
 from hpcinv.scene import Scene
@@ -28,24 +30,25 @@ class Model:
     """What the legs of an analysis share.
 
     Raises:
-        MeshError: on all ranks, if a support names a region without facets.
+        MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
     """
 
     def __init__(self, job: Job, body: Body, timings: Timings) -> None:
         self.job, self.body, self.timings = job, body, timings
         with timings("set-up"):
-            self.scales = Scales(body.length_scale, power_of_two(job.material.shear_modulus))
+            self.fields = BodyFields(body)
+            check_fields(job, self.fields)
+            self.scales = Scales(body.length_scale, power_of_two(shear_modulus(job, self.fields)))
             self.unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
-            self.supports = Supports(job.supports, body, self.unknowns)
+            self.supports = Supports(job, body, self.unknowns)
         self.quadrature_degree = job.discretisation.quadrature or default_quadrature(
             body.source.kind, job.discretisation.displacement
         )
 
     def scene(self, direction: Direction) -> Scene:
         """The scene in one direction, on the mesh as it now lies."""
-        job = self.job
         kinematics = KINEMATICS[direction]
-        return Scene(self.unknowns, job.material, job.effects, kinematics, self.quadrature_degree, self.scales)
+        return Scene(self.job, self.fields, self.unknowns, kinematics, self.quadrature_degree, self.scales)
 
     def equilibrium(self, scene: Scene, stop_asked: Callable[[], bool]) -> Equilibrium:
         """The equations of a scene, and the solver that the job asks for."""
@@ -82,8 +85,8 @@ class Model:
         """The continuation that the job asks for."""
         solver = self.job.solver
         if solver.strategy == "fixed":
-            return FixedSteps(solver.steps, solver.tolerance)
-        return AdaptiveSteps(solver.initial_step, solver.minimum_step)
+            return FixedSteps(solver.steps, solver.tolerance, cases=self.job.case_count)
+        return AdaptiveSteps(solver.initial_step, solver.minimum_step, cases=self.job.case_count)
 
 
 def default_quadrature(kind: str, displacement: int) -> int:

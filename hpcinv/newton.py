@@ -27,6 +27,10 @@ class Outcome(enum.Enum):
         "an element would turn inside out (det F ≤ 0)",
         "Look for poor elements there, or for a load that this material cannot carry.",
     )
+    OUTSIDE_LAW = (
+        "the material would be strained beyond what its law is defined for",
+        "Check its limit (such as jm of gent) and the loads, or take a law without one.",
+    )
     NOT_FINITE = (
         "the residual is not finite: a law left its domain, or an element turned inside out",
         "Try a smaller solver.initial_step, and check the units of loads and material.",

@@ -1,4 +1,5 @@
-"""The parameters of a scene, scaled, as entries of one constant of its forms: changing a value recompiles nothing.
+"""The parameters of a scene, scaled: numbers are entries of one constant of its forms, so that changing one recompiles
+nothing; fields are functions or formulas of position.
 
 One constant and not many, since UFL orders constants by the text of their running numbers: several would change places
 between the 9th and the 10th, and the same form would be compiled anew.
@@ -7,7 +8,8 @@ between the 9th and the 10th, and the same form would be compiled anew.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -17,57 +19,104 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 import ufl
 from dolfinx import fem
 
-from hpcinv.quantities import quantities_of
+from hpcinv.formulas import at_position
+from hpcinv.varying import ByData, ByFormula, ByRegion
 
 if TYPE_CHECKING:
-    from dolfinx.mesh import Mesh
-    from pydantic import BaseModel
-
+    from hpcinv.bodyfields import BodyFields
+    from hpcinv.expressions import Expression
+    from hpcinv.ingredient import Ingredient
+    from hpcinv.kinematics import Kinematics
     from hpcinv.scales import Scales
+    from hpcinv.units import Dimension
 
 
 class Parameters:
-    """The load factor, and the finite quantities of laws and effects.
+    """The load factors of the load cases, and the finite quantities of laws, effects and families of fibres.
 
     Args:
-        specs: laws and effects.
-        further: values that a scene needs beside their fields, scaled already, by name.
+        ingredients: what the scene is made of, by the name that messages call it.
+        cases: number of load cases.
+
+    Raises:
+        MeshError: on all ranks, if the mesh lacks what a field needs.
     """
 
-    def __init__(self, specs: Sequence[BaseModel], further: dict[str, float], mesh: Mesh, scales: Scales) -> None:
-        values, places = [0.0], []
-        for spec in specs:
-            found: dict[str, slice | int] = {}
-            for name, dimension in quantities_of(type(spec)).items():
-                value, scale = getattr(spec, name), scales.of(dimension)
-                if value is None or value == math.inf:
-                    continue
-                entries = value if isinstance(value, tuple) else (value,)
-                start = len(values)
-                values += [v / scale for v in entries]
-                found[name] = slice(start, len(values)) if isinstance(value, tuple) else start
-            places.append(found)
-        self._further = {name: len(values) + i for i, name in enumerate(further)}
-        self._constant = fem.Constant(mesh, [*values, *further.values()])
-        self._places = places
+    def __init__(
+        self,
+        ingredients: Sequence[tuple[str, Ingredient]],
+        k: Kinematics,
+        fields: BodyFields,
+        scales: Scales,
+        cases: int,
+    ) -> None:
+        self._k, self._fields, self._scales, self._cases = k, fields, scales, cases
+        self._values = [0.0] * cases
+        self._metre: int | None = None
+        places = [self._take_in(where, ingredient) for where, ingredient in ingredients]
+        self._constant = fem.Constant(fields.body.mesh, self._values)
+        self._namespaces = [SimpleNamespace(**{name: self._entry(p) for name, p in found.items()}) for found in places]
 
-    @property
-    def load(self) -> Any:
-        """The load factor, as UFL sees it."""
-        return self._constant[0]
+    def load(self, case: int) -> Any:
+        """Load factor of a case, from 0 to 1, as UFL sees it."""
+        return self._constant[case]
 
     def set_load(self, value: float) -> None:
-        self._constant.value[0] = value
+        """Set the load factors for the share ``value`` of the whole way, on which the cases follow each other."""
+        self._constant.value[: self._cases] = [load_factor(value, case, self._cases) for case in range(self._cases)]
 
     def of(self, index: int) -> Any:
-        """The quantities of the ``index``-th spec by name, vectors as UFL vectors."""
-        return SimpleNamespace(**{name: self._entry(place) for name, place in self._places[index].items()})
+        """The quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
+        return self._namespaces[index]
 
-    def further(self, name: str) -> Any:
-        """One of the ``further`` values."""
-        return self._constant[self._further[name]]
+    def _take_in(self, where: str, ingredient: Ingredient) -> dict[str, Any]:
+        return {
+            name: self._place(value, dimension, f"{where}.{name}")
+            for name, (value, dimension) in ingredient.quantities().items()
+            if value is not None and value != math.inf
+        }
 
-    def _entry(self, place: slice | int) -> Any:
-        if isinstance(place, int):
-            return self._constant[place]
-        return ufl.as_vector([self._constant[i] for i in range(place.start, place.stop)])
+    def _place(self, value: Any, dimension: Dimension, where: str) -> Any:
+        """Where a quantity is to be found: a place in the constant, a function, or a formula and what it needs."""
+        if isinstance(value, tuple):
+            return [self._place(v, dimension, where) for v in value]
+        scale = self._scales.of(dimension)
+        if isinstance(value, ByFormula):
+            if self._metre is None:
+                self._metre = self._append(self._scales.length)
+            constants = {name: self._append(constant) for name, constant in value.constants.items()}
+            return _Formula(value.formula, self._append(1 / scale), constants)
+        if isinstance(value, ByRegion | ByData):
+            return self._fields.function(value, scale, where)
+        return self._append(value / scale)
+
+    def _append(self, value: float) -> int:
+        self._values.append(value)
+        return len(self._values) - 1
+
+    def _entry(self, place: Any) -> Any:
+        match place:
+            case int():
+                return self._constant[place]
+            case list():
+                return ufl.as_vector([self._entry(p) for p in place])
+            case _Formula(formula, scale, constants):
+                named = {name: self._constant[i] for name, i in constants.items()}
+                assert self._metre is not None
+                return self._constant[scale] * at_position(formula, self._k, self._constant[self._metre], named)
+            case _:
+                return place
+
+
+@dataclass(frozen=True)
+class _Formula:
+    """A formula, and the places of its unit and of its constants."""
+
+    formula: Expression
+    scale: int
+    constants: Mapping[str, int]
+
+
+def load_factor(value: float, case: int, cases: int) -> float:
+    """Load factor of one of ``cases`` load cases that follow each other, for the share ``value`` of the whole way."""
+    return min(max(cases * value - case, 0.0), 1.0)

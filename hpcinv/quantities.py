@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from pydantic_core import core_schema
 
+from hpcinv.schema import metadata_in
 from hpcinv.units import NUMBER, as_float, parse_quantity, parse_unit
 from hpcinv.units import Dimension as Dimension  # part of this module's interface
 
@@ -28,10 +29,14 @@ class Quantity:
     Args:
         unit: the SI unit that a plain number is taken in; None takes a quantity of any dimension.
         infinite: a word that stands for infinity, where that has a meaning.
+        above, at_least, at_most: bounds of the value, in SI.
     """
 
     unit: str | None
     infinite: str = ""
+    above: float = -math.inf
+    at_least: float = -math.inf
+    at_most: float = math.inf
 
     @cached_property
     def dimension(self) -> Dimension | None:
@@ -51,7 +56,19 @@ class Quantity:
             number = as_float(value)
         if not math.isfinite(number) and not (self.infinite and number == math.inf):
             raise ValueError(f"must be finite, not {value!r}")
+        if not self.admits(number):
+            raise ValueError(f"must be {self.bounds}, not {value}")
         return number
+
+    def admits(self, number: float) -> bool:
+        """Whether a value (SI) lies within the bounds."""
+        return self.above < number and self.at_least <= number <= self.at_most
+
+    @property
+    def bounds(self) -> str:
+        """The bounds in words, such as ``at least 0 and at most 0.5``."""
+        limits = (("above", self.above), ("at least", self.at_least), ("at most", self.at_most))
+        return " and ".join(f"{relation} {limit:g}" for relation, limit in limits if math.isfinite(limit))
 
     @property
     def _wanted(self) -> str:
@@ -100,20 +117,21 @@ QUANTITIES: dict[str, Quantity] = {
 
 def quantities_of(model: type[BaseModel]) -> dict[str, Dimension]:
     """Dimension of every field of ``model`` that is a quantity, or a tuple of them."""
-    found = {name: _quantity_in(field.annotation, *field.metadata) for name, field in model.model_fields.items()}
+    found = {
+        name: metadata_in(Quantity, field.annotation, *field.metadata) for name, field in model.model_fields.items()
+    }
     return {name: q.dimension for name, q in found.items() if q is not None and q.dimension is not None}
+
+
+def quantity_of(model: type[BaseModel], field: str) -> Quantity:
+    """What a field expects; ``KeyError`` if it is no quantity."""
+    info = model.model_fields[field]
+    found = metadata_in(Quantity, info.annotation, *info.metadata)
+    if found is None:
+        raise KeyError(field)
+    return found
 
 
 def dimension_of(model: type[BaseModel], field: str) -> Dimension:
     """Dimension of one field, of its entries where it is a tuple; ``KeyError`` if it is no quantity."""
     return quantities_of(model)[field]
-
-
-def _quantity_in(*annotations: Any) -> Quantity | None:
-    """The first `Quantity` in nested annotations such as ``tuple[Annotated[float, Quantity], …] | None``."""
-    for annotation in annotations:
-        if isinstance(annotation, Quantity):
-            return annotation
-        if (found := _quantity_in(*get_args(annotation))) is not None:
-            return found
-    return None

@@ -10,7 +10,10 @@ from hpcinv.quantities import Dimension
 
 @dataclass(frozen=True)
 class Scales:
-    """Units of length (m), stress (Pa) and time (s) of the scaled problem; powers of two, so that scaling is exact."""
+    """Units of length (m), stress (Pa) and time (s) of the scaled problem; powers of two, so that scaling is exact.
+
+    Temperatures (K) are not scaled.
+    """
 
     length: float
     stress: float

@@ -1,37 +1,58 @@
-"""The scene: virtual work of one body under its material law and the effects that the job lists, in either direction.
+"""The scene: virtual work of one body under its material laws and the effects that the job lists, in either direction.
 
 Equilibrium is stated once, on the reference body,
 
-    ∫ P : Grad δu dV  =  λ Σ external virtual work,            P = ∂ψ/∂F,
+    ∫ P : Grad δu dV  =  Σ external virtual work,            P = ∂ψ/∂F,
 
 and, where the law is nearly or fully incompressible, with the pressure as an unknown of its own,
 
-    ψ = W(F) - p θ(J) - p²/2Λ,      ∫ (θ(J) + p/Λ) δp dV = 0,
+    ψ = W(F) - p θ(F) - p²/2Λ,      ∫ (θ(F) + p/Λ) δp dV = 0,
 
-where ``U = Λ/2 θ²`` is the law's volumetric energy (``Λ → ∞`` drops the last term). `Kinematics` carries this to the
-mesh, so that the inverse problem is the exact discrete inverse of the forward one.
+where ``U = Λ/2 θ²`` is the law's volumetric energy (``Λ → ∞`` drops the last term). Effects that strain the body
+without stress leave the law the elastic part of the deformation, ``F_e = F F_g⁻¹`` and ``ψ = J_g ψ(F_e)``. `Kinematics`
+carries this to the mesh, so that the inverse problem is the exact discrete inverse of the forward one.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+import numpy as np
+import numpy.typing as npt
 import ufl
 from ufl.classes import Label, Variable
 
+from hpcinv.bodyfields import parts
+from hpcinv.integration import Integration
 from hpcinv.kinematics import Deformation, Kinematics
 from hpcinv.parameters import Parameters
 
 if TYPE_CHECKING:
-    from hpcinv.effects.base import Effect
-    from hpcinv.materials.base import MaterialLaw
+    from hpcinv.bodyfields import BodyFields
+    from hpcinv.job import Job
+    from hpcinv.materials import MaterialLaw
     from hpcinv.scales import Scales
     from hpcinv.unknowns import Unknowns
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one law gives in its cells (``None`` for all): energy per reference volume, and stresses, scaled.
+
+    ``psi`` is what equilibrium derives from, ``energy`` what is stored; ``constraint`` is ``None`` without pressure;
+    ``domain`` are the scalars that must stay positive for the law to be defined.
+    """
+
+    cells: npt.NDArray[np.int32] | None
+    energy: Any
+    P: Any
+    constraint: Any
+    domain: tuple[Any, ...]
 
 
 class Scene:
@@ -39,52 +60,107 @@ class Scene:
 
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
-        parameters: the load factor ``λ`` and the parameters of law and effects.
+        parameters: the load factors, and the parameters of laws, effects and fibres.
         strain_energy: UFL form of the energy stored in the body (scaled stress × length³).
         J: volume ratio; mesh_J: the determinant that must stay positive at every point.
-        cauchy_stress: ``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3).
+
+    Raises:
+        MeshError: on all ranks, if the mesh lacks a region or an array that the job names.
     """
 
     def __init__(
         self,
+        job: Job,
+        fields: BodyFields,
         unknowns: Unknowns,
-        material: MaterialLaw,
-        effects: Sequence[Effect],
         kinematics: type[Kinematics],
         quadrature_degree: int,
         scales: Scales,
     ) -> None:
         self.unknowns = unknowns
-        self.kinematics = kinematics(unknowns.u, ufl.dx(unknowns.mesh, degree=quadrature_degree))
         self.quadrature_degree = quadrature_degree
-        modulus = material.dilatation_modulus
-        is_finite = math.isfinite(modulus)
-        further = {"dilatation_modulus": modulus / scales.stress} if is_finite else {}
-        self.parameters = parameters = Parameters([material, *effects], further, unknowns.mesh, scales)
-
-        kin, par = self.kinematics, parameters.of(0)
+        cells = law_cells(job.laws, fields)
+        integration = Integration(fields.body, quadrature_degree, cells)
+        self.kinematics = kin = kinematics(unknowns.u, integration)
+        families = job.families
+        self.parameters = par = Parameters(
+            [*job.laws.items(), *job.named_effects, *families.items()], kin, fields, scales, job.case_count
+        )
+        count = len(job.laws)
+        of_effects = [
+            (effect, par.load(job.case_of(effect)), par.of(count + i)) for i, effect in enumerate(job.effects)
+        ]
+        directions = {
+            name.removeprefix("fibres."): _unit(kin, family.given_on, par.of(count + len(of_effects) + i).direction)
+            for i, (name, family) in enumerate(families.items())
+        }
         # A label of our own: UFL's running number would make the kernels of each scene's expressions new ones.
         H = Variable(kin.H, Label(0))
-        deformation = Deformation(H)
-        distortion = material.distortion(deformation, par)
-        dilatation = material.dilatation(deformation)
-        finite_modulus = parameters.further("dilatation_modulus") if is_finite else None
-        if unknowns.p is None:
-            psi = energy = distortion + finite_modulus * dilatation**2 / 2
-        else:
-            psi = distortion - unknowns.p * dilatation
-            energy = distortion if finite_modulus is None else distortion + unknowns.p**2 / (2 * finite_modulus)
-        P = ufl.diff(psi, H)
+        total = Deformation(H, directions)
+        elastic, J_g = _elastic(total, of_effects)
+        potentials = [e.potential(total, load, p) for e, load, p in of_effects]
 
-        residual = kin.dV(ufl.inner(P, kin.Grad(unknowns.v)))
+        def part(number: int, law: MaterialLaw) -> Part:
+            p, theta = par.of(number), law.dilatation(elastic)
+            modulus = None if law.is_incompressible else law.dilatation_modulus(p)
+            psi = energy = law.distortion(elastic, p)
+            constraint = None
+            if unknowns.p is None:
+                psi = energy = psi + modulus * theta**2 / 2
+            else:
+                psi = psi - unknowns.p * theta
+                constraint = J_g * (theta if modulus is None else theta + unknowns.p / modulus)
+                energy = energy if modulus is None else energy + unknowns.p**2 / (2 * modulus)
+            psi = sum((w for w in potentials if w is not None), J_g * psi)
+            where = cells[number] if cells else None
+            return Part(where, J_g * energy, ufl.diff(psi, H), constraint, law.domain(elastic, p))
+
+        self.parts = tuple(part(number, law) for number, law in enumerate(job.laws.values()))
+        measures = [integration.part(number) for number in range(count)]
+        residual = sum(
+            kin.dV(ufl.inner(part.P, kin.Grad(unknowns.v)), dx) for part, dx in zip(self.parts, measures, strict=True)
+        )
         if unknowns.p is not None:
-            constraint = dilatation if finite_modulus is None else dilatation + unknowns.p / finite_modulus
-            residual -= kin.dV(constraint * unknowns.q)
-        for number, effect in enumerate(effects, start=1):
-            residual -= effect.virtual_work(kin, unknowns.v, parameters.load, parameters.of(number))
-
+            for part_, dx in zip(self.parts, measures, strict=True):
+                residual -= kin.dV(part_.constraint * unknowns.q, dx)
+        for effect, load, p in of_effects:
+            work = effect.virtual_work(kin, unknowns.v, load, p)
+            if work is not None:
+                residual -= work
         self.residual = residual
-        self.strain_energy = kin.dV(energy)
-        self.J = deformation.J
+        self.strain_energy = sum(kin.dV(part.energy, dx) for part, dx in zip(self.parts, measures, strict=True))
+        self.J = total.J
         self.mesh_J = kin.mesh_J
-        self.cauchy_stress = P * deformation.F.T / deformation.J
+
+    @property
+    def cauchy_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
+        """``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3), of each part and the cells of that part (``None`` for all)."""
+        F = ufl.Identity(3) + self.kinematics.H
+        return [(part.P * F.T / self.J, part.cells) for part in self.parts]
+
+
+def law_cells(laws: Mapping[str, Any], fields: BodyFields) -> tuple[npt.NDArray[np.int32], ...]:
+    """Owned cells of each law's region; nothing if one law holds for the whole body."""
+    if len(laws) == 1 and "material" in laws:
+        return ()
+    number = parts(fields.body, [name.removeprefix("material.") for name in laws], "material")
+    owned = number[: fields.body.mesh.topology.index_map(3).size_local]
+    return tuple(np.flatnonzero(owned == i).astype(np.int32) for i in range(len(laws)))
+
+
+def _elastic(total: Deformation, effects: list[Any]) -> tuple[Deformation, Any]:
+    """The deformation without what effects strain free of stress, and the volume ratio of that."""
+    elastic, J_g = total, 1
+    for effect, load, p in effects:
+        H_g = effect.inelastic_strain(total, load, p)
+        if H_g is not None:
+            stretch = Deformation(H_g)
+            elastic = Deformation((elastic.H - H_g) * ufl.inv(stretch.F), total.fibres)
+            J_g = J_g * stretch.J
+    return elastic, J_g
+
+
+def _unit(kin: Kinematics, given_on: str, direction: Any) -> Any:
+    """Unit vector in the reference body."""
+    a = direction if given_on == "reference" else kin.F_inverse * direction
+    return a / ufl.sqrt(ufl.inner(a, a))

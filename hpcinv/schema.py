@@ -8,7 +8,15 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
 from hpcinv.spelling import did_you_mean
@@ -23,6 +31,15 @@ type Location = tuple[int | str, ...]
 T = TypeVar("T")
 ListOf = Annotated[tuple[T, ...], Field(strict=False)]  # YAML lists become tuples
 Triple = Annotated[tuple[T, T, T], Field(strict=False)]
+
+
+def _is_identifier(name: str) -> str:
+    if re.fullmatch(r"[A-Za-z_][\w-]*", name) is None:
+        raise ValueError(f"{shown(name)} is no name: use letters, digits, _ and -, beginning with a letter")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_is_identifier)]
 
 
 class Problems(ValueError):
@@ -68,26 +85,30 @@ class Spec(BaseModel):
 class OneOf:
     """Annotation of a field that holds one member of a family of specs, told apart by the literal field ``tag``.
 
+    The family is the annotated type, unless it is given.
+
     Members are looked up when a value is validated, so that defining a subclass is all it takes to register one.
     """
 
-    def __init__(self, tag: str) -> None:
-        self.tag = tag
+    def __init__(self, tag: str, family: Any = None) -> None:
+        self.tag, self.family = tag, family
 
-    def __get_pydantic_core_schema__(self, family: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
-        def choose(data: Any, info: core_schema.ValidationInfo[Any]) -> Any:
-            if isinstance(data, family):
-                return data
-            if not isinstance(data, Mapping):
-                raise ValueError(f"must be a mapping with the key '{self.tag}', not {shown(data)}")
-            members, name = members_of(family, self.tag), data.get(self.tag)
-            if not isinstance(name, str) or name not in members:
-                fault = "is needed." if name is None else f"unknown {self.tag} {shown(name)}."
-                raise Problems(((self.tag,), fault + did_you_mean(str(name), members)))
-            return members[name].model_validate(data, context=info.context)
+    def choose(self, data: Any, info: core_schema.ValidationInfo[Any]) -> Any:
+        """The member that ``data`` describes."""
+        family = self.family
+        if isinstance(data, family):
+            return data
+        if not isinstance(data, Mapping):
+            raise ValueError(f"must be a mapping with the key '{self.tag}', not {shown(data)}")
+        members, name = members_of(family, self.tag), data.get(self.tag)
+        if not isinstance(name, str) or name not in members:
+            fault = "is needed." if name is None else f"unknown {self.tag} {shown(name)}."
+            raise Problems(((self.tag,), fault + did_you_mean(str(name), members)))
+        return members[name].model_validate(data, context=info.context)
 
-        self.family = family
-        return core_schema.with_info_plain_validator_function(choose)
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        self.family = self.family or source
+        return core_schema.with_info_plain_validator_function(self.choose)
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
@@ -112,6 +133,16 @@ def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
                 raise TypeError(f"{kind.__qualname__} and {members[name].__qualname__} have the same {tag} '{name}'")
             members[name] = kind
     return dict(sorted(members.items()))
+
+
+def metadata_in[M](kind: type[M], *annotations: Any) -> M | None:
+    """The first instance of ``kind`` in nested annotations such as ``tuple[Annotated[float, M()], …] | None``."""
+    for annotation in annotations:
+        if isinstance(annotation, kind):
+            return annotation
+        if (found := metadata_in(kind, *get_args(annotation))) is not None:
+            return found
+    return None
 
 
 def import_modules(package: str, path: Iterable[str]) -> None:

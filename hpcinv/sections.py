@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     ValidationInfo,
     field_validator,
@@ -19,7 +17,7 @@ from hpcinv.expressions import Expression, faults
 from hpcinv.functions import CONSTANTS
 from hpcinv.generators import Value, is_generator, read_parameters
 from hpcinv.quantities import AnyQuantity, Length
-from hpcinv.schema import ListOf, Location, Problems, Spec, Triple, raise_if_any, shown
+from hpcinv.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.spelling import did_you_mean
 from hpcinv.units import Dimension
 
@@ -30,13 +28,6 @@ COORDINATES: dict[str, Dimension | None] = dict.fromkeys(AXES, LENGTH)
 POSITIONS = COORDINATES | dict.fromkeys(("X", "Y", "Z", "ux", "uy", "uz"), LENGTH)
 
 
-def _is_identifier(name: str) -> str:
-    if re.fullmatch(r"[A-Za-z_][\w-]*", name) is None:
-        raise ValueError(f"{shown(name)} is no name: use letters, digits, _ and -, beginning with a letter")
-    return name
-
-
-Name = Annotated[str, AfterValidator(_is_identifier)]
 LengthUnit = Annotated[Length, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu")
 
@@ -110,6 +101,8 @@ class Support(Spec):
     """three formulas of x, y, z in the given mesh, or nothing (null) for a free component"""
     constants: Mapping[str, AnyQuantity] = {}
     """values of further names in the formulas"""
+    case: Name | None = None
+    """load case (a name from 'load_cases') in which the body is moved; left out, the first"""
 
     @property
     def held(self) -> frozenset[Axis]:
@@ -128,6 +121,8 @@ class Support(Spec):
             return [((), "needs exactly one of 'fix' (components to hold) and 'displacement' (three formulas)")]
         if not self.held:
             return [((), "holds no component; remove it or name some of x, y, z")]
+        if self.displacement is None and self.case is not None:
+            return [(("case",), "has no use without 'displacement': what is fixed is fixed in every load case")]
         if self.displacement is None:
             return [(("constants",), "have no use without 'displacement'")] if self.constants else []
         taken = {*AXES, *CONSTANTS} & self.constants.keys()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -13,27 +12,29 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from hpcinv.errors import MeshError
+from hpcinv.parameters import load_factor
 from hpcinv.runtime import MPI
 from hpcinv.sections import AXES
 
 if TYPE_CHECKING:
+    from hpcinv.job import Job
     from hpcinv.mesh import Body
-    from hpcinv.sections import Support
     from hpcinv.unknowns import Unknowns
 
 
 class Supports:
-    """Dirichlet conditions ``u_i = λ ū_i``.
+    """Dirichlet conditions ``u_i = λ ū_i``, with the load factor λ of each support's load case.
 
     ``ū`` is evaluated once, at the coordinates of the mesh as the job gives it (m): in a round trip the second leg
     prescribes the same displacement of the same material points.
     """
 
-    def __init__(self, specs: Iterable[Support], body: Body, unknowns: Unknowns) -> None:
+    def __init__(self, job: Job, body: Body, unknowns: Unknowns) -> None:
         self.conditions: list[fem.DirichletBC] = []
+        self._case_count, self._cases = job.case_count, list[int]()
         self._full: list[npt.NDArray[np.float64]] = []
         self._now: list[fem.Function] = []
-        for number, spec in enumerate(specs):
+        for number, spec in enumerate(job.supports):
             facets = _facets(body, spec.region, f"supports[{number}].region")
             for i, axis in enumerate(AXES):
                 if axis not in spec.held:
@@ -57,14 +58,15 @@ class Supports:
                     )
                 self.conditions.append(fem.dirichletbc(now, dofs, part))
                 self._full.append(full)
+                self._cases.append(job.case_of(spec))
                 self._now.append(now)
         moves = any(bool(full.any()) for full in self._full)
         self.prescribe_motion: bool = body.mesh.comm.allreduce(moves, op=MPI.LOR)
 
     def scale(self, load: float) -> None:
-        """Prescribe the displacements that belong to a load factor."""
-        for now, full in zip(self._now, self._full, strict=True):
-            now.x.array[:] = load * full
+        """Prescribe the displacements that belong to a share of the whole load."""
+        for now, full, case in zip(self._now, self._full, self._cases, strict=True):
+            now.x.array[:] = load_factor(load, case, self._case_count) * full
 
 
 def _facets(body: Body, region: str, field: str) -> npt.NDArray[np.int32]:

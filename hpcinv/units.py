@@ -15,21 +15,28 @@ from hpcinv.spelling import did_you_mean
 
 
 class Dimension(NamedTuple):
-    """Exponents of length, mass and time; angles count as pure numbers."""
+    """Exponents of length, mass, time and temperature; angles count as pure numbers."""
 
     length: int = 0
     mass: int = 0
     time: int = 0
+    temperature: int = 0
 
     def __str__(self) -> str:
         """Such as ``a stress``, for messages."""
         if name := _names().get(self):
             return name
-        powers = zip(("m", "kg", "s"), self, strict=True)
+        powers = zip(("m", "kg", "s", "K"), self, strict=True)
         return "a quantity in " + " ".join(unit if n == 1 else f"{unit}^{n}" for unit, n in powers if n)
 
 
-BASE = {"m": Dimension(length=1), "kg": Dimension(mass=1), "s": Dimension(time=1), "rad": Dimension()}
+BASE = {
+    "m": Dimension(length=1),
+    "kg": Dimension(mass=1),
+    "s": Dimension(time=1),
+    "K": Dimension(temperature=1),
+    "rad": Dimension(),
+}
 PREFIXES = {
     "n": "1e-9",
     "u": "1e-6",
@@ -43,7 +50,7 @@ PREFIXES = {
     "M": "1e6",
     "G": "1e9",
 }
-WITH_PREFIX = ("m", "g", "s", "L", "Hz", "N", "Pa", "bar", "J", "W")
+WITH_PREFIX = ("m", "g", "s", "K", "L", "Hz", "N", "Pa", "bar", "J", "W")
 DERIVED = {
     "in": "0.0254 m",
     "ft": "12 in",
@@ -89,6 +96,8 @@ NAMES = {
     "N m": "an energy or moment",
     "Pa": "a stress",
     "Pa s": "a viscosity",
+    "K": "a temperature difference",
+    "1/K": "a thermal expansion coefficient",
 }
 
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"

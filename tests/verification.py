@@ -52,8 +52,9 @@ class Solved:
 
     @property
     def cauchy_stress(self) -> Any:
-        """Cauchy stress in Pa."""
-        return self.scene.cauchy_stress * self.model.scales.stress
+        """Cauchy stress in Pa, of a body of one law."""
+        ((stress, _),) = self.scene.cauchy_stress
+        return stress * self.model.scales.stress
 
     @property
     def strain_energy(self) -> float:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from hpcinv.effects.base import Direction, Effect
+from hpcinv.effects.base import Configuration, Direction, Effect
+from hpcinv.plugins import load_installed
 from hpcinv.schema import OneOf, import_modules, members_of
 
 import_modules(__name__, __path__)
@@ -14,7 +15,8 @@ AnyEffect = Annotated[Effect, OneOf("effect")]
 
 def effects() -> dict[str, type[Effect]]:
     """Every known effect by name."""
+    load_installed()
     return members_of(Effect, "effect")
 
 
-__all__ = ["AnyEffect", "Direction", "Effect", "effects"]
+__all__ = ["AnyEffect", "Configuration", "Direction", "Effect", "effects"]

@@ -2,33 +2,44 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hpcinv.schema import Spec
+from hpcinv.ingredient import Ingredient
+from hpcinv.schema import Name
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Kinematics
+    from hpcinv.kinematics import Deformation, Kinematics
 
 type Direction = Literal["forward", "inverse"]
+type Configuration = Literal["reference", "current"]
 
 
-class Effect(Spec):
-    """A load or strain.
+class Effect(Ingredient):
+    """A load or strain, which overrides those of the hooks below that it needs.
 
-    A subclass in a module of this package, with a literal field ``effect``, is registered by that.
+    A subclass with a literal field ``effect`` is registered by that. In every hook ``load`` is the load factor of the
+    effect's load case, from 0 to 1, and ``par`` holds the effect's quantities by name, scaled.
     """
 
     directions: ClassVar[frozenset[Direction]] = frozenset({"forward", "inverse"})
     """The analyses that the effect can serve; a job that asks for another is refused."""
 
-    @abstractmethod
-    def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
-        """External virtual work, a UFL form linear in ``v``.
+    case: Name | None = None
+    """load case (a name from 'load_cases') in which it grows from nothing to its full size; left out, the first"""
 
-        Args:
-            k: kinematics, whose integrals and gradients the form is written with.
-            v: virtual displacement.
-            load: load factor, from 0 to 1.
-            par: the effect's quantities by name, scaled.
-        """
+    @property
+    def holds(self) -> frozenset[str]:
+        """Axes along which it keeps the body from moving as a whole."""
+        return frozenset()
+
+    def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any | None:
+        """External virtual work, a UFL form linear in the virtual displacement ``v``."""
+        return None
+
+    def inelastic_strain(self, k: Deformation, load: Any, par: Any) -> Any | None:
+        """``F_g - I`` of a stress-free stretch ``F_g`` of the reference body, a UFL tensor."""
+        return None
+
+    def potential(self, k: Deformation, load: Any, par: Any) -> Any | None:
+        """A potential per reference volume whose derivative by ``F`` adds to the stress ``P``."""
+        return None

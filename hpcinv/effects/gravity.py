@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hpcinv.effects.base import Effect
-from hpcinv.quantities import Acceleration, Density
+from hpcinv.effects.base import Configuration, Effect
+from hpcinv.quantities import Acceleration
 from hpcinv.schema import Triple
+from hpcinv.varying import DensityField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics import Kinematics
 
 
 class Gravity(Effect):
-    """Uniform gravity on a homogeneous body: the dead load ``rho g`` per volume.
+    """Uniform gravity: the dead load ``rho g`` per volume.
 
     ``density_in: reference`` means ``rho0`` per undeformed volume, ``∫ rho0 g·v dV``: the default, since a density is
     a property of the unloaded material, as it is tabulated. ``density_in: current`` means ``rho`` per deformed volume,
     ``∫ rho g·v dv``: for a density measured on the body as it is loaded. The two agree if the volume does not change.
     """
 
+    example: ClassVar = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": "1 g/cm^3"}
+
     effect: Literal["gravity"] = "gravity"
     acceleration: Triple[Acceleration]
     """acceleration of free fall, along x, y and z"""
-    density: Density
+    density: DensityField
     """mass density (for a body in a fluid: its excess over the fluid's)"""
-    density_in: Literal["reference", "current"] = "reference"
+    density_in: Configuration = "reference"
     """configuration whose volume the density refers to"""
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:

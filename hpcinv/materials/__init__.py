@@ -2,18 +2,55 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import ValidationError
 
 from hpcinv.materials.base import MaterialLaw
-from hpcinv.schema import OneOf, import_modules, members_of
+from hpcinv.plugins import load_installed
+from hpcinv.schema import Location, OneOf, Problems, import_modules, members_of, problems_in, raise_if_any
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+    from pydantic.json_schema import JsonSchemaValue
+    from pydantic_core import core_schema
 
 import_modules(__name__, __path__)
 
-Material = Annotated[MaterialLaw, OneOf("law")]
+
+class OneOrByRegion(OneOf):
+    """Annotation of a field that holds one member of a family, or a mapping of regions to members."""
+
+    def choose(self, data: Any, info: core_schema.ValidationInfo[Any]) -> Any:
+        entries = data.values() if isinstance(data, Mapping) else ()
+        if not entries or not all(isinstance(entry, Mapping | self.family) for entry in entries):
+            return super().choose(data, info)
+        chosen, problems = {}, list[tuple[Location, str]]()
+        for region, entry in data.items():
+            try:
+                chosen[region] = super().choose(entry, info)
+            except ValidationError as error:
+                problems += [((region, *place), text) for place, text in problems_in(error)]
+            except Problems as error:
+                problems += [((region, *place), text) for place, text in error.found]
+        raise_if_any(problems)
+        return chosen
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        one = super().__get_pydantic_json_schema__(schema, handler)
+        by_region = {"type": "object", "additionalProperties": one, "minProperties": 1}
+        return {"oneOf": [*one["oneOf"], by_region]}
+
+
+Material = Annotated[MaterialLaw | Mapping[str, MaterialLaw], OneOrByRegion("law", MaterialLaw)]
 
 
 def laws() -> dict[str, type[MaterialLaw]]:
     """Every known law by name."""
+    load_installed()
     return members_of(MaterialLaw, "law")
 
 

@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import model_validator
 
-from hpcinv.schema import Spec, raise_if_any
+from hpcinv.ingredient import Ingredient
+from hpcinv.schema import raise_if_any
+from hpcinv.varying import ELSEWHERE, ByRegion, is_uniform
 
 if TYPE_CHECKING:
     from hpcinv.kinematics import Deformation
 
 
-class MaterialLaw(Spec):
+class MaterialLaw(Ingredient):
     """A hyperelastic law ``psi = distortion + dilatation_modulus/2 · dilatation²``.
 
-    A subclass in a module of this package, with a literal field ``law``, is registered by that. Its parameters are
-    fields; the energy reads them, scaled, from ``par`` by the same names.
+    A subclass with a literal field ``law`` is registered by that. Its parameters are fields. The energy reads them,
+    scaled, from ``par`` by the same names; the moduli read them from ``par`` as floats, arrays or UFL scalars.
     """
+
+    formula: ClassVar[str]
+    """The energy without its volumetric part, as a law 'formula' would have it."""
+
+    @property
+    @abstractmethod
+    def volumetric_formula(self) -> str:
+        """The volumetric energy, ``dilatation_modulus/2 · dilatation²``, likewise."""
 
     @abstractmethod
     def distortion(self, k: Deformation, par: Any) -> Any:
@@ -26,29 +39,60 @@ class MaterialLaw(Spec):
 
     @abstractmethod
     def dilatation(self, k: Deformation) -> Any:
-        """The volumetric strain ``theta(J)``, zero at ``J = 1``, whose conjugate is the pressure of the mixed form."""
+        """The volumetric strain ``theta``, zero at ``F = I``, whose conjugate is the pressure of the mixed form."""
+
+    @abstractmethod
+    def dilatation_modulus(self, par: Any) -> Any:
+        """Stiffness against ``dilatation``; infinite if the material is incompressible."""
+
+    @abstractmethod
+    def shear_modulus(self, par: Any) -> Any:
+        """Shear modulus ``mu`` of the undeformed material, without what its fibres add."""
+
+    @abstractmethod
+    def bulk_modulus(self, par: Any) -> Any:
+        """Bulk modulus ``kappa`` of the undeformed material; infinite if it is incompressible."""
+
+    def domain(self, k: Deformation, par: Any) -> tuple[Any, ...]:
+        """UFL scalars that are positive where the law is defined."""
+        return ()
 
     @property
-    @abstractmethod
-    def dilatation_modulus(self) -> float:
-        """Stiffness against ``dilatation``, in Pa; infinite if the material is incompressible."""
+    def energy_formula(self) -> str:
+        """The whole energy, as a law 'formula' would have it."""
+        return f"{self.formula} + {self.volumetric_formula}"
 
     @property
-    @abstractmethod
-    def shear_modulus(self) -> float:
-        """Shear modulus ``mu`` of the undeformed material, in Pa."""
+    def is_incompressible(self) -> bool:
+        """Whether the volume cannot change."""
+        return any(self.bulk_modulus(par) == math.inf for par in self.cases())
 
     @property
-    @abstractmethod
-    def bulk_modulus(self) -> float:
-        """Bulk modulus ``kappa`` of the undeformed material, in Pa; infinite if it is incompressible."""
+    def stiffness_ratio(self) -> float | None:
+        """Largest ratio of bulk to shear modulus; ``None`` if only the mesh can tell."""
+        return max((self.bulk_modulus(par) / self.shear_modulus(par) for par in self.cases()), default=None)
+
+    def cases(self) -> Iterator[Any]:
+        """Namespaces of numbers (SI), one for each region that parameters tell apart; none if they are fields."""
+        values = {name: value for name, (value, _) in self.quantities().items()}
+        by_region = [v for v in values.values() if isinstance(v, ByRegion)]
+        if not all(is_uniform(v) or isinstance(v, ByRegion) for v in values.values()):
+            return
+        for region in dict.fromkeys(name for v in by_region for name in v.values) or [ELSEWHERE]:
+
+            def here(value: Any, region: str = region) -> Any:
+                return value.values.get(region, value.values.get(ELSEWHERE)) if isinstance(value, ByRegion) else value
+
+            if all(here(v) is not None for v in by_region):
+                yield SimpleNamespace(**{name: here(value) for name, value in values.items()})
 
     @model_validator(mode="after")
     def _is_stable(self) -> Self:
         moduli = {"shear modulus": self.shear_modulus, "bulk modulus": self.bulk_modulus}
         raise_if_any(
             ((), f"the {name} that follows from these parameters must be positive, but is {value:g} Pa")
-            for name, value in moduli.items()
-            if not value > 0
+            for par in self.cases()
+            for name, modulus in moduli.items()
+            if not (value := modulus(par)) > 0
         )
         return self

@@ -2,45 +2,53 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.materials.base import MaterialLaw
-from hpcinv.quantities import BulkStress, Stress
+from hpcinv.materials.volumetric import DILATATIONS, Volumetric
+from hpcinv.varying import BulkModulusField, StressField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics import Deformation
 
 
 class MooneyRivlin(MaterialLaw):
-    """Mooney–Rivlin with isochoric invariants and a quadratic volumetric energy.
+    """Mooney–Rivlin with isochoric invariants.
 
-    ``psi = c1 (I1_bar - 3) + c2 (I2_bar - 3) + d1 (J - 1)²``; ``mu = 2 (c1 + c2)``, ``kappa = 2 d1``.
+    ``psi = c1 (I1_bar - 3) + c2 (I2_bar - 3) + U(J; 2 d1)``, by default ``U = d1 (J - 1)²``; ``mu = 2 (c1 + c2)``,
+    ``kappa = 2 d1``.
 
     Source: Mazier et al. (2022), eq. 23, doi:10.1007/s00366-021-01597-z.
     """
 
+    formula = "c1*(I1_bar - 3) + c2*(I2_bar - 3)"
+    example: ClassVar = {"law": "mooney-rivlin", "c1": "0.1 MPa", "c2": "0.15 MPa", "d1": "0.8 GPa"}
+
     law: Literal["mooney-rivlin"] = "mooney-rivlin"
-    c1: Stress
+    c1: StressField
     """coefficient of I1_bar - 3"""
-    c2: Stress
+    c2: StressField
     """coefficient of I2_bar - 3"""
-    d1: BulkStress
-    """coefficient of (J - 1)², half the bulk modulus, or 'incompressible'"""
+    d1: BulkModulusField
+    """half the bulk modulus, the coefficient of (J - 1)², or 'incompressible'"""
+    volumetric: Volumetric = "quadratic"
+    """volumetric energy U"""
 
     @property
-    def shear_modulus(self) -> float:
-        return 2 * (self.c1 + self.c2)
+    def volumetric_formula(self) -> str:
+        return DILATATIONS[self.volumetric][0].replace("kappa", "(2*d1)")
 
-    @property
-    def bulk_modulus(self) -> float:
-        return 2 * self.d1
+    def shear_modulus(self, par: Any) -> Any:
+        return 2 * (par.c1 + par.c2)
 
-    @property
-    def dilatation_modulus(self) -> float:
-        return 2 * self.d1
+    def bulk_modulus(self, par: Any) -> Any:
+        return 2 * par.d1
+
+    def dilatation_modulus(self, par: Any) -> Any:
+        return 2 * par.d1
 
     def distortion(self, k: Deformation, par: Any) -> Any:
         return par.c1 * k.I1_bar_minus_3 + par.c2 * k.I2_bar_minus_3
 
     def dilatation(self, k: Deformation) -> Any:
-        return k.J_minus_1
+        return DILATATIONS[self.volumetric][1](k)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, model_validator
 
 from hpcinv.materials.base import MaterialLaw
-from hpcinv.quantities import BulkStress, Dimensionless, Stress
+from hpcinv.quantities import Dimensionless, Stress
 from hpcinv.schema import Spec, raise_if_any
+from hpcinv.varying import LameField, StressField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics import Deformation
@@ -65,10 +66,13 @@ class NeoHookean(MaterialLaw):
 
     model_config = ConfigDict(json_schema_extra=_offer_both_pairs)
 
+    formula = "mu/2*(I1 - 3) - mu*ln(J)"
+    example: ClassVar = {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"}
+
     law: Literal["neo-hookean"] = "neo-hookean"
-    mu: Stress
+    mu: StressField
     """Lamé's second parameter, the shear modulus (or give young and poisson)"""
-    lam: BulkStress
+    lam: LameField
     """Lamé's first parameter, or 'incompressible' (or give young and poisson)"""
 
     @model_validator(mode="before")
@@ -85,16 +89,17 @@ class NeoHookean(MaterialLaw):
         return {"law": given.law, "mu": given.mu, "lam": given.lam}
 
     @property
-    def shear_modulus(self) -> float:
-        return self.mu
+    def volumetric_formula(self) -> str:
+        return "lam/2*ln(J)**2"
 
-    @property
-    def bulk_modulus(self) -> float:
-        return self.lam + 2 / 3 * self.mu
+    def shear_modulus(self, par: Any) -> Any:
+        return par.mu
 
-    @property
-    def dilatation_modulus(self) -> float:
-        return self.lam
+    def bulk_modulus(self, par: Any) -> Any:
+        return par.lam + 2 / 3 * par.mu
+
+    def dilatation_modulus(self, par: Any) -> Any:
+        return par.lam
 
     def distortion(self, k: Deformation, par: Any) -> Any:
         return par.mu / 2 * k.I1_minus_3_minus_2_ln_J

@@ -48,6 +48,19 @@ class Body:
             )
         return region.facets
 
+    def boundary_facets(self, name: str) -> LocalIndices:
+        """Local facets of a region of the boundary; raises ``MeshError`` on all ranks if it is none or inside."""
+        facets = self.facets(name)
+        topology = self.mesh.topology
+        inside = np.setdiff1d(facets, dolfinx.mesh.exterior_facet_indices(topology))
+        owned = np.count_nonzero(inside < topology.index_map(2).size_local)
+        if count := self.mesh.comm.allreduce(int(owned)):
+            raise MeshError(
+                f"{self.source.path}: region '{name}' has {count} facets inside of the body",
+                "What acts on a surface needs one of the boundary.",
+            )
+        return facets
+
     def cells(self, name: str) -> LocalIndices:
         """Local cells of a region; raises ``MeshError`` on all ranks if there is no such region or it has none."""
         region = find(self.regions, name, self.source)
