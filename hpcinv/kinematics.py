@@ -162,6 +162,11 @@ class Fibre:
     def __init__(self, k: Deformation, direction: Any) -> None:
         self._k, self.direction = k, direction
 
+    @property
+    def dyad(self) -> Any:
+        """``a0⊗a0``."""
+        return ufl.outer(self.direction, self.direction)
+
     @cached_property
     def E_aa(self) -> Any:
         """Green–Lagrange strain along the fibre, ``a0·E a0``."""

@@ -1,0 +1,56 @@
+"""Centrifugal load."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+from pydantic import model_validator
+
+from hpcinv.effects.base import Configuration, Effect
+from hpcinv.quantities import Dimensionless, Frequency, Length
+from hpcinv.schema import Problems, Triple
+from hpcinv.varying import DensityField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Kinematics
+
+
+class Centrifugal(Effect):
+    """The centrifugal force on a body that rotates steadily, seen in the frame that rotates with it.
+
+    ``∫ rho omega² r·v`` over the volume, where ``r`` points from the axis, at a right angle, to the current position.
+    The load factor scales ``omega²``. ``density_in`` is as for gravity.
+    """
+
+    example: ClassVar = {
+        "effect": "centrifugal",
+        "angular_velocity": "30 rpm",
+        "axis": [0, 0, 1],
+        "centre": [0, 0, 0],
+        "density": "1 g/cm^3",
+    }
+
+    effect: Literal["centrifugal"] = "centrifugal"
+    angular_velocity: Frequency
+    """angular velocity, such as 300 rpm or 5 rad/s"""
+    axis: Triple[Dimensionless]
+    """direction of the axis of rotation, of any length"""
+    centre: Triple[Length] = (0.0, 0.0, 0.0)
+    """a point on the axis"""
+    density: DensityField
+    """mass density"""
+    density_in: Configuration = "reference"
+    """configuration whose volume the density refers to"""
+
+    @model_validator(mode="after")
+    def _has_an_axis(self) -> Self:
+        if not any(self.axis):
+            raise Problems((("axis",), "must not be zero"))
+        return self
+
+    def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
+        r = k.x - par.centre
+        along = sum(par.axis[i] * r[i] for i in range(3)) / sum(a * a for a in par.axis)
+        arm = sum((r[i] - along * par.axis[i]) * v[i] for i in range(3))
+        work = load * par.density * par.angular_velocity**2 * arm
+        return k.dV(work) if self.density_in == "reference" else k.dv(work)

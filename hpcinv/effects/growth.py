@@ -1,0 +1,53 @@
+"""Growth and shrinkage."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+from pydantic import model_validator
+
+from hpcinv.effects.base import Effect
+from hpcinv.ingredient import Family
+from hpcinv.schema import raise_if_any
+from hpcinv.varying import PositiveField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+
+class Growth(Effect):
+    """A stress-free stretch of the reference body, the same in all directions or different along fibres.
+
+    ``F_g = across I + (along - across) a0⊗a0``, or ``F_g = stretch I``; ``F = F_e F_g``, and the stresses follow from
+    ``J_g psi(F_e)``. The given stretches are those at the full load; on the way they grow linearly from 1.
+
+    Source: Rodriguez, Hoger & McCulloch (1994), doi:10.1016/0021-9290(94)90021-3.
+    """
+
+    example: ClassVar = {"effect": "growth", "stretch": 1.1}
+
+    effect: Literal["growth"] = "growth"
+    stretch: PositiveField | None = None
+    """stretch in all directions"""
+    fibre: Family | None = None
+    """family of fibres along which the stretch is another"""
+    along: PositiveField | None = None
+    """stretch along the fibres"""
+    across: PositiveField | None = None
+    """stretch across the fibres"""
+
+    @model_validator(mode="after")
+    def _is_one_of_two(self) -> Self:
+        wanted = {"stretch"} if self.fibre is None else {"along", "across"}
+        form = "without fibres" if self.fibre is None else "along fibres"
+        raise_if_any(
+            ((key,), f"{'is needed' if key in wanted else 'has no use'} in growth {form}")
+            for key in ("stretch", "along", "across")
+            if (getattr(self, key) is not None) != (key in wanted)
+        )
+        return self
+
+    def inelastic_strain(self, k: Deformation, load: Any, par: Any) -> Any:
+        if self.fibre is None:
+            return load * (par.stretch - 1) * k.I
+        return load * ((par.across - 1) * k.I + (par.along - par.across) * k.fibre(self.fibre).dyad)

@@ -1,0 +1,52 @@
+"""Pressure of a fluid column."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+from pydantic import model_validator
+
+from hpcinv.effects.base import Effect
+from hpcinv.elementary import positive_part
+from hpcinv.ingredient import Surface
+from hpcinv.quantities import Acceleration, Density, Length
+from hpcinv.schema import Problems, Triple
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Kinematics
+
+
+class HydrostaticPressure(Effect):
+    """The pressure of a fluid at rest that covers or fills the deformed surface up to a given level.
+
+    ``p = rho g·(x - x0)`` below the free surface through ``x0``, where ``x`` is the current position, and nothing above
+    it; it acts on the current surface, ``-∫ p n·v da``. The load factor scales the pressure, not the level.
+    """
+
+    example: ClassVar = {
+        "effect": "hydrostatic-pressure",
+        "region": "x1",
+        "density": "1 g/cm^3",
+        "acceleration": [0, 0, -9.81],
+        "level": [0, 0, "0.8 m"],
+    }
+
+    effect: Literal["hydrostatic-pressure"] = "hydrostatic-pressure"
+    region: Surface
+    """region of the boundary"""
+    density: Density
+    """mass density of the fluid"""
+    acceleration: Triple[Acceleration]
+    """acceleration of free fall, along x, y and z"""
+    level: Triple[Length]
+    """a point on the free surface of the fluid"""
+
+    @model_validator(mode="after")
+    def _falls(self) -> Self:
+        if not any(self.acceleration):
+            raise Problems((("acceleration",), "must not be zero: without weight a fluid has no pressure of its own"))
+        return self
+
+    def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
+        head = sum(g * (k.x[i] - par.level[i]) for i, g in enumerate(par.acceleration))
+        return k.n_da(-load * par.density * positive_part(head) * v, self.region)

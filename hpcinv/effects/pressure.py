@@ -1,0 +1,30 @@
+"""Follower pressure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from hpcinv.effects.base import Effect
+from hpcinv.ingredient import Surface
+from hpcinv.varying import StressField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Kinematics
+
+
+class Pressure(Effect):
+    """A pressure on the deformed surface, which stays normal to it: ``-∫ p n·v da``, with the current normal and area.
+
+    Source: Bonet & Wood (2008), §8.5, doi:10.1017/CBO9780511755446.
+    """
+
+    example: ClassVar = {"effect": "pressure", "region": "x1", "pressure": "12 mmHg"}
+
+    effect: Literal["pressure"] = "pressure"
+    region: Surface
+    """region of the boundary"""
+    pressure: StressField
+    """pressure against the outward normal of the current body; negative is suction"""
+
+    def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
+        return k.n_da(-load * par.pressure * v, self.region)

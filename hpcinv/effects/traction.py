@@ -1,0 +1,42 @@
+"""Traction."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from hpcinv.effects.base import Configuration, Effect
+from hpcinv.ingredient import Surface
+from hpcinv.schema import Triple
+from hpcinv.varying import StressField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Kinematics
+
+
+class Traction(Effect):
+    """A force per area of a surface, which keeps its direction in space whatever the surface does.
+
+    ``area_in: reference`` is a dead traction, ``∫ t·v dA``: the force on a piece of material does not change as the
+    piece is stretched. ``area_in: current`` is a spatial one, ``∫ t·v da``: the force per deformed area is given.
+
+    Source: Bonet & Wood (2008), ch. 6, doi:10.1017/CBO9780511755446.
+    """
+
+    example: ClassVar = {
+        "effect": "traction",
+        "region": "x1",
+        "traction": ["1 kPa", 0, "-0.5 kPa"],
+        "area_in": "reference",
+    }
+
+    effect: Literal["traction"] = "traction"
+    region: Surface
+    """region of the boundary"""
+    traction: Triple[StressField]
+    """force per area, along x, y and z"""
+    area_in: Configuration
+    """configuration whose area the traction refers to: reference (dead) or current (spatial)"""
+
+    def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
+        work = load * sum(t * v[i] for i, t in enumerate(par.traction))
+        return k.dA(work, self.region) if self.area_in == "reference" else k.da(work, self.region)

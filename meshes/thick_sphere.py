@@ -1,0 +1,98 @@
+"""An octant x, y, z ≥ 0 of a hollow sphere around the origin, in regular divisions, of tetrahedra or hexahedra.
+
+Groups: volume ``wall``; surfaces ``inner``, ``outer``, and the planes of symmetry ``x0``, ``y0``, ``z0``.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from math import hypot
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hpcinv.quantities import Length
+
+# Rays from the origin, of any length: through the middle, the axes, and between each axis and the next.
+MIDDLE = (1, 1, 1)
+AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+BETWEEN = ((1, 1, 0), (0, 1, 1), (1, 0, 1))
+
+type Ray = tuple[int, int, int]
+
+
+def build(
+    gmsh: Any,
+    *,
+    inner: Length = 0.5,
+    outer: Length = 1.0,
+    radial: int = 4,
+    along: int = 4,
+    hexahedra: bool = False,
+) -> None:
+    """Mesh the octant with radial × along × along bricks in each of three blocks, whole or cut into six tetrahedra.
+
+    The blocks meet on the ray (1, 1, 1), and each reaches from there to one of the axes.
+    """
+    geo = gmsh.model.geo
+    centre = geo.addPoint(0, 0, 0)
+
+    @cache
+    def point(ray: Ray, radius: float) -> int:
+        return int(geo.addPoint(*(radius * c / hypot(*ray) for c in ray)))
+
+    @cache
+    def line(ray: Ray) -> int:
+        tag = int(geo.addLine(point(ray, inner), point(ray, outer)))
+        geo.mesh.setTransfiniteCurve(tag, int(radial) + 1)
+        return tag
+
+    @cache
+    def arc(start: Ray, end: Ray, radius: float) -> int:
+        tag = int(geo.addCircleArc(point(start, radius), centre, point(end, radius)))
+        geo.mesh.setTransfiniteCurve(tag, int(along) + 1)
+        return tag
+
+    def divided(surface: int, corners: list[int]) -> int:
+        # Corners are counted from the middle ray and outwards, and the volumes' too: then the diagonals agree.
+        geo.mesh.setTransfiniteSurface(surface, "Left", corners)
+        if hexahedra:
+            geo.mesh.setRecombine(2, surface)
+        return surface
+
+    @cache
+    def side(start: Ray, end: Ray) -> int:
+        loop = geo.addCurveLoop([arc(start, end, inner), line(end), -arc(start, end, outer), -line(start)])
+        corners = [point(start, inner), point(end, inner), point(end, outer), point(start, outer)]
+        return divided(geo.addPlaneSurface([loop]), corners)
+
+    def patch(rays: tuple[Ray, Ray, Ray, Ray], radius: float) -> int:
+        middle, one, axis, other = rays
+        loop = geo.addCurveLoop(
+            [
+                arc(middle, one, radius),
+                arc(one, axis, radius),
+                -arc(other, axis, radius),
+                -arc(middle, other, radius),
+            ]
+        )
+        surface = geo.addSurfaceFilling([loop], sphereCenterTag=centre)
+        return divided(surface, [point(ray, radius) for ray in rays])
+
+    groups: dict[str, list[int]] = {"inner": [], "outer": []}
+    blocks = []
+    for i, axis in enumerate(AXES):
+        one, other = BETWEEN[i], BETWEEN[i - 1]
+        rays = (MIDDLE, one, axis, other)
+        groups["inner"].append(patch(rays, inner))
+        groups["outer"].append(patch(rays, outer))
+        sides = [side(MIDDLE, one), side(one, axis), side(other, axis), side(MIDDLE, other)]
+        block = geo.addVolume([geo.addSurfaceLoop([groups["inner"][-1], *sides, groups["outer"][-1]])])
+        geo.mesh.setTransfiniteVolume(block, [point(ray, radius) for radius in (inner, outer) for ray in rays])
+        blocks.append(block)
+    for i, name in enumerate(("x0", "y0", "z0")):
+        groups[name] = [side(ray, axis) for ray in BETWEEN for axis in AXES if ray[i] == axis[i] == 0]
+    geo.synchronize()
+    for name, surfaces in groups.items():
+        gmsh.model.addPhysicalGroup(2, surfaces, name=name)
+    gmsh.model.addPhysicalGroup(3, blocks, name="wall")
+    gmsh.model.mesh.generate(3)
