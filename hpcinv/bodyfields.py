@@ -14,6 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from hpcinv.errors import MeshError
+from hpcinv.mesh.data import as_function, distribute
 from hpcinv.runtime import MPI
 from hpcinv.varying import ELSEWHERE, ByData, ByFormula, ByRegion
 
@@ -40,8 +41,6 @@ class BodyFields:
             MeshError: on all ranks, if regions leave gaps or overlap, or if there is no such array.
         """
         if isinstance(value, ByData):
-            from hpcinv.mesh.data import as_function
-
             function = as_function(self.body, self._array(value))
             function.x.array[:] *= value.factor / scale
             return function
@@ -77,8 +76,6 @@ class BodyFields:
         return np.broadcast_to(values, x.shape)
 
     def _array(self, value: ByData) -> DataArray:
-        from hpcinv.mesh.data import distribute
-
         array = distribute(self.body, value.array)
         if (found := array.values.shape[1]) != value.components:
             raise MeshError(

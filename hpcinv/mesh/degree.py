@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from hpcinv.mesh.cells import FACET_KIND, scalar_element, sub_entities, vertex_count
-from hpcinv.mesh.source import Ints, MeshSource
+from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.topology import find_rows, unique_rows, vertex_sets
 
 
@@ -26,8 +26,11 @@ def lowered(source: MeshSource) -> MeshSource:
 
 
 def raised(source: MeshSource) -> MeshSource:
-    """A node more at the middle of every edge, and of every quadrilateral and hexahedron."""
-    points = [source.points]
+    """A node more at the middle of every edge, and of every quadrilateral and hexahedron.
+
+    Data arrays of nodes have the mean of its vertices there.
+    """
+    between: list[Ints] = []
     cells = _with_room(source.kind, source.cells)
     facet_kind = FACET_KIND[source.kind]
     facets = _with_room(facet_kind, source.facets)
@@ -43,12 +46,22 @@ def raised(source: MeshSource) -> MeshSource:
             found = find_rows(vertex_sets(source.facets, sub_entities(facet_kind, dim)), sets)
             # An edge of no cell: the facet is none of the mesh, and the check of facets will say so.
             facets[:, on_facet] = np.where(found < 0, -1, count + found).reshape(-1, len(on_facet))
-        points.append(source.points[sets].mean(axis=1))
+        between.append(sets)
         count += len(sets)
+
+    def filled(values: Floats) -> Floats:
+        return np.concatenate([values, *(values[sets].mean(axis=1) for sets in between)])
+
     new = count - len(source.points)
     tags = np.concatenate([source.node_tags, source.node_tags.max() + 1 + np.arange(new)])
     return dataclasses.replace(
-        source, degree=2, points=np.concatenate(points), node_tags=tags, cells=cells, facets=facets
+        source,
+        degree=2,
+        points=filled(source.points),
+        node_tags=tags,
+        cells=cells,
+        facets=facets,
+        data=source.nodal_data(filled),
     )
 
 

@@ -1,4 +1,4 @@
-"""A body written as a mesh that others can use: the topology, tags and groups it came with, at other coordinates."""
+"""A body written as a mesh for others: with the topology, tags, groups and data it came with, at other coordinates."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {".msh": save_ms
 def write_mesh(path: Path, body: Body, coordinates: Floats) -> None:
     """Write the body at ``coordinates`` (m) of its local geometry nodes, as the suffix of ``path`` says; collective.
 
-    Node order, node and cell tags and physical groups are those of the source; the file appears whole or not at all.
+    Node order, node and cell tags, physical groups and data arrays are those of the source (vectors too: they are not
+    turned with the body); the file appears whole or not at all.
 
     Raises:
         OutputError: on every rank, if it cannot be written.

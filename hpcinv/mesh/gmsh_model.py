@@ -14,6 +14,7 @@ import numpy as np
 
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
+from hpcinv.mesh.gmsh_views import write_views
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.signals import handlers_kept
 
@@ -163,12 +164,13 @@ def _group_name(gmsh: Any, dim: int, tag: int) -> str:
 
 
 def save_msh(path: Path, source: MeshSource, points: Floats) -> None:
-    """Write the topology, tags and groups of ``source`` at ``points`` (n, 3) m as binary MSH 4.1; not collective."""
+    """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) m as binary MSH 4.1; not collective."""
     with session(path.stem) as gmsh:
         _lay(gmsh, source, points)
         for option, value in (("Binary", 1), ("MshFileVersion", 4.1), ("SaveAll", 1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(path))
+        write_views(gmsh, path, source)
 
 
 def _lay(gmsh: Any, source: MeshSource, points: Floats) -> None:

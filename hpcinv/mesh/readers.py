@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import runpy
 import tempfile
 import traceback
@@ -13,6 +14,7 @@ from typing import Any
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.generators import Value
 from hpcinv.mesh.gmsh_model import extract, session
+from hpcinv.mesh.gmsh_views import read_views
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.vtu import read_vtu
 from hpcinv.mesh.xdmf import read_xdmf
@@ -54,12 +56,13 @@ def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None) -
 
 
 def read_msh(path: Path) -> MeshSource:
-    """Read MSH 2.2 or 4.1, ASCII or binary."""
+    """Read MSH 2.2 or 4.1, ASCII or binary; its sections $NodeData and $ElementData are data."""
     with session(path.stem) as gmsh:
         _merge(gmsh, path)
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()
-        return extract(gmsh, path)
+        source = extract(gmsh, path)
+        return dataclasses.replace(source, data=read_views(gmsh, source))
 
 
 def _merge(gmsh: Any, path: Path) -> None:

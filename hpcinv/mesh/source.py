@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 type Ints = npt.NDArray[np.int64]
 type Floats = npt.NDArray[np.float64]
+type Place = Literal["nodes", "cells"]
+
+COMPONENTS = (1, 3, 9)  # of numbers, vectors and tensors (row by row)
 
 
 @dataclass(frozen=True)
@@ -21,6 +26,32 @@ class Group:
     dim: int
     tag: int
     members: Ints
+
+
+@dataclass(frozen=True)
+class DataArray:
+    """Values (n, components) at the nodes or in the cells of a mesh."""
+
+    name: str
+    on: Place
+    values: Floats
+
+
+def data_arrays(found: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]) -> dict[str, DataArray]:
+    """Those arrays of a file, (n,) or (n, components), that are numbers of 1, 3 or 9 components.
+
+    Where nodes and cells have arrays of one name, they are told apart as ``NAME (nodes)`` and ``NAME (cells)``.
+    """
+    kept: dict[tuple[str, Place], Floats] = {}
+    for name, on, values in found:
+        rows = values[:, None] if values.ndim == 1 else values
+        if rows.dtype.kind in "fiu" and rows.ndim == 2 and rows.shape[1] in COMPONENTS:
+            kept[name, on] = rows.astype(np.float64)
+    arrays = []
+    for (name, on), rows in kept.items():
+        both = {(name, "nodes"), (name, "cells")} <= kept.keys()
+        arrays.append(DataArray(f"{name} ({on})" if both else name, on, rows))
+    return {array.name: array for array in arrays}
 
 
 @dataclass(frozen=True)
@@ -41,6 +72,7 @@ class MeshSource:
     facets: Ints
     groups: tuple[Group, ...] = ()
     thin_groups: tuple[str, ...] = ()  # names of groups of points and curves, which are no regions
+    data: Mapping[str, DataArray] = field(default_factory=dict)  # by name; cell arrays are of ``cells`` alone
 
     def header(self) -> MeshSource:
         """The same source without its data: what ranks other than 0 know."""
@@ -52,6 +84,7 @@ class MeshSource:
             cell_tags=self.cell_tags[:0],
             facets=self.facets[:0],
             groups=tuple(dataclasses.replace(g, members=g.members[:0]) for g in self.groups),
+            data={name: dataclasses.replace(a, values=a.values[:0]) for name, a in self.data.items()},
         )
 
     def in_metres(self, unit: float) -> MeshSource:
@@ -72,4 +105,12 @@ class MeshSource:
             node_tags=self.node_tags[used],
             cells=new[self.cells],
             facets=new[self.facets],
+            data=self.nodal_data(lambda values: values[used]),
         )
+
+    def nodal_data(self, change: Callable[[Floats], Floats]) -> dict[str, DataArray]:
+        """The data arrays where those at nodes have gone through ``change``."""
+        return {
+            name: dataclasses.replace(a, values=change(a.values)) if a.on == "nodes" else a
+            for name, a in self.data.items()
+        }

@@ -1,8 +1,9 @@
-"""VTU files of VTK: the body's cells, its named facets as surface cells, and one integer array for each region."""
+"""VTU files of VTK: the body's cells, its named facets as surface cells, an integer array for each region, and data."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
-from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays
 
 # Of degree 1, of degree 2, of any degree; the last two are ordered alike.
 VTK_TYPES = {
@@ -22,10 +23,14 @@ VTK_TYPES = {
 }
 REGION = "region:"  # cell arrays "region:NAME" hold the region's tag on its cells and 0 elsewhere
 NODE_TAG, CELL_TAG = "node_tag", "cell_tag"
+OF_VTK = "vtk"  # names that begin so, as vtkGhostType, have a meaning of VTK's own
 
 
 def read_vtu(path: Path) -> MeshSource:
-    """Read an unstructured grid; cell arrays called ``region:NAME`` are its physical groups where they are not 0."""
+    """Read an unstructured grid; cell arrays called ``region:NAME`` are its physical groups where they are not 0.
+
+    Other arrays are data.
+    """
     import pyvista  # takes a second to load
 
     try:
@@ -63,7 +68,19 @@ def read_vtu(path: Path) -> MeshSource:
     points = np.asarray(grid.points, dtype=np.float64)
     node_tags = np.asarray(grid.point_data.get(NODE_TAG, np.arange(1, len(points) + 1)), dtype=np.int64)
     cell_tags = np.asarray(grid.cell_data.get(CELL_TAG, np.arange(1, len(types) + 1)), dtype=np.int64)[rows[3]]
-    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, *_named(facets, groups))
+    facets, named = _named(facets, groups)
+    data = data_arrays(_data(grid, rows[3]))
+    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, facets, named, data=data)
+
+
+def _data(grid: Any, solids: Ints) -> Iterator[tuple[str, Place, npt.NDArray[np.generic]]]:
+    """The arrays that are not of this program's or of VTK's own, those of cells on the ``solids`` alone."""
+    for name in grid.point_data:
+        if name != NODE_TAG and not name.startswith(OF_VTK):
+            yield name, "nodes", np.asarray(grid.point_data[name])
+    for name in grid.cell_data:
+        if name != CELL_TAG and not name.startswith((OF_VTK, REGION)):
+            yield name, "cells", np.asarray(grid.cell_data[name])[solids]
 
 
 def _solid_kind(path: Path, names: list[str]) -> str:
@@ -100,7 +117,7 @@ def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
 
 
 def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
-    """Write the topology, tags and groups of ``source`` at ``points`` (n, 3) m; not collective."""
+    """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) m; not collective."""
     # VTK itself: pyvista takes a second to load, as long as a small job takes to solve.
     from vtkmodules import vtkCommonDataModel
     from vtkmodules.util import numpy_support
@@ -110,7 +127,7 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
     vtk: Any = vtkCommonDataModel
     support: Any = numpy_support  # without types
 
-    def array(name: str, values: npt.NDArray[np.integer]) -> Any:
+    def array(name: str, values: npt.NDArray[np.integer] | Floats) -> Any:
         converted = support.numpy_to_vtk(values, deep=True)
         converted.SetName(name)
         return converted
@@ -137,6 +154,12 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
     grid.SetPoints(positions)
     grid.SetCells(support.numpy_to_vtk(np.concatenate(types), deep=True), cells)
 
+    for name, data in source.data.items():  # first: an array of the same name takes the place of another
+        if data.on == "nodes":
+            grid.GetPointData().AddArray(array(name, data.values))
+        else:
+            on_facets = np.full((len(source.facets), data.values.shape[1]), np.nan)
+            grid.GetCellData().AddArray(array(name, np.concatenate([data.values, on_facets])))
     grid.GetPointData().AddArray(array(NODE_TAG, source.node_tags))
     beyond = source.cell_tags.max() + 1 + np.arange(len(source.facets))
     grid.GetCellData().AddArray(array(CELL_TAG, np.concatenate([source.cell_tags, beyond])))

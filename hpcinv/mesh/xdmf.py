@@ -1,9 +1,10 @@
-"""XDMF meshes as DOLFINx writes them: one grid of cells, and a grid for each set of mesh tags."""
+"""XDMF meshes as DOLFINx writes them: one grid of cells, a grid for each set of mesh tags, and functions as data."""
 
 from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
@@ -12,16 +13,22 @@ import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
-from hpcinv.mesh.source import Group, Ints, MeshSource
+from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place, data_arrays
 from hpcinv.mesh.topology import find_rows
 
 KIND_OF = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "qua": "quadrilateral"}
+PLACES: dict[str, Place] = {"Node": "nodes", "Cell": "cells"}
 
 
 def read_xdmf(path: Path) -> MeshSource:
-    """Read the first mesh of the file; tags called NAME with a value V become the physical group ``NAME-V``."""
+    """Read the first mesh of the file; tags called NAME with a value V become the physical group ``NAME-V``.
+
+    Tags are the first attribute on the cells of a grid, and in that of the mesh the first one of integers. The other
+    attributes of the mesh, and functions on it, are data; functions of time at their last time.
+    """
     try:
-        grids = [g for g in ET.parse(path).getroot().findall("Domain/Grid") if g.find("Topology") is not None]
+        root = ET.parse(path).getroot()
+        grids = [g for g in root.findall("Domain/Grid") if g.find("Topology") is not None]
     except ET.ParseError as exc:
         raise MeshError(f"{path}: no XML: {exc}", "Is it a whole .xdmf file?") from exc
     mesh = next((g for g in grids if g.find("Geometry/DataItem") is not None), None)
@@ -37,8 +44,10 @@ def read_xdmf(path: Path) -> MeshSource:
     degree = degree_of(path, kind, cells.shape[1])
     facets = [no_cells(FACET_KIND[kind], degree)]
     groups: list[Group] = []
+    whole = next((a for a in mesh.findall("Attribute[@Center='Cell']") if _is_tags(path, a, len(cells))), None)
     for grid in grids:
-        values = grid.find("Attribute[@Center='Cell']/DataItem")
+        marker = whole if grid is mesh else grid.find("Attribute[@Center='Cell']")
+        values = None if marker is None else marker.find("DataItem")
         on, entities = _topology(path, grid)
         if values is None or on not in (kind, FACET_KIND[kind]):
             continue
@@ -56,7 +65,36 @@ def read_xdmf(path: Path) -> MeshSource:
             name = f"{grid.get('Name', 'tags')}-{int(value)}"
             groups.append(Group(name, 3 if on == kind else 2, len(groups) + 1, rows[tags == value]))
     cell_tags, node_tags = np.arange(1, len(cells) + 1), np.arange(1, len(points) + 1)
-    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, np.concatenate(facets), tuple(groups))
+    of_functions = [g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None]
+    attributes = [a for g in (mesh, *of_functions) for a in g.findall("Attribute") if a is not whole]
+    return MeshSource(
+        path,
+        kind,
+        degree,
+        points,
+        node_tags,
+        cells,
+        cell_tags,
+        np.concatenate(facets),
+        tuple(groups),
+        data=_arrays(path, attributes, {"nodes": len(points), "cells": len(cells)}),
+    )
+
+
+def _is_tags(path: Path, attribute: ET.Element, cells: int) -> bool:
+    values = _data(path, attribute.find("DataItem"))
+    return values.dtype.kind in "iu" and values.size == cells
+
+
+def _arrays(path: Path, attributes: list[ET.Element], sizes: Mapping[Place, int]) -> dict[str, DataArray]:
+    """The attributes that have a row for each node or cell."""
+    found = {
+        (a.get("Name", ""), PLACES[center]): a.find("DataItem")
+        for a in attributes
+        if (center := a.get("Center", "Node")) in PLACES
+    }
+    values = ((name, on, _data(path, item)) for (name, on), item in found.items())
+    return data_arrays((name, on, rows) for name, on, rows in values if rows.ndim and len(rows) == sizes[on])
 
 
 def _topology(path: Path, grid: ET.Element) -> tuple[str, Ints]:
@@ -77,7 +115,8 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
     form = "" if item is None else item.get("Format", "XML")
     if form == "XML" and item is not None:
         shape = [int(n) for n in item.get("Dimensions", "").split()]
-        return np.array(text.split(), dtype=np.float64).reshape(shape)
+        declared = item.get("NumberType", item.get("DataType", "Float"))
+        return np.array(text.split(), dtype=np.int64 if declared in ("Int", "UInt") else np.float64).reshape(shape)
     if form != "HDF":
         raise MeshError(f"{path}: data in the format '{form}'", "HDF and XML are supported.")
     match = re.fullmatch(r"(.+?):(/.+)", text)

@@ -1,0 +1,78 @@
+"""Data arrays of a mesh file on a distributed body: each rank's rows, and functions of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.source import DataArray, Floats
+from hpcinv.runtime import on_root
+from hpcinv.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.body import Body
+
+SHAPES: dict[int, tuple[int, ...]] = {1: (), 3: (3,), 9: (3, 3)}  # by the number of components
+
+
+def distribute(body: Body, name: str) -> DataArray:
+    """The data array called ``name`` at the local geometry nodes or in the local cells, ghosts too; collective.
+
+    Raises:
+        MeshError: on all ranks, if the mesh has no such array, or where values of it are missing or not finite.
+    """
+    array, comm = _find(body, name), body.mesh.comm
+    on_root(comm, lambda: _check(body, array))
+    mesh = body.mesh
+    mine = mesh.geometry.input_global_indices if array.on == "nodes" else mesh.topology.original_cell_index
+    asked = comm.gather(np.asarray(mine))
+    values: Floats = comm.scatter(None if asked is None else [array.values[rows] for rows in asked])
+    return dataclasses.replace(array, values=values)
+
+
+def as_function(body: Body, array: DataArray) -> fem.Function:
+    """Local values, as ``distribute`` gives them, as a function of the same name; collective.
+
+    Piecewise constant for cells, Lagrange of the geometry's degree for nodes; scalar, (3,) or (3, 3).
+    """
+    mesh, geometry = body.mesh, body.mesh.geometry
+    components = array.values.shape[1]
+    shape = SHAPES[components]
+    if array.on == "nodes":
+        element = basix.ufl.element("Lagrange", mesh.basix_cell(), body.source.degree, shape=shape)
+    else:
+        element = basix.ufl.element("DG", mesh.basix_cell(), 0, shape=shape)
+    function = fem.Function(fem.functionspace(mesh, element), name=array.name)
+    of_cells = array.values[geometry.dofmaps[0]] if array.on == "nodes" else array.values[:, None]
+    function.x.array.reshape(-1, components)[function.function_space.dofmap.list] = of_cells
+    return function
+
+
+def _find(body: Body, name: str) -> DataArray:
+    """The array as this rank knows it: with its values on rank 0 alone."""
+    data = body.source.data
+    if name in data:
+        return data[name]
+    there = ", ".join(f"{a.name} ({a.on}, {a.values.shape[1]})" for a in data.values())
+    raise MeshError(
+        f"{body.source.path}: no data array '{name}'.{did_you_mean(name, data, list_all=False)}",
+        (f"There are, with place and number of components: {there}." if data else "There are none.")
+        + " A data array of a .vtu, .xdmf or .msh file has 1, 3 or 9 numbers for each node or for each solid cell.",
+    )
+
+
+def _check(body: Body, array: DataArray) -> None:
+    wrong = np.flatnonzero(~np.isfinite(array.values).all(axis=1))
+    if len(wrong):
+        tags = body.source.node_tags if array.on == "nodes" else body.source.cell_tags
+        first = f"{array.on.removesuffix('s')} {tags[wrong[0]]}"
+        raise MeshError(
+            f"{body.source.path}: data array '{array.name}' is missing or not finite on {len(wrong)} of {len(tags)}"
+            f" {array.on} (first: {first})",
+            f"Give it a finite value on all {array.on} of the body.",
+        )
