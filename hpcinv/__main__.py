@@ -1,18 +1,21 @@
-"""Command line: ``python -m hpcinv run | resume | validate | schema``."""
+"""Command line: ``python -m hpcinv run | resume | validate | explain | laws | effects | schema``."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv import __version__
 from hpcinv.errors import HpcinvError
 from hpcinv.job import Job, json_schema, load
 from hpcinv.rundirectory import RunDirectory, choose
+
+if TYPE_CHECKING:
+    from hpcinv.ingredient import Ingredient
 
 EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
 4 no usable checkpoint, 5 a system part is missing, 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C"""
@@ -41,6 +44,53 @@ def _validate(options: argparse.Namespace) -> int:
 
 def _schema(_options: argparse.Namespace) -> int:
     print(json.dumps(json_schema(), indent=2))
+    return 0
+
+
+def _laws(options: argparse.Namespace) -> int:
+    from hpcinv.materials import laws
+
+    return _catalogue(laws(), "law", options.name)
+
+
+def _effects(options: argparse.Namespace) -> int:
+    from hpcinv.effects import effects
+
+    return _catalogue(effects(), "effect", options.name)
+
+
+def _catalogue(members: Mapping[str, type[Ingredient]], tag: str, name: str | None) -> int:
+    from hpcinv.catalogue import describe, overview
+
+    if name is None:
+        overview(members)
+        return 0
+    try:
+        describe(members, tag, name)
+    except HpcinvError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+def _explain(options: argparse.Namespace) -> int:
+    from hpcinv.runtime import MPI, compilation_explained, failing_together, on_root
+
+    comm = MPI.COMM_WORLD
+    with failing_together(comm):
+        job = on_root(comm, lambda: load(options.job))
+
+        from hpcinv.explain import explain
+        from hpcinv.explanation import show
+
+        def note(text: str) -> None:
+            if comm.rank == 0:
+                print(text, file=sys.stderr, flush=True)
+
+        with compilation_explained(comm):
+            found = explain(job, comm, note)
+        if comm.rank == 0:
+            show(job, found)
     return 0
 
 
@@ -132,6 +182,15 @@ def _parser() -> argparse.ArgumentParser:
     validate = commands.add_parser("validate", help="check job files without running them")
     validate.add_argument("jobs", type=Path, nargs="+", metavar="job", help="job file (YAML)")
     validate.set_defaults(command=_validate)
+
+    explain = commands.add_parser("explain", help="show what a job's scene contains, and measure what each part costs")
+    explain.add_argument("job", type=Path, help="job file (YAML)")
+    explain.set_defaults(command=_explain)
+
+    for name, command in (("laws", _laws), ("effects", _effects)):
+        catalogue = commands.add_parser(name, help=f"list the {name}, or show all about one")
+        catalogue.add_argument("name", nargs="?", help="its name in job files")
+        catalogue.set_defaults(command=command)
 
     schema = commands.add_parser("schema", help="print the JSON Schema of job files, for editors")
     schema.set_defaults(command=_schema)
