@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.continuation import follow
+from hpcinv.equilibrium import Solve
 from hpcinv.job import Job, parse
 from hpcinv.mesh import Body, build_body
 from hpcinv.model import Model
@@ -31,14 +32,33 @@ class Solved:
     """A job's first leg in the hands of a test: solved to the end, its scene and body still there."""
 
     def __init__(self, job: Job, comm: MPI.Intracomm) -> None:
+        self.job = job
         self.body: Body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
         self.model = Model(job, self.body, Timings())
-        self.scene: Scene = self.model.scene(job.legs[0])
-        equilibrium = self.model.equilibrium(self.scene, lambda: False)
-        self.solves = list(follow(equilibrium, self.model.steps, job.solver.tolerance))
-        assert self.solves[-1].outcome.accepted, self.solves[-1].outcome
+        self.solves = self._solve(0)
         self.kinematics = self.scene.kinematics
         self.x = ufl.SpatialCoordinate(self.body.mesh) * self.body.length_scale
+
+    def _solve(self, leg: int) -> list[Solve]:
+        self.scene: Scene = self.model.scene(self.job.legs[leg])
+        equilibrium = self.model.equilibrium(self.scene, lambda: False)
+        solves = list(follow(equilibrium, self.model.steps, self.job.solver.tolerance))
+        equilibrium.destroy()
+        assert solves[-1].outcome.accepted, solves[-1].outcome
+        return solves
+
+    def again(self) -> np.ndarray:
+        """Displacement (scaled) at the nodes after the second leg, which is solved on the body that the first found."""
+        u = self.model.unknowns.at_nodes(self.model.unknowns.displacement())
+        self.body.mesh.geometry.x[:] += self.kinematics.sign * u
+        self.model.unknowns.state.x.array[:] = 0.0
+        self._solve(1)
+        return self.model.unknowns.at_nodes(self.model.unknowns.displacement())
+
+    @property
+    def displacement(self) -> Any:
+        """Displacement in m."""
+        return self.model.unknowns.u * self.body.length_scale
 
     def integral(self, integrand: Any, degree: int = 8) -> float:
         """Integral over the mesh, in scaled lengths, by a quadrature of its own."""

@@ -22,7 +22,7 @@ class MooneyRivlin(MaterialLaw):
     """
 
     formula = "c1*(I1_bar - 3) + c2*(I2_bar - 3)"
-    example: ClassVar = {"law": "mooney-rivlin", "c1": "0.1 MPa", "c2": "0.15 MPa", "d1": "0.8 GPa"}
+    example: ClassVar = {"law": "mooney-rivlin", "c1": "0.1 MPa", "c2": "0.15 MPa", "d1": "1 MPa"}
 
     law: Literal["mooney-rivlin"] = "mooney-rivlin"
     c1: StressField
