@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from hpcinv.errors import MeshError
+from hpcinv.errors import MeshError, told_with
 from hpcinv.mesh.data import as_function, distribute
 from hpcinv.runtime import MPI
 from hpcinv.varying import ELSEWHERE, ByData, ByFormula, ByRegion
@@ -124,7 +124,8 @@ def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> n
     for i, name in enumerate(names):
         if name == ELSEWHERE:
             continue
-        mine = body.cells(name)
+        with told_with(where):
+            mine = body.cells(name)
         taken = number[mine[mine < owned]]
         if body.mesh.comm.allreduce(bool((taken >= 0).any()), op=MPI.LOR):
             other = body.mesh.comm.allreduce(int(taken.max(initial=-1)), op=MPI.MAX)

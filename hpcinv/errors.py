@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -36,6 +38,15 @@ class MeshError(HpcinvError):
     """The mesh cannot be used: unreadable, inverted cells, empty or unknown regions."""
 
     exit_code = 2
+
+
+@contextmanager
+def told_with(field: str) -> Iterator[None]:
+    """Let a ``MeshError`` name the field of the job that it is about."""
+    try:
+        yield
+    except MeshError as error:
+        raise MeshError(f"{field}: {error.message}", error.advice) from None
 
 
 class OutputError(HpcinvError):

@@ -1,4 +1,4 @@
-"""What only the mesh can tell of fields: whether parameters are admissible everywhere, and directions not zero."""
+"""What only the mesh can tell: whether regions are there, parameters admissible everywhere, directions not zero."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 # isort: split
 import numpy as np
 
-from hpcinv.errors import MeshError
+from hpcinv.bodyfields import parts
+from hpcinv.errors import MeshError, told_with
 from hpcinv.quantities import quantities_of, quantity_of
 from hpcinv.runtime import MPI
 from hpcinv.varying import is_uniform
@@ -25,11 +26,17 @@ if TYPE_CHECKING:
 
 
 def check_fields(job: Job, fields: BodyFields) -> None:
-    """Check the fields of laws, effects and fibres at points inside of every cell; collective.
+    """Check the regions of laws and effects, and fields at points inside of every cell; collective.
 
     Raises:
-        MeshError: on all ranks, for the first field that is not as it must be.
+        MeshError: on all ranks, for the first region or field that is not as it must be.
     """
+    if "material" not in job.laws:
+        parts(fields.body, [name.removeprefix("material.") for name in job.laws], "material")
+    for where, effect in job.named_effects:
+        for region, field in effect.surfaces.items():
+            with told_with(f"{where}.{field}"):
+                fields.body.boundary_facets(region)
     for where, ingredient in [*job.laws.items(), *job.named_effects]:
         for name in quantities_of(type(ingredient)):
             value = getattr(ingredient, name)
@@ -38,13 +45,18 @@ def check_fields(job: Job, fields: BodyFields) -> None:
             expected = quantity_of(type(ingredient), name)
             for entry in value if isinstance(value, tuple) else (value,):
                 samples = fields.samples(entry, f"{where}.{name}")
-                _require(fields, samples, np.vectorize(expected.admits), f"{where}.{name}", expected.bounds)
+                _require(
+                    fields, samples, np.vectorize(expected.admits, otypes=[bool]), f"{where}.{name}", expected.bounds
+                )
     for where, law in job.laws.items():
         if any(not is_uniform(value) for value, _ in law.quantities().values()):
             par = _samples(fields, where, law)
-            for modulus in (law.shear_modulus, law.bulk_modulus):
+            finite = (law.shear_modulus,) if law.is_incompressible else (law.shear_modulus, law.bulk_modulus)
+            for modulus in finite:
                 name = modulus.__name__.replace("_", " ")
-                _require(fields, modulus(par), lambda values: values > 0, f"{where}: the {name}", "positive")
+                _require(
+                    fields, np.atleast_1d(modulus(par)), lambda values: values > 0, f"{where}: the {name}", "positive"
+                )
     for where, family in job.families.items():
         ((direction, _),) = family.quantities().values()
         length = np.linalg.norm(fields.vector_samples(direction, where), axis=-1)
@@ -62,9 +74,9 @@ def shear_modulus(job: Job, fields: BodyFields) -> float:
 
 def _samples(fields: BodyFields, where: str, law: MaterialLaw | Ingredient) -> Any:
     def sampled(name: str, value: Any) -> Any:
-        if value is None or is_uniform(value):
-            return value
-        return fields.samples(value, f"{where}.{name}")
+        if isinstance(value, tuple):
+            return tuple(sampled(name, entry) for entry in value)
+        return value if value is None or is_uniform(value) else fields.samples(value, f"{where}.{name}")
 
     return SimpleNamespace(**{name: sampled(name, value) for name, (value, _) in law.quantities().items()})
 

@@ -31,6 +31,7 @@ class Function:
 FUNCTIONS = {
     **{name: Function(name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log")},
     **{f"a{name}": Function(f"arc{name}") for name in ("sin", "cos", "tan")},
+    "ln": Function("log"),
     "atan2": Function("arctan2", lambda y, x: pure(same(y, x) / same(y, x)), 2),
     "sqrt": Function("sqrt", square_root),
     "abs": Function("absolute", same),

@@ -114,8 +114,9 @@ class Job(Spec):
     @property
     def is_mixed(self) -> bool:
         """Whether the pressure is an unknown."""
-        chosen = self.discretisation.formulation
-        return chosen == "mixed" or (chosen == "auto" and _is_nearly_incompressible(self.laws))
+        return self.discretisation.formulation == "mixed" or (
+            self.discretisation.formulation == "auto" and _wants_pressure(self.laws)
+        )
 
     @property
     def pressure_degree(self) -> int | None:
@@ -217,12 +218,18 @@ class Job(Spec):
         if "material" not in info.data:
             return discretisation
         laws = _laws(info.data["material"])
-        if discretisation.formulation == "auto":
+        whole = [where for where, law in laws.items() if not law.is_split]
+        if whole and discretisation.formulation == "mixed":
+            text = f"must be displacement: {whole[0]} has no volumetric energy of its own (give it kappa)"
+            raise Problems((("formulation",), text))
+        if discretisation.formulation == "auto" and not whole:
             for where, law in laws.items():
                 if law.stiffness_ratio is None:
                     text = f"must be stated, displacement or mixed, since the moduli of {where} vary over the body"
                     raise Problems((("formulation",), text))
-        if not _is_nearly_incompressible(laws):
+        if whole and any(law.is_incompressible for law in laws.values()):
+            raise ValueError(f"must be mixed for the incompressible law, but {whole[0]} cannot be: give it kappa")
+        if not _wants_pressure(laws):
             return discretisation
         if discretisation.formulation == "displacement" and any(law.is_incompressible for law in laws.values()):
             raise Problems((("formulation",), "must be mixed (or auto), since the material is incompressible"))
@@ -252,8 +259,10 @@ def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, Materi
     return {f"material.{region}": law for region, law in material.items()}
 
 
-def _is_nearly_incompressible(laws: Mapping[str, MaterialLaw]) -> bool:
-    return any((law.stiffness_ratio or 0.0) > NEARLY_INCOMPRESSIBLE for law in laws.values())
+def _wants_pressure(laws: Mapping[str, MaterialLaw]) -> bool:
+    """Whether displacements alone would lock, and a pressure is possible."""
+    nearly_incompressible = any((law.stiffness_ratio or 0.0) > NEARLY_INCOMPRESSIBLE for law in laws.values())
+    return nearly_incompressible and all(law.is_split for law in laws.values())
 
 
 def _unknown_families(part: Ingredient, info: ValidationInfo) -> Iterator[tuple[Location, str]]:

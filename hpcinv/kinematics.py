@@ -30,25 +30,10 @@ from typing import TYPE_CHECKING, Any
 
 import ufl
 
+from hpcinv.elementary import log1p_remainder
+
 if TYPE_CHECKING:
     from hpcinv.integration import Integration
-
-_SERIES_BELOW = 2.0**-7  # |x| at which the closed forms take over from the series; both are exact there to 1e-16
-_SERIES_TERMS = 9
-
-
-def _series(x: Any, coefficients: list[float]) -> Any:
-    """``x² (c₀ + c₁ x + …)`` by Horner's rule."""
-    total: Any = coefficients[-1]
-    for c in reversed(coefficients[:-1]):
-        total = c + x * total
-    return x * x * total
-
-
-def log1p_remainder(x: Any) -> Any:
-    """``ln(1 + x) - x``, accurate together with its derivatives as ``x → 0``."""
-    series = _series(x, [(-1.0) ** (n + 1) / n for n in range(2, 2 + _SERIES_TERMS)])
-    return ufl.conditional(ufl.lt(abs(x), _SERIES_BELOW), series, ufl.ln(1 + x) - x)
 
 
 class Deformation:

@@ -45,9 +45,10 @@ class Measure:
         return self
 
     def _combine(self, other: Measure, sign: int) -> Measure:
-        if self.dimension is None or other.dimension is None:
+        theirs = _measure(other).dimension
+        if self.dimension is None or theirs is None:
             return Measure(None)
-        return Measure(Dimension(*(a + sign * b for a, b in zip(self.dimension, other.dimension, strict=True))))
+        return Measure(Dimension(*(a + sign * b for a, b in zip(self.dimension, theirs, strict=True))))
 
 
 def same(*terms: Measure) -> Measure:

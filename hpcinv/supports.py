@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from hpcinv.errors import MeshError
+from hpcinv.errors import MeshError, told_with
 from hpcinv.parameters import load_factor
 from hpcinv.runtime import MPI
 from hpcinv.sections import AXES
@@ -35,7 +35,8 @@ class Supports:
         self._full: list[npt.NDArray[np.float64]] = []
         self._now: list[fem.Function] = []
         for number, spec in enumerate(job.supports):
-            facets = _facets(body, spec.region, f"supports[{number}].region")
+            with told_with(f"supports[{number}].region"):
+                facets = body.facets(spec.region)
             for i, axis in enumerate(AXES):
                 if axis not in spec.held:
                     continue
@@ -67,10 +68,3 @@ class Supports:
         """Prescribe the displacements that belong to a share of the whole load."""
         for now, full, case in zip(self._now, self._full, self._cases, strict=True):
             now.x.array[:] = load_factor(load, case, self._case_count) * full
-
-
-def _facets(body: Body, region: str, field: str) -> npt.NDArray[np.int32]:
-    try:
-        return body.facets(region)
-    except MeshError as error:
-        raise MeshError(f"{field}: {error.message}", error.advice) from None

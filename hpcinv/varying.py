@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic_core import core_schema
@@ -33,6 +32,10 @@ class ByRegion:
 
     values: Mapping[str, float]
 
+    def at(self, region: str) -> float | None:
+        """The value in a region, ``None`` if it has none."""
+        return self.values.get(region, self.values.get(ELSEWHERE))
+
     def plain(self) -> dict[str, Any]:
         return dict(self.values)
 
@@ -42,7 +45,7 @@ class ByFormula:
     """A formula of position and of named constants, in SI."""
 
     formula: Expression
-    constants: Mapping[str, float] = MappingProxyType({})
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     def plain(self) -> str:
         return str(self.formula)
@@ -99,7 +102,7 @@ class VaryingQuantity(Quantity):
                 if math.isinf(number):
                     raise ValueError(f"cannot be '{self.infinite}'; give that region a law of its own")
             except ValueError as error:
-                raise ValueError(f"in region '{region}' it {error}") from None
+                raise ValueError(f"in region '{region}': {error}") from None
         return ByRegion(values)
 
     def _data(self, given: Mapping[Any, object]) -> ByData:

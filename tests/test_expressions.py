@@ -86,6 +86,7 @@ def test_the_dimension_of_a_formula_is_known_where_it_is_certain(text: str, dime
         ("(x < 1) + 2", "mixes up conditions and numbers"),
         ("x and y < 1", "mixes up conditions and numbers"),
         ("sin(x < 1)", "mixes up conditions and numbers"),
+        ("x*(y < 1)", "mixes up conditions and numbers"),
         ("r < 1", "unknown name 'r' in 'r < 1'. Known: k, x, y, z."),
         ("xx < 1", "Did you mean 'x'?"),
     ],

@@ -12,7 +12,7 @@ from hpcinv.plugins import load_installed
 from hpcinv.schema import Location, OneOf, Problems, import_modules, members_of, problems_in, raise_if_any
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+    from pydantic import GetJsonSchemaHandler
     from pydantic.json_schema import JsonSchemaValue
     from pydantic_core import core_schema
 

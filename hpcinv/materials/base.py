@@ -63,28 +63,32 @@ class MaterialLaw(Ingredient):
         return f"{self.formula} + {self.volumetric_formula}"
 
     @property
+    def is_split(self) -> bool:
+        """Whether the volumetric energy stands apart, so that its pressure can be an unknown."""
+        return True
+
+    @property
     def is_incompressible(self) -> bool:
         """Whether the volume cannot change."""
-        return any(self.bulk_modulus(par) == math.inf for par in self.cases())
+        return any(value == math.inf for value, _ in self.quantities().values())
 
     @property
     def stiffness_ratio(self) -> float | None:
         """Largest ratio of bulk to shear modulus; ``None`` if only the mesh can tell."""
+        if self.is_incompressible:
+            return math.inf
         return max((self.bulk_modulus(par) / self.shear_modulus(par) for par in self.cases()), default=None)
 
     def cases(self) -> Iterator[Any]:
         """Namespaces of numbers (SI), one for each region that parameters tell apart; none if they are fields."""
         values = {name: value for name, (value, _) in self.quantities().items()}
-        by_region = [v for v in values.values() if isinstance(v, ByRegion)]
-        if not all(is_uniform(v) or isinstance(v, ByRegion) for v in values.values()):
+        entries = [e for v in values.values() for e in (v if isinstance(v, tuple) else (v,))]
+        by_region = [e for e in entries if isinstance(e, ByRegion)]
+        if not all(is_uniform(e) or isinstance(e, ByRegion) for e in entries):
             return
-        for region in dict.fromkeys(name for v in by_region for name in v.values) or [ELSEWHERE]:
-
-            def here(value: Any, region: str = region) -> Any:
-                return value.values.get(region, value.values.get(ELSEWHERE)) if isinstance(value, ByRegion) else value
-
-            if all(here(v) is not None for v in by_region):
-                yield SimpleNamespace(**{name: here(value) for name, value in values.items()})
+        for region in dict.fromkeys(name for e in by_region for name in e.values) or [ELSEWHERE]:
+            if all(e.at(region) is not None for e in by_region):
+                yield SimpleNamespace(**{name: _at(value, region) for name, value in values.items()})
 
     @model_validator(mode="after")
     def _is_stable(self) -> Self:
@@ -96,3 +100,10 @@ class MaterialLaw(Ingredient):
             if not (value := modulus(par)) > 0
         )
         return self
+
+
+def _at(value: Any, region: str) -> Any:
+    """A quantity in one region."""
+    if isinstance(value, tuple):
+        return tuple(_at(entry, region) for entry in value)
+    return value.at(region) if isinstance(value, ByRegion) else value

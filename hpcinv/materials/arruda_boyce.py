@@ -1,0 +1,48 @@
+"""Arruda–Boyce."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from hpcinv.elementary import polynomial
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.varying import ModulusField, VaryingQuantity
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+_SERIES = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)  # of the inverse Langevin function, integrated
+
+
+class ArrudaBoyce(IsochoricLaw):
+    """Arruda–Boyce, the network of eight chains, by five terms of the series of the inverse Langevin function.
+
+    ``psi = mu Σ cᵢ/lambda_m^(2i-2) (I1_bar^i - 3^i) + U(J; kappa)``, ``c = 1/2, 1/20, 11/1050, 19/7000, 519/673750``.
+    The small-strain shear modulus is larger than ``mu``: ``2 mu Σ i cᵢ (3/lambda_m²)^(i-1)``.
+
+    Source: Arruda & Boyce (1993), doi:10.1016/0022-5096(93)90013-6.
+    """
+
+    formula = (
+        "mu*(1/2*(I1_bar - 3) + 1/20/lambda_m**2*(I1_bar**2 - 9) + 11/1050/lambda_m**4*(I1_bar**3 - 27)"
+        " + 19/7000/lambda_m**6*(I1_bar**4 - 81) + 519/673750/lambda_m**8*(I1_bar**5 - 243))"
+    )
+    example: ClassVar = {"law": "arruda-boyce", "mu": "0.3 MPa", "lambda_m": 2.5, "kappa": "2 MPa"}
+
+    law: Literal["arruda-boyce"] = "arruda-boyce"
+    mu: ModulusField
+    """shear modulus of chains that are far from being stretched out"""
+    lambda_m: Annotated[Any, VaryingQuantity("", above=1)]
+    """stretch at which the chains are stretched out"""
+
+    def shear_modulus(self, par: Any) -> Any:
+        slopes = [i * c for i, c in enumerate(_SERIES, start=1)]
+        return 2 * par.mu * polynomial(3 / par.lambda_m**2, slopes)
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        # a^i - 3^i = (a - 3) s_i, where s_1 = 1 and s_(i+1) = a s_i + 3^i
+        a, ratio, total = 3 + k.I1_bar_minus_3, 1.0, 0.0
+        for i, c in enumerate(_SERIES):
+            total = total + c * ratio / par.lambda_m ** (2 * i)
+            ratio = a * ratio + 3 ** (i + 1)
+        return par.mu * k.I1_bar_minus_3 * total

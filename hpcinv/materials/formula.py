@@ -1,0 +1,194 @@
+"""A law given by its energy, as a formula."""
+
+from __future__ import annotations
+
+import keyword
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+from pydantic import ValidationInfo, field_validator, model_validator
+
+from hpcinv.expressions import Expression
+from hpcinv.functions import CONSTANTS, FUNCTIONS
+from hpcinv.jets.algebras import FLOATS, Functions, ufl_functions
+from hpcinv.jets.coefficients import Coefficient
+from hpcinv.jets.invariants import ISOTROPIC, PrincipalStretches, families_in, invariants
+from hpcinv.jets.jet import JET_FUNCTIONS, Jet, Strains
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.measured import AnyMeasured, Measured
+from hpcinv.schema import Name, Problems, raise_if_any
+from hpcinv.units import Dimension, parse_unit
+from hpcinv.varying import BulkModulusField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+_NUMBER, _STRESS = Dimension(), parse_unit("Pa")[1]
+_SMALL = 1e-6  # strain at which moduli are measured
+
+
+class Formula(IsochoricLaw):
+    """Any energy that is a formula of invariants: ``psi = energy``, or ``psi = energy + U(J; kappa)``.
+
+    The invariants are ``I1``, ``I2``, ``J``, ``I1_bar``, ``I2_bar``, and of families f, s of fibres ``I4_f``, ``I5_f``,
+    ``I8_f_s = a0·(C - I) b0``. The energy must be stress-free at ``F = I``; however it is written, it keeps its
+    digits at small strain (`hpcinv.jets`). Without ``kappa`` it is all there is, and the pressure is no unknown.
+    """
+
+    example: ClassVar = {
+        "law": "formula",
+        "energy": "mu/2*(I1_bar - 3) + b*(I1_bar - 3)**2",
+        "parameters": {"mu": "10 kPa", "b": "2 kPa"},
+        "kappa": "1 MPa",
+    }
+
+    law: Literal["formula"] = "formula"
+    kappa: BulkModulusField | None = None
+    """bulk modulus of a volumetric energy U, or 'incompressible'; left out, the energy below is all there is"""
+    parameters: Mapping[Name, AnyMeasured] = {}
+    """values of further names in the energy, such as {mu: 10 kPa, n: 3}; a plain number has no dimension"""
+    energy: Expression
+    """energy per reference volume, a formula of invariants and parameters, such as mu/2*(I1 - 3) - mu*ln(J)"""
+
+    @field_validator("parameters")
+    @classmethod
+    def _have_names_of_their_own(
+        cls, parameters: Mapping[str, Measured], info: ValidationInfo
+    ) -> Mapping[str, Measured]:
+        taken = {*FUNCTIONS, *CONSTANTS} | ({"kappa"} if info.data.get("kappa") is not None else set())
+
+        def fault(name: str) -> str | None:
+            if name in taken or families_in(name) is not None:
+                return "is already the name of something else"
+            if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
+                return "cannot be a name in a formula; take another, of letters, digits and _"
+            return None
+
+        raise_if_any(((name,), text) for name in parameters if (text := fault(name)))
+        return parameters
+
+    @field_validator("energy")
+    @classmethod
+    def _is_an_energy(cls, energy: Expression, info: ValidationInfo) -> Expression:
+        if not {"kappa", "parameters"} <= info.data.keys():  # already reported
+            return energy
+        parameters: Mapping[str, Measured] = info.data["parameters"]
+        known: dict[str, Dimension | None] = {name: p.dimension for name, p in parameters.items()}
+        known |= {name: _NUMBER for name in (*ISOTROPIC, *energy.names) if families_in(name) is not None}
+        energy.expect(known, _STRESS)
+        try:
+            faults = list(_faults(_in_floats(energy, parameters, 0.0, 0.0, 0.0)))
+            shear, bulk = _moduli(energy, parameters)
+        except (OverflowError, ZeroDivisionError):
+            raise ValueError(f"'{energy}' has no finite value near F = I") from None
+        except ValueError as error:
+            raise ValueError(f"'{energy}' {error}") from None
+        raise_if_any(((), f"'{energy}' {fault}") for fault in faults)
+        if info.data["kappa"] is None and shear > 0 and not bulk > _SMALL * shear:
+            raise ValueError(f"'{energy}' does not resist a change of volume: give kappa, or add an energy of J to it")
+        return energy
+
+    @model_validator(mode="after")
+    def _has_a_use_for_all(self) -> Self:
+        raise_if_any(
+            (("parameters", name), "does not occur in the energy")
+            for name in sorted(self.parameters.keys() - self.energy.names)
+        )
+        if self.kappa is None and self.volumetric != type(self).model_fields["volumetric"].default:
+            raise Problems((("volumetric",), "has no use without kappa"))
+        return self
+
+    @property
+    def formula(self) -> str:  # type: ignore[override]
+        return str(self.energy)
+
+    @property
+    def volumetric_formula(self) -> str:
+        return "0" if self.kappa is None else super().volumetric_formula
+
+    @property
+    def is_split(self) -> bool:
+        return self.kappa is not None
+
+    @property
+    def families(self) -> dict[str, str]:
+        return {family: "energy" for name in sorted(self.energy.names) for family in families_in(name) or ()}
+
+    def quantities(self) -> dict[str, tuple[Any, Dimension]]:
+        """``kappa``, and what the formula needs in SI, as numbers: ``_pascal`` turns the value of the energy to scale.
+
+        The energy's small-strain moduli are quantities too, so that forms with them stay the same for other values.
+        """
+        shear, bulk = _moduli(self.energy, self.parameters)
+        derived = {"_pascal": 1.0, "_shear_modulus": shear, "_bulk_modulus": bulk}
+        return (
+            {"kappa": (self.kappa, _STRESS)}
+            | {name: (p.value, _NUMBER) for name, p in self.parameters.items()}
+            | {name: (value, _STRESS) for name, value in derived.items()}
+        )
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par._shear_modulus
+
+    def bulk_modulus(self, par: Any) -> Any:
+        return par._bulk_modulus + self.dilatation_modulus(par)
+
+    def dilatation_modulus(self, par: Any) -> Any:
+        return 0.0 if self.kappa is None else par.kappa
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        energy, _ = _evaluated(self.energy, self.parameters, k, ufl_functions(), vars(par))
+        return par._pascal * energy.remainder
+
+    def domain(self, k: Deformation, par: Any) -> tuple[Any, ...]:
+        _, strains = _evaluated(self.energy, self.parameters, k, ufl_functions(), vars(par))
+        return tuple(strains.positive)
+
+
+def _evaluated(
+    energy: Expression,
+    parameters: Mapping[str, Measured],
+    k: Deformation | PrincipalStretches,
+    functions: Functions,
+    symbols: Mapping[str, Any],
+) -> tuple[Jet, Strains]:
+    """The energy as a jet, in Pa, and its strains; ``ValueError`` if it has no value or derivative at ``F = I``."""
+    strains = Strains(functions)
+    constants = {n: strains.constant(Coefficient.parameter(p.value, symbols[n])) for n, p in parameters.items()}
+    values = invariants(energy.names, k, strains) | constants
+    return energy.apply(values, JET_FUNCTIONS, strains.number), strains
+
+
+def _in_floats(energy: Expression, parameters: Mapping[str, Measured], *e: float) -> Jet:
+    symbols = {name: p.value for name, p in parameters.items()}
+    return _evaluated(energy, parameters, PrincipalStretches(*e), FLOATS, symbols)[0]
+
+
+def _moduli(energy: Expression, parameters: Mapping[str, Measured]) -> tuple[float, float]:
+    """Shear and bulk modulus (Pa) at small strain ``e``, fibres apart: ``psi = mu dev(e):dev(e) + K/2 tr²(e)``."""
+
+    def psi(*e: float) -> float:
+        return float(_in_floats(energy, parameters, *e).remainder)
+
+    def limit(modulus: Callable[[float], float]) -> float:
+        fine, coarse = modulus(_SMALL), modulus(2 * _SMALL)
+        extrapolated = (4 * fine - coarse) / 3
+        return extrapolated if abs(extrapolated) > 1e-3 * abs(fine) else 0.0  # nothing but terms of higher order
+
+    return (
+        limit(lambda e: psi(e, -e, 0.0) / (2 * e**2)),
+        limit(lambda e: (psi(e, e, e) + psi(-e, -e, -e)) / (9 * e**2)),
+    )
+
+
+def _faults(energy: Jet) -> Iterator[str]:
+    """Why an energy is not stress-free at ``F = I``."""
+    for strain, slope in energy.slopes.items():
+        match strain.split("_"):
+            case "E", *families if families:
+                where, remedy = f"along {' and '.join(families)}", "square what is 0 at F = I, such as I4_f - 1"
+            case _:
+                where, remedy = "in all directions", "take I1_bar or I2_bar, or add a multiple of ln(J)"
+        yield f"is not stress-free at F = I, where it leaves {slope.value:g} Pa {where}; {remedy}"
+    if energy.order < 2:
+        yield "is not stress-free at F = I, where it has a kink; square what max, min or abs give"

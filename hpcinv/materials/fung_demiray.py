@@ -1,0 +1,36 @@
+"""Fung–Demiray."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from hpcinv.elementary import expm1
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.varying import ModulusField, PositiveField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+
+class FungDemiray(IsochoricLaw):
+    """Fung–Demiray, the isotropic exponential law of soft tissue.
+
+    ``psi = mu/(2 b) (exp(b (I1_bar - 3)) - 1) + U(J; kappa)``.
+
+    Source: Demiray (1972), doi:10.1016/0021-9290(72)90047-4.
+    """
+
+    formula = "mu/(2*b)*(exp(b*(I1_bar - 3)) - 1)"
+    example: ClassVar = {"law": "fung-demiray", "mu": "5 kPa", "b": 4, "kappa": "40 kPa"}
+
+    law: Literal["fung-demiray"] = "fung-demiray"
+    mu: ModulusField
+    """shear modulus of the undeformed material"""
+    b: PositiveField
+    """exponent, how fast the material stiffens"""
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par.mu
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        return par.mu / (2 * par.b) * expm1(par.b * k.I1_bar_minus_3)

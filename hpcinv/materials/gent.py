@@ -1,0 +1,39 @@
+"""Gent."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from hpcinv.elementary import log1p
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.varying import ModulusField, PositiveField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+
+class Gent(IsochoricLaw):
+    """Gent, for rubber of limited extensibility.
+
+    ``psi = -mu jm/2 ln(1 - (I1_bar - 3)/jm) + U(J; kappa)``, defined for ``I1_bar - 3 < jm``.
+
+    Source: Gent (1996), doi:10.5254/1.3538357.
+    """
+
+    formula = "-mu*jm/2*ln(1 - (I1_bar - 3)/jm)"
+    example: ClassVar = {"law": "gent", "mu": "0.3 MPa", "jm": 30, "kappa": "2 MPa"}
+
+    law: Literal["gent"] = "gent"
+    mu: ModulusField
+    """shear modulus"""
+    jm: PositiveField
+    """value of I1_bar - 3 at which the material cannot be stretched further"""
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par.mu
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        return -par.mu * par.jm / 2 * log1p(-k.I1_bar_minus_3 / par.jm)
+
+    def domain(self, k: Deformation, par: Any) -> tuple[Any, ...]:
+        return ((par.jm - k.I1_bar_minus_3) / par.jm,)

@@ -1,0 +1,56 @@
+"""Guccione."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from hpcinv.elementary import expm1
+from hpcinv.ingredient import Family
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.varying import ModulusField, PositiveField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+
+class Guccione(IsochoricLaw):
+    """Guccione, for passive myocardium, transversely isotropic about the fibres.
+
+    ``psi = c/2 (exp(Q) - 1) + U(J; kappa)`` with the fibres' direction f in
+    ``Q = b_f E_ff² + b_t (E_ss² + E_nn² + 2 E_sn²) + 2 b_fs (E_fs² + E_fn²)``; ``E`` is of ``C``, not of ``C_bar``.
+    The shear modulus across the fibres is ``c b_t/2``, along them ``c b_fs/2``.
+
+    Source: Guccione, Costa & McCulloch (1995), doi:10.1016/0021-9290(94)00174-3; as in Land et al. (2015),
+    doi:10.1098/rspa.2015.0641.
+    """
+
+    formula = (
+        "c/2*(exp(b_f/4*(I4_fibre - 1)**2 + b_fs/2*(I5_fibre - I4_fibre**2)"
+        " + b_t/4*(I1**2 - 2*I1 - 2*I2 + 2 - 2*I5_fibre + 2*I4_fibre + I4_fibre**2)) - 1)"
+    )
+    example: ClassVar = {"law": "guccione", "c": "2 kPa", "b_f": 8, "b_t": 2, "b_fs": 4, "kappa": "10 kPa"}
+
+    law: Literal["guccione"] = "guccione"
+    c: ModulusField
+    """stress that scales the energy"""
+    b_f: PositiveField
+    """exponent of strain along the fibres"""
+    b_t: PositiveField
+    """exponent of strain across the fibres"""
+    b_fs: PositiveField
+    """exponent of shear along the fibres"""
+    fibre: Family = "fibre"
+    """family of fibres"""
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par.c * par.b_t / 2
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        import ufl
+
+        f = k.fibre(self.fibre)
+        E_f = k.E * f.direction
+        along = f.E_aa**2
+        shear = ufl.inner(E_f, E_f) - along  # E_fs² + E_fn²
+        across = ufl.inner(k.E, k.E) - along - 2 * shear
+        return par.c / 2 * expm1(par.b_f * along + par.b_t * across + 2 * par.b_fs * shear)

@@ -1,0 +1,78 @@
+"""Holzapfel–Gasser–Ogden."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from pydantic import field_validator
+
+from hpcinv.elementary import expm1, positive_part
+from hpcinv.ingredient import Family
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.schema import ListOf, raise_if_any
+from hpcinv.varying import DispersionField, ModulusField, PositiveField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+_GROUND = "mu/2*(I1_bar - 3)"
+_FIBRES = "k1/(2*k2)*(exp(k2*max(dispersion*(I1 - 3) + (1 - 3*dispersion)*(I4_fibres_i - 1), 0)**2) - 1)"
+
+
+class HolzapfelGasserOgden(IsochoricLaw):
+    """Holzapfel–Gasser–Ogden, for arteries: families of dispersed collagen fibres in a neo-Hookean ground substance.
+
+    ``psi = mu/2 (I1_bar - 3) + Σ k1/(2 k2) (exp(k2 Eᵢ²) - 1) + U(J; kappa)`` over the families with ``Eᵢ > 0``,
+    ``Eᵢ = dispersion (I1 - 3) + (1 - 3 dispersion) (I4ᵢ - 1)``. ``Eᵢ`` is of ``C``, not of ``C_bar``: fibres feel
+    their own stretch, whatever part of it is a change of volume.
+
+    Source: Gasser, Ogden & Holzapfel (2006), doi:10.1098/rsif.2005.0073, with the invariants of
+    Nolan et al. (2014), doi:10.1016/j.jmbbm.2014.06.016.
+    """
+
+    formula = f"{_GROUND} + {_FIBRES}"
+    """With one family; the second term is there for each, with its number in place of ``_i``."""
+    example: ClassVar = {
+        "law": "holzapfel-gasser-ogden",
+        "mu": "3 kPa",
+        "k1": "2.4 kPa",
+        "k2": 0.84,
+        "dispersion": 0.1,
+        "kappa": "20 kPa",
+    }
+
+    law: Literal["holzapfel-gasser-ogden"] = "holzapfel-gasser-ogden"
+    mu: ModulusField
+    """shear modulus of the ground substance"""
+    k1: ModulusField
+    """stiffness of each family of fibres"""
+    k2: PositiveField
+    """exponent, how fast fibres stiffen"""
+    dispersion: DispersionField
+    """from 0, fibres of a family are parallel, to 1/3, they have all directions alike"""
+    fibres: ListOf[Family] = ("fibre1", "fibre2")
+    """families of fibres, one or more"""
+
+    @field_validator("fibres")
+    @classmethod
+    def _are_different(cls, fibres: tuple[str, ...]) -> tuple[str, ...]:
+        if not fibres:
+            raise ValueError("must name at least one family of fibres")
+        raise_if_any(((i,), f"'{name}' is there already") for i, name in enumerate(fibres) if name in fibres[:i])
+        return fibres
+
+    @property
+    def energy_formula(self) -> str:
+        families = (_FIBRES.replace("_i", str(i + 1)) for i in range(len(self.fibres)))
+        return " + ".join([_GROUND, *families, self.volumetric_formula])
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par.mu
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        psi = par.mu / 2 * k.I1_bar_minus_3
+        for family in self.fibres:
+            along = k.fibre(family).I4_minus_1
+            E = positive_part(par.dispersion * k.I1_minus_3 + (1 - 3 * par.dispersion) * along)
+            psi = psi + par.k1 / (2 * par.k2) * expm1(par.k2 * E**2)
+        return psi

@@ -1,0 +1,87 @@
+"""Holzapfel–Ogden."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import ValidationInfo, field_validator
+
+from hpcinv.elementary import expm1, positive_part
+from hpcinv.ingredient import Family
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.varying import ModulusField, PositiveField, VaryingQuantity
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+_StiffnessOfFibres = Annotated[Any, VaryingQuantity("Pa", at_least=0)]  # none of some, and the law is simpler
+
+
+class HolzapfelOgden(IsochoricLaw):
+    """Holzapfel–Ogden, for passive myocardium with the directions of fibres and of sheets.
+
+    ``psi = a w(I1_bar - 3; b) + a_f w((I4_f - 1)²; b_f) + a_s w((I4_s - 1)²; b_s) + a_fs w(I8²; b_fs) + U(J; kappa)``
+    with ``w(x; b) = (exp(b x) - 1)/2b``, the terms in ``I4`` only where ``I4 > 1``; ``mu = a``. ``I4`` and
+    ``I8 = f0·(C - I) s0`` are of ``C``, not of ``C_bar``.
+
+    Source: Holzapfel & Ogden (2009), doi:10.1098/rsta.2009.0091.
+    """
+
+    formula = (
+        "a/(2*b)*(exp(b*(I1_bar - 3)) - 1) + a_f/(2*b_f)*(exp(b_f*max(I4_fibre - 1, 0)**2) - 1)"
+        " + a_s/(2*b_s)*(exp(b_s*max(I4_sheet - 1, 0)**2) - 1) + a_fs/(2*b_fs)*(exp(b_fs*I8_fibre_sheet**2) - 1)"
+    )
+    example: ClassVar = {
+        "law": "holzapfel-ogden",
+        "a": "0.496 kPa",
+        "b": 7.209,
+        "a_f": "15.193 kPa",
+        "b_f": 20.417,
+        "a_s": "3.283 kPa",
+        "b_s": 11.176,
+        "a_fs": "0.662 kPa",
+        "b_fs": 9.466,
+        "kappa": "5 kPa",
+    }
+
+    law: Literal["holzapfel-ogden"] = "holzapfel-ogden"
+    a: ModulusField
+    """shear modulus of the ground substance"""
+    b: PositiveField
+    """exponent of the ground substance"""
+    a_f: _StiffnessOfFibres
+    """stiffness along the fibres"""
+    b_f: PositiveField
+    """exponent along the fibres"""
+    a_s: _StiffnessOfFibres
+    """stiffness along the sheets, across the fibres"""
+    b_s: PositiveField
+    """exponent along the sheets"""
+    a_fs: _StiffnessOfFibres
+    """stiffness against shear between fibres and sheets"""
+    b_fs: PositiveField
+    """exponent of that shear"""
+    fibre: Family = "fibre"
+    """family of fibres along the muscle fibres"""
+    sheet: Family = "sheet"
+    """family of fibres along the sheets, at right angles to the muscle fibres"""
+
+    @field_validator("sheet")
+    @classmethod
+    def _is_another(cls, sheet: str, info: ValidationInfo) -> str:
+        if sheet == info.data.get("fibre"):
+            raise ValueError("must be another family than fibre, at right angles to it")
+        return sheet
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par.a
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        along_f = positive_part(k.fibre(self.fibre).I4_minus_1)
+        along_s = positive_part(k.fibre(self.sheet).I4_minus_1)
+        return (
+            par.a / (2 * par.b) * expm1(par.b * k.I1_bar_minus_3)
+            + par.a_f / (2 * par.b_f) * expm1(par.b_f * along_f**2)
+            + par.a_s / (2 * par.b_s) * expm1(par.b_s * along_s**2)
+            + par.a_fs / (2 * par.b_fs) * expm1(par.b_fs * k.I8(self.fibre, self.sheet) ** 2)
+        )

@@ -1,0 +1,60 @@
+"""St Venant–Kirchhoff."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from pydantic import field_validator
+
+from hpcinv.materials.base import MaterialLaw
+from hpcinv.varying import ModulusField, StressField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+
+class StVenantKirchhoff(MaterialLaw):
+    """St Venant–Kirchhoff: Hooke's law between Green–Lagrange strain and second Piola–Kirchhoff stress.
+
+    ``psi = mu E:E + lam/2 (tr E)²``; ``kappa = lam + 2/3 mu``. For large rotations at small strain: it softens under
+    strong compression, where other laws stiffen.
+
+    Source: Ciarlet (1988), "Mathematical Elasticity, Volume I: Three-Dimensional Elasticity", chapter 3.
+    """
+
+    formula = "mu/4*(I1**2 - 2*I1 - 2*I2 + 3)"
+    example: ClassVar = {"law": "st-venant-kirchhoff", "mu": "10 kPa", "lam": "30 kPa"}
+
+    law: Literal["st-venant-kirchhoff"] = "st-venant-kirchhoff"
+    mu: ModulusField
+    """Lamé's second parameter, the shear modulus"""
+    lam: StressField
+    """Lamé's first parameter, finite"""
+
+    @field_validator("lam", mode="before")
+    @classmethod
+    def _is_finite(cls, lam: object) -> object:
+        if lam == "incompressible":
+            raise ValueError("must be finite; an incompressible material needs another law, with kappa")
+        return lam
+
+    @property
+    def volumetric_formula(self) -> str:
+        return "lam/8*(I1 - 3)**2"
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par.mu
+
+    def bulk_modulus(self, par: Any) -> Any:
+        return par.lam + 2 / 3 * par.mu
+
+    def dilatation_modulus(self, par: Any) -> Any:
+        return par.lam
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        import ufl
+
+        return par.mu * ufl.inner(k.E, k.E)
+
+    def dilatation(self, k: Deformation) -> Any:
+        return k.I1_minus_3 / 2

@@ -1,0 +1,39 @@
+"""Transversely isotropic, the standard reinforcing model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from hpcinv.ingredient import Family
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.varying import ModulusField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+
+class TransverselyIsotropic(IsochoricLaw):
+    """Standard reinforcing model: neo-Hookean with one family of fibres, alike in tension and compression.
+
+    ``psi = mu/2 (I1_bar - 3) + k/2 (I4 - 1)² + U(J; kappa)``; ``I4`` is of ``C``, not of ``C_bar``.
+
+    Source: Qiu & Pence (1997), "Remarks on the behavior of simple directionally reinforced incompressible nonlinearly
+    elastic solids", Journal of Elasticity 49.
+    """
+
+    formula = "mu/2*(I1_bar - 3) + k/2*(I4_fibre - 1)**2"
+    example: ClassVar = {"law": "transversely-isotropic", "mu": "5 kPa", "k": "20 kPa", "kappa": "30 kPa"}
+
+    law: Literal["transversely-isotropic"] = "transversely-isotropic"
+    mu: ModulusField
+    """shear modulus of the ground substance"""
+    k: ModulusField
+    """stiffness of the fibres: they add 4 k to the modulus along them"""
+    fibre: Family = "fibre"
+    """family of fibres"""
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par.mu
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        return par.mu / 2 * k.I1_bar_minus_3 + par.k / 2 * k.fibre(self.fibre).I4_minus_1 ** 2

@@ -1,0 +1,37 @@
+"""Veronda–Westmann."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from hpcinv.elementary import expm1
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.varying import ModulusField, PositiveField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+
+class VerondaWestmann(IsochoricLaw):
+    """Veronda–Westmann, for skin, with isochoric invariants.
+
+    ``psi = c1 (exp(c2 (I1_bar - 3)) - 1) - c1 c2/2 (I2_bar - 3) + U(J; kappa)``; ``mu = c1 c2``.
+
+    Source: Veronda & Westmann (1970), "Mechanical characterization of skin – finite deformations", Journal of
+    Biomechanics 3.
+    """
+
+    formula = "c1*(exp(c2*(I1_bar - 3)) - 1) - c1*c2/2*(I2_bar - 3)"
+    example: ClassVar = {"law": "veronda-westmann", "c1": "2 kPa", "c2": 3, "kappa": "40 kPa"}
+
+    law: Literal["veronda-westmann"] = "veronda-westmann"
+    c1: ModulusField
+    """stress that scales the energy; the shear modulus of the undeformed material is c1 c2"""
+    c2: PositiveField
+    """exponent, how fast the material stiffens"""
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par.c1 * par.c2
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        return par.c1 * (expm1(par.c2 * k.I1_bar_minus_3) - par.c2 / 2 * k.I2_bar_minus_3)

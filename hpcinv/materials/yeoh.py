@@ -1,0 +1,38 @@
+"""Yeoh."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from hpcinv.elementary import polynomial
+from hpcinv.materials.isochoric import IsochoricLaw
+from hpcinv.varying import ModulusField, StressField
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics import Deformation
+
+
+class Yeoh(IsochoricLaw):
+    """Yeoh, a cubic polynomial for rubber that stiffens at large strain.
+
+    ``psi = c1 (I1_bar - 3) + c2 (I1_bar - 3)² + c3 (I1_bar - 3)³ + U(J; kappa)``; ``mu = 2 c1``.
+
+    Source: Yeoh (1993), doi:10.5254/1.3538343.
+    """
+
+    formula = "c1*(I1_bar - 3) + c2*(I1_bar - 3)**2 + c3*(I1_bar - 3)**3"
+    example: ClassVar = {"law": "yeoh", "c1": "0.2 MPa", "c2": "-4 kPa", "c3": "0.5 kPa", "kappa": "2 MPa"}
+
+    law: Literal["yeoh"] = "yeoh"
+    c1: ModulusField
+    """coefficient of I1_bar - 3, half the shear modulus"""
+    c2: StressField
+    """coefficient of (I1_bar - 3)², negative for most rubbers"""
+    c3: StressField
+    """coefficient of (I1_bar - 3)³"""
+
+    def shear_modulus(self, par: Any) -> Any:
+        return 2 * par.c1
+
+    def distortion(self, k: Deformation, par: Any) -> Any:
+        return k.I1_bar_minus_3 * polynomial(k.I1_bar_minus_3, [par.c1, par.c2, par.c3])

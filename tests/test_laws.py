@@ -1,0 +1,287 @@
+"""Every law against its formula, evaluated by mpmath with 60 digits: energy, stress, small strain, volumetric energies.
+
+The registry drives the tests: a new law is tested by its ``example`` and its ``formula``.
+"""
+
+from __future__ import annotations
+
+from functools import cache, reduce
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_unit_cube
+from mpmath import mp
+from ufl.classes import Label, Variable
+
+from hpcinv.expressions import Expression
+from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.kinematics import Deformation
+from hpcinv.materials import MaterialLaw, laws
+from hpcinv.materials.volumetric import DILATATIONS
+from hpcinv.runtime import MPI
+
+DIGITS = 60
+STEP = 1e-18  # of mpmath's central differences
+THIRDS = np.array([[1, 2, 2], [2, 1, -2], [2, -2, 1]])  # three times the orthonormal directions of fibres
+EXAMPLES: dict[str, MaterialLaw] = {name: law.model_validate(law.example) for name, law in laws().items()}
+MPMATH = {
+    **{name: getattr(mp, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "ln", "sqrt")},
+    **{name: getattr(mp, name) for name in ("asin", "acos", "atan", "atan2")},
+    "abs": abs,
+    "min": min,
+    "max": max,
+    "norm": lambda *terms: reduce(mp.hypot, terms),
+}
+
+of_every_law = pytest.mark.parametrize("name", EXAMPLES)
+
+
+def rotation(seed: int) -> np.ndarray:
+    Q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return Q * np.linalg.det(Q)
+
+
+def stretch(*stretches: float, seed: int | None = None) -> np.ndarray:
+    """``F`` with these principal stretches: along the directions of fibres, or along some, and rotated."""
+    if seed is None:
+        return THIRDS.T @ np.diag(stretches) @ THIRDS / 9
+    return rotation(seed) @ np.diag(stretches) @ rotation(seed + 1)
+
+
+DEFORMATIONS = {
+    "stretched along the first fibres": stretch(1.5, 0.8, 0.9),
+    "compressed along the first fibres": stretch(0.7, 1.2, 1.1),
+    "all fibres compressed": stretch(0.9, 0.8, 1.3),
+    "sheared": np.eye(3) + 0.8 * np.outer(rotation(1)[0], rotation(1)[1]),
+    "swollen": 1.3 * np.eye(3),
+    "large": stretch(1.5, 1.2, 0.6, seed=2),
+    "large in two directions": stretch(1.4, 1.35, 0.55, seed=4),
+    "two stretches alike": stretch(1.25, 1.25, 0.7, seed=6),
+    "two stretches almost alike": stretch(1.25, 1.25 + 1e-6, 0.7, seed=8),
+    "small": stretch(1.03, 0.99, 1.01, seed=10),
+}
+
+
+class State(NamedTuple):
+    """What a law gives at one deformation: energy (Pa), ``P = dψ/dF`` (Pa), and the scalars of its domain."""
+
+    energy: float
+    P: np.ndarray
+    domain: np.ndarray
+
+
+class Compiled:
+    """A law as the solver evaluates it, for each choice of its volumetric energy."""
+
+    def __init__(self, law: MaterialLaw) -> None:
+        self.law = law
+        self.mesh = create_unit_cube(MPI.COMM_SELF, 1, 1, 1, CellType.hexahedron)
+        values = {name: value for name, (value, _) in law.quantities().items() if value is not None}
+        flat = np.concatenate([np.atleast_1d(value) for value in values.values()])
+        symbols = iter(fem.Constant(self.mesh, flat))
+        par = SimpleNamespace(
+            **{
+                name: ufl.as_vector([next(symbols) for _ in value]) if isinstance(value, tuple) else next(symbols)
+                for name, value in values.items()
+            }
+        )
+        self.H = fem.Constant(self.mesh, np.zeros((3, 3)))
+        H = Variable(self.H, Label(0))
+        k = Deformation(H, {f: ufl.as_vector(list(THIRDS[i] / 3)) for i, f in enumerate(law.families)})
+        self.choices = list(volumetric_choices(law))
+        energies = [law.distortion(k, par)]
+        energies += [other.dilatation_modulus(par) / 2 * other.dilatation(k) ** 2 for other in self.choices]
+        parts = [part for psi in energies for part in (psi, *np.ravel(components(ufl.diff(psi, H))))]
+        everything = ufl.as_vector([*parts, *law.domain(k, par)])
+        self.count = len(energies)
+        self.expression = fem.Expression(everything, np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
+
+    def __call__(self, H: np.ndarray, choice: int = 0) -> State:
+        self.H.value[:] = H
+        values = self.expression.eval(self.mesh, np.array([0], dtype=np.int32)).ravel()
+        parts = values[: 10 * self.count].reshape(self.count, 10)
+        psi, *P = parts[0] + parts[1 + choice]
+        return State(psi, np.reshape(P, (3, 3)), values[10 * self.count :])
+
+
+def volumetric_choices(law: MaterialLaw) -> list[MaterialLaw]:
+    """The law with each volumetric energy, its own first."""
+    if "volumetric" not in type(law).model_fields:
+        return [law]
+    own = law.volumetric  # type: ignore[attr-defined]
+    return [law.model_copy(update={"volumetric": v}) for v in sorted(DILATATIONS, key=lambda v: v != own)]
+
+
+def components(tensor: Any) -> list[list[Any]]:
+    return [[tensor[i, j] for j in range(3)] for i in range(3)]
+
+
+@cache
+def compiled(name: str) -> Compiled:
+    return Compiled(EXAMPLES[name])
+
+
+class Reference:
+    """A law's ``energy_formula`` in mpmath, from ``F`` by the invariants' definitions."""
+
+    def __init__(self, law: MaterialLaw) -> None:
+        self.formula = Expression(law.energy_formula)
+        self.parameters: dict[str, Any] = {}
+        for name, (value, _) in law.quantities().items():
+            entries = {f"{name}{i}": v for i, v in enumerate(value, 1)} if isinstance(value, tuple) else {name: value}
+            self.parameters |= {n: mp.mpf(v) for n, v in entries.items() if v is not None}
+        with mp.workdps(DIGITS):
+            directions = [mp.matrix([int(c) for c in row]) / 3 for row in THIRDS]
+        self.fibres = dict(zip(fibre_names(law), directions, strict=False))
+
+    def energy(self, F: Any) -> Any:
+        invariants = self.invariants(F)
+        return self.formula.apply(invariants | self.parameters, MPMATH, mp.mpf)
+
+    def state(self, H: np.ndarray) -> State:
+        """Energy and stress at ``F = I + H``, ``H`` taken as exact."""
+        with mp.workdps(DIGITS):
+            F = mp.eye(3) + mp.matrix(H.tolist())
+            P = [[float(self.slope(F, i, j)) for j in range(3)] for i in range(3)]
+            return State(float(self.energy(F)), np.array(P), np.array([]))
+
+    def slope(self, F: Any, i: int, j: int) -> Any:
+        ends = []
+        for sign in (1, -1):
+            moved = F.copy()
+            moved[i, j] += sign * mp.mpf(STEP)
+            ends.append(self.energy(moved))
+        return (ends[0] - ends[1]) / (2 * mp.mpf(STEP))
+
+    def invariants(self, F: Any) -> dict[str, Any]:
+        C, J = F.T * F, mp.det(F)
+        I1 = C[0, 0] + C[1, 1] + C[2, 2]
+        squared = C * C
+        I2 = (I1**2 - squared[0, 0] - squared[1, 1] - squared[2, 2]) / 2
+        J13 = mp.cbrt(J)
+        found = {"I1": I1, "I2": I2, "J": J, "I1_bar": I1 / J13**2, "I2_bar": I2 / J13**4}
+        if any(name.startswith("lambda") and name.endswith("_bar") for name in self.formula.names):
+            squares = mp.eigsy(C, eigvals_only=True)
+            found |= {f"lambda{i + 1}_bar": mp.sqrt(squares[i]) / J13 for i in range(3)}
+        for f, a in self.fibres.items():
+            found |= {f"I4_{f}": (a.T * C * a)[0], f"I5_{f}": (a.T * squared * a)[0]}
+            found |= {f"I8_{f}_{s}": (a.T * C * b)[0] - (a.T * b)[0] for s, b in self.fibres.items() if s != f}
+        return found
+
+
+def fibre_names(law: MaterialLaw) -> list[str]:
+    """What the law's formula calls each of its families: by the field that names it, and its number in a list."""
+
+    def name(family: str, field: str) -> str:
+        match getattr(law, field):
+            case tuple() as several:
+                return f"{field}{several.index(family) + 1}"
+            case str():
+                return field
+        return family  # a law 'formula', whose energy names it
+
+    return [name(*item) for item in law.families.items()]
+
+
+def assert_close(found: State, expected: State, what: str, tolerance: float = 1e-10) -> None:
+    error = np.linalg.norm(found.P - expected.P) / np.linalg.norm(expected.P)
+    assert error <= tolerance, f"{what}: relative error {error:.1e} of the stress"
+    assert found.energy == pytest.approx(expected.energy, rel=tolerance, abs=0), what
+
+
+@of_every_law
+def test_energy_and_stress_are_those_of_the_formula(name: str) -> None:
+    law, reference = compiled(name), Reference(EXAMPLES[name])
+    for what, F in DEFORMATIONS.items():
+        H = F - np.eye(3)
+        found = law(H)
+        assert_close(found, reference.state(H), what)
+        assert (found.domain > 0).all()
+
+
+@of_every_law
+def test_stress_keeps_its_digits_at_small_strain(name: str) -> None:
+    law, reference = compiled(name), Reference(EXAMPLES[name])
+    direction = np.random.default_rng(12).normal(size=(3, 3))
+    for sign in (1, -1):
+        for exponent in (-2, -4, -6, -8, -10):
+            H = sign * direction / np.linalg.norm(direction) * 10.0**exponent
+            assert_close(law(H), reference.state(H), f"strain {sign}e{exponent}")
+
+
+@of_every_law
+def test_every_volumetric_energy_is_that_of_its_formula(name: str) -> None:
+    law = compiled(name)
+    for number, choice in enumerate(law.choices[1:], start=1):
+        reference = Reference(choice)
+        for what in ("compressed along the first fibres", "swollen", "large", "small"):
+            H = DEFORMATIONS[what] - np.eye(3)
+            assert_close(law(H, number), reference.state(H), f"{choice.volumetric}, {what}")
+        for strain in (1e-5, -1e-10):
+            H = strain * DEFORMATIONS["large"]
+            assert_close(law(H, number), reference.state(H), f"{choice.volumetric}, strain {strain}")
+
+
+@of_every_law
+def test_the_undeformed_body_is_free_of_stress(name: str) -> None:
+    law = compiled(name)
+    for number in range(len(law.choices)):
+        state = law(np.zeros((3, 3)), number)
+        assert np.abs(state.P).max() <= 1e-14 * moduli(law.law)[0]
+        assert abs(state.energy) <= 1e-14 * moduli(law.law)[0]
+
+
+@of_every_law
+def test_a_rotation_of_space_changes_no_energy_and_turns_the_stress(name: str) -> None:
+    law, F, Q = compiled(name), DEFORMATIONS["large"], rotation(14)
+    before, after = law(F - np.eye(3)), law(Q @ F - np.eye(3))
+    assert np.linalg.norm(before.P) > 0.01 * moduli(law.law)[0]
+    assert after.energy == pytest.approx(before.energy, rel=1e-12)
+    np.testing.assert_allclose(after.P, Q @ before.P, rtol=0, atol=1e-12 * np.linalg.norm(before.P))
+
+
+@of_every_law
+def test_small_strain_moduli_are_those_that_the_law_states(name: str) -> None:
+    """With fibres, those of the ground substance: of a shear that strains no fibre."""
+    law = compiled(name)
+    mu, kappa = moduli(law.law)
+    _, t, n = THIRDS / 3
+    strains = [(np.outer(t, n) + np.outer(n, t)) / 2]
+    if not law.law.families:
+        general = np.random.default_rng(16).normal(size=(3, 3))
+        strains += [np.eye(3), (general + general.T) / 2]
+    small = 1e-6
+    for e in strains:
+        found = (law(small * e).P - law(-small * e).P) / (2 * small)
+        dev = e - np.trace(e) / 3 * np.eye(3)
+        expected = 2 * mu * dev + kappa * np.trace(e) * np.eye(3)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.linalg.norm(expected))
+
+
+def moduli(law: MaterialLaw) -> tuple[float, float]:
+    (par,) = law.cases()
+    return float(law.shear_modulus(par)), float(law.bulk_modulus(par))
+
+
+def extended(I1_minus_3: float) -> np.ndarray:
+    """``H`` of an isochoric stretch in one direction with ``I1 = λ² + 2/λ``."""
+    largest = np.roots([1, 0, -3 - I1_minus_3, 2]).real.max()
+    return stretch(largest, largest**-0.5, largest**-0.5, seed=18) - np.eye(3)
+
+
+def test_gent_ends_where_its_chains_are_stretched_out() -> None:
+    law = compiled("gent")
+    jm = EXAMPLES["gent"].jm  # type: ignore[attr-defined]
+    for part in (0.5, 0.99, 1.01, 2.0):
+        np.testing.assert_allclose(law(extended(part * jm)).domain, [1 - part], atol=1e-12)
+
+
+def test_one_term_of_ogden_with_exponent_2_is_neo_hookean() -> None:
+    ogden = laws()["ogden"].model_validate({"law": "ogden", "mu": ["10 kPa"], "alpha": [2], "kappa": "50 kPa"})
+    single, neo_hookean = Compiled(ogden), compiled("isochoric-neo-hookean")
+    for what, F in DEFORMATIONS.items():
+        assert_close(single(F - np.eye(3)), neo_hookean(F - np.eye(3)), what, 1e-12)
