@@ -18,7 +18,7 @@ _MESH = {"parameters", "unit", "geometry_degree"}  # not its path: a moved file 
 
 
 def fingerprint(job: Job) -> dict[str, Any]:
-    """The physics of a job as JSON data, with choices that were left open filled in and the mesh file's SHA-256."""
+    """The physics of a job as JSON data, with open choices filled in and files by their SHA-256."""
     mesh = job.mesh.model_dump(mode="json", include=_MESH, exclude_none=True) | {
         "sha256": _digest(job.resolve(job.mesh.file))
     }
@@ -29,8 +29,9 @@ def fingerprint(job: Job) -> dict[str, Any]:
         "quadrature": job.discretisation.quadrature,
     }
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True)
-    digest = {"sha256": _digest(job.resolve(job.mesh.file))}
-    return physics | {"legs": list(job.legs), "mesh": mesh | digest, "discretisation": discretisation}
+    if job.plugins:
+        physics["plugins"] = [_digest(job.resolve(plugin)) for plugin in job.plugins]
+    return physics | {"legs": list(job.legs), "mesh": mesh, "discretisation": discretisation}
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
