@@ -17,7 +17,7 @@ class ThermalExpansion(Effect):
     The stresses follow from the elastic part ``F_e``, with the energy ``J_g psi(F_e)`` per reference volume. The load
     factor scales the temperature change.
 
-    Source: Vujošević & Lubarda (2002), doi:10.2298/TAM0229379V.
+    Source: Vujošević & Lubarda (2002), Theoretical and Applied Mechanics 28–29.
     """
 
     example: ClassVar = {"effect": "thermal-expansion", "coefficient": "3e-4 1/K", "temperature_change": "40 K"}
