@@ -94,8 +94,9 @@ class Scene:
             name.removeprefix("fibres."): _unit(kin, family.given_on, par.of(count + len(of_effects) + i).direction)
             for i, (name, family) in enumerate(families.items())
         }
-        # A label of our own: UFL's running number would make the kernels of each scene's expressions new ones.
-        H = Variable(kin.H, Label(0))
+        # UFL's running number would make the kernels of each scene's expressions new ones, and a small number of our
+        # own might be that of a variable in somebody's law.
+        H = Variable(kin.H, Label(1_000_000))
         total = Deformation(H, directions)
         elastic, J_g = _elastic(total, of_effects)
         potentials = [e.potential(total, load, p) for e, load, p in of_effects]
