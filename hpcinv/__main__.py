@@ -24,7 +24,11 @@ EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code."""
     options = _parser().parse_args(arguments)
-    code: int = options.command(options)
+    try:
+        code: int = options.command(options)
+    except HpcinvError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
     return code
 
 
@@ -64,12 +68,8 @@ def _catalogue(members: Mapping[str, type[Ingredient]], tag: str, name: str | No
 
     if name is None:
         overview(members)
-        return 0
-    try:
+    else:
         describe(members, tag, name)
-    except HpcinvError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
     return 0
 
 

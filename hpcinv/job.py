@@ -276,7 +276,8 @@ def _unknown_families(part: Ingredient, info: ValidationInfo) -> Iterator[tuple[
 def _unknown_case(part: Effect | Support, info: ValidationInfo) -> Iterator[tuple[Location, str]]:
     cases = info.data.get("load_cases")
     if cases is not None and part.case is not None and part.case not in cases:
-        yield ("case",), f"'{part.case}' is not among 'load_cases'" + (did_you_mean(part.case, cases) if cases else "")
+        hint = f".{did_you_mean(part.case, cases)}" if cases else ""
+        yield ("case",), f"'{part.case}' is not among 'load_cases'{hint}"
 
 
 def _unpickled(plugins: list[Path], data: bytes) -> Job:

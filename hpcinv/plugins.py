@@ -4,19 +4,31 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import traceback
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import entry_points
 from pathlib import Path
+
+from hpcinv.errors import JobError
 
 GROUP = "hpcinv.plugins"
 
 
 @cache
 def load_installed() -> None:
-    """Import what installed packages offer under the entry point group ``hpcinv.plugins``."""
+    """Import what installed packages offer under the entry point group ``hpcinv.plugins``.
+
+    Raises:
+        JobError: one of them cannot be imported.
+    """
     for entry in entry_points(group=GROUP):
-        entry.load()
+        try:
+            entry.load()
+        except (Exception, SystemExit) as error:
+            package = f" of the package '{entry.dist.name}'" if entry.dist else ""
+            text = f"the installed plugin '{entry.name}'{package} cannot be imported: {type(error).__name__}: {error}"
+            raise JobError([text]) from error
 
 
 def load_file(path: Path) -> None:
@@ -26,6 +38,8 @@ def load_file(path: Path) -> None:
         ValueError: with the reason and its line, whatever went wrong.
     """
     path = path.resolve()
+    if not path.is_file():
+        raise ValueError(f"there is no file '{path}'")
     name = f"hpcinv_plugin_{sha256(str(path).encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return
@@ -38,4 +52,6 @@ def load_file(path: Path) -> None:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:  # whatever the user's own code raises
         del sys.modules[name]
-        raise ValueError(f"'{path}' cannot be imported: {type(error).__name__}: {error}") from error
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+        where = f" (line {lines[-1]})" if lines else ""  # a syntax error tells its line itself
+        raise ValueError(f"'{path}' cannot be imported: {type(error).__name__}: {error}{where}") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_args
 
@@ -122,7 +123,11 @@ class OneOf:
 
 
 def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
-    """Concrete subclasses of ``family`` by the one value of their literal field ``tag``; sorted by name."""
+    """Concrete subclasses of ``family`` by the one value of their literal field ``tag``; sorted by name.
+
+    Raises:
+        ValueError: two of them have the same name.
+    """
     members: dict[str, type[Spec]] = {}
     pending = family.__subclasses__()
     while pending:
@@ -130,9 +135,15 @@ def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
         pending += kind.__subclasses__()
         for name in get_args(kind.model_fields[tag].annotation) if tag in kind.model_fields else ():
             if name in members:
-                raise TypeError(f"{kind.__qualname__} and {members[name].__qualname__} have the same {tag} '{name}'")
+                both = " and ".join(f"{k.__qualname__} ({_file_of(k)})" for k in (members[name], kind))
+                raise ValueError(f"{both} have the same {tag} '{name}'; rename one of them")
             members[name] = kind
     return dict(sorted(members.items()))
+
+
+def _file_of(kind: type[Any]) -> str:
+    """Where a class is defined."""
+    return getattr(sys.modules.get(kind.__module__), "__file__", None) or kind.__module__
 
 
 def metadata_in[M](kind: type[M], *annotations: Any) -> M | None:
