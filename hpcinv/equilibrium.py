@@ -148,6 +148,8 @@ class Equilibrium:
         outcome = self._outcome or (
             Outcome.CONVERGED if reason > 0 else _OUTCOMES_BY_REASON.get(reason, Outcome.DIVERGED)
         )
+        if outcome is Outcome.LINEAR_SOLVER:
+            self.snes.ksp.pc.reset()  # MUMPS cannot go on after a factorization that failed
         self._set_state(x)
         if outcome.accepted:
             outcome = self._inadmissible() or outcome

@@ -41,7 +41,8 @@ class Outcome(enum.Enum):
     )
     LINEAR_SOLVER = (
         "the linear solver failed: the tangent is singular",
-        "Do the supports hold the body against every rigid motion? If so, look at solver.petsc.",
+        "Do the supports hold the body against every rigid motion, and leave an incompressible one some free surface?"
+        " If so, look at solver.petsc.",
     )
     LINE_SEARCH = (
         "the line search found no acceptable step",

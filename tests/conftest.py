@@ -18,6 +18,11 @@ os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.envir
 os.environ.setdefault("MPIEXEC_TIMEOUT", "300")
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Two tests at a time, so that kernels compile side by side; the ranks of a parallel test share its one process."""
+    return 0 if "_PYTEST_MPI_CHILD_PROCESS" in os.environ else min(2, os.cpu_count() or 1)
+
+
 @pytest.fixture
 def comm() -> MPI.Intracomm:
     """All ranks of the test."""
