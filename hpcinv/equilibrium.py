@@ -15,7 +15,7 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.cellwise import QuadratureValues
+from hpcinv.admissibility import Admissibility
 from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
 from hpcinv.petsc_options import SolverOptions, Value
@@ -84,11 +84,7 @@ class Equilibrium:
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
             trial = ufl.TrialFunction(scene.unknowns.space)
             self._tangent = fem.form(ufl.derivative(scene.residual, self.state, trial), jit_options=JIT_OPTIONS)
-            mesh, degree = scene.unknowns.mesh, scene.quadrature_degree
-            self._mesh_J = QuadratureValues(scene.mesh_J, mesh, degree)
-            self._domains = [
-                QuadratureValues(value, mesh, degree, part.cells) for part in scene.parts for value in part.domain
-            ]
+            self._admissibility = Admissibility(scene)
         with timings("tangent"):
             self.matrix = fem_petsc.create_matrix(self._tangent)
         with timings("set-up"):
@@ -114,15 +110,7 @@ class Equilibrium:
 
     def min_mesh_J(self) -> float:
         """Smallest determinant of the position map over all quadrature points; it must stay positive."""
-        return self._mesh_J.range()[0]
-
-    def _inadmissible(self) -> Outcome | None:
-        """Why the present state is none, ``None`` if it is one."""
-        if not self.min_mesh_J() > 0:
-            return Outcome.INVERTED
-        if any(not values.range()[0] > 0 for values in self._domains):
-            return Outcome.OUTSIDE_LAW
-        return None
+        return self._admissibility.min_mesh_J()
 
     def solve(self, load: float, tolerance: float) -> Solve:
         """Newton's method from the present state, which is left unchanged if the outcome is not accepted.
@@ -152,7 +140,7 @@ class Equilibrium:
             self.snes.ksp.pc.reset()  # MUMPS cannot go on after a factorization that failed
         self._set_state(x)
         if outcome.accepted:
-            outcome = self._inadmissible() or outcome
+            outcome = self._admissibility.fault_of_solution() or outcome
         if not outcome.accepted:
             self._set_state(accepted)
         accepted.destroy()
@@ -170,7 +158,7 @@ class Equilibrium:
             self.snes.ksp.solve(self.rhs, x)
         x.aypx(-1.0, start)
         self._set_state(x)
-        if not np.isfinite(_norm(x)) or self._inadmissible():
+        if not np.isfinite(_norm(x)) or self._admissibility.fault():
             self._set_state(start)
         start.destroy()
 
@@ -250,7 +238,7 @@ class Equilibrium:
                 x.copy(trial)
                 trial.axpy(-1.0, y)
                 self._set_state(trial)
-                if self._inadmissible() is None:
+                if self._admissibility.fault() is None:
                     break
                 y.scale(0.5)
                 shortened = True

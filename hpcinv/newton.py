@@ -21,7 +21,8 @@ class Outcome(enum.Enum):
     ROUND_OFF = "converged as far as rounding errors allow", ""
     DIVERGED = (
         "Newton's corrections grew",
-        "Try a smaller solver.initial_step, or a finer mesh where the body bends most.",
+        "Try a smaller solver.initial_step, or a finer mesh where the body bends most. Do the supports hold the body"
+        " against every rigid motion?",
     )
     INVERTED = (
         "an element would turn inside out (det F ≤ 0)",
@@ -30,6 +31,10 @@ class Outcome(enum.Enum):
     OUTSIDE_LAW = (
         "the material would be strained beyond what its law is defined for",
         "Check its limit (such as jm of gent) and the loads, or take a law without one.",
+    )
+    VOLUME_CHANGED = (
+        "the incompressible material would halve or double its volume somewhere",
+        "Perhaps no such shape exists at this load; else refine the mesh there, or try a smaller solver.initial_step.",
     )
     NOT_FINITE = (
         "the residual is not finite: a law left its domain, or an element turned inside out",

@@ -45,7 +45,8 @@ class Part:
     """What one law gives in its cells (``None`` for all): energy per reference volume, and stresses, scaled.
 
     ``psi`` is what equilibrium derives from, ``energy`` what is stored; ``constraint`` is ``None`` without pressure;
-    ``domain`` are the scalars that must stay positive for the law to be defined.
+    ``domain`` are the scalars that must stay positive for the law to be defined; ``fixed_volume`` is the elastic volume
+    ratio where the law does not let it change, else ``None``.
     """
 
     cells: npt.NDArray[np.int32] | None
@@ -53,6 +54,7 @@ class Part:
     P: Any
     constraint: Any
     domain: tuple[Any, ...]
+    fixed_volume: Any
 
 
 class Scene:
@@ -114,7 +116,8 @@ class Scene:
                 energy = energy if modulus is None else energy + unknowns.p**2 / (2 * modulus)
             psi = sum((w for w in potentials if w is not None), J_g * psi)
             where = cells[number] if cells else None
-            return Part(where, J_g * energy, ufl.diff(psi, H), constraint, law.domain(elastic, p))
+            volume = elastic.J if law.is_incompressible else None
+            return Part(where, J_g * energy, ufl.diff(psi, H), constraint, law.domain(elastic, p), volume)
 
         self.parts = tuple(part(number, law) for number, law in enumerate(job.laws.values()))
         measures = [integration.part(number) for number in range(count)]
