@@ -15,11 +15,11 @@ from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 from ufl.classes import Label, Variable
 
-from hpcinv.jets.algebras import FLOATS
-from hpcinv.jets.coefficients import ONE, ZERO, Coefficient
 from hpcinv.expressions import Expression
 from hpcinv.formulas import UFL_FUNCTIONS
 from hpcinv.functions import FUNCTIONS
+from hpcinv.jets.algebras import FLOATS
+from hpcinv.jets.coefficients import ONE, ZERO, Coefficient
 from hpcinv.jets.invariants import PrincipalStretches, families_in, invariants
 from hpcinv.jets.jet import JET_FUNCTIONS, Jet, Strains
 from hpcinv.kernels import JIT_OPTIONS

@@ -95,12 +95,13 @@ def test_the_job_that_comes_with_the_project(comm: MPI.Intracomm) -> None:
     assert found["outer-radius"] == pytest.approx(1.4686181, abs=3e-6)
 
 
-def test_a_pressure_that_no_wall_carries_ends_with_a_diagnosis(comm: MPI.Intracomm) -> None:
-    """Small steps keep to the path; one large step can lead to a wall that went through the centre, inside out."""
+@pytest.mark.parametrize("solver", [{}, {"initial_step": 0.1}], ids=["default", "small steps"])
+def test_a_pressure_that_no_wall_carries_ends_with_a_diagnosis(solver: dict[str, float], comm: MPI.Intracomm) -> None:
+    """A large step can lead to a wall that went through the centre, inside out, with det F > 0: it must not count."""
     limit = carried(1e-12, 0.5, 0.0) / 2.5
     with pytest.raises(SolveError, match="stopped at load factor") as caught:
-        recovered(2.5, 0.0, comm, {"radial": 2, "along": 2, "hexahedra": True}, initial_step=0.1)
+        recovered(2.5, 0.0, comm, {"radial": 2, "along": 2, "hexahedra": True}, **solver)
     print(f"limit at load factor {limit:.4f}: {caught.value}")
     reached = float(str(caught.value).split("load factor ")[1].split(" of")[0])
-    assert 0.9 * limit < reached < limit
+    assert 0.75 * limit < reached < limit  # where the inner radius vanishes, two cells no longer keep the volume
     assert caught.value.exit_code == 3
