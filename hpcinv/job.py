@@ -222,7 +222,7 @@ class Job(Spec):
         if whole and discretisation.formulation == "mixed":
             text = f"must be displacement: {whole[0]} has no volumetric energy of its own (give it kappa)"
             raise Problems((("formulation",), text))
-        if discretisation.formulation == "auto" and not whole:
+        if discretisation.formulation == "auto" and not whole and not _wants_pressure(laws):
             for where, law in laws.items():
                 if law.stiffness_ratio is None:
                     text = f"must be stated, displacement or mixed, since the moduli of {where} vary over the body"

@@ -97,7 +97,9 @@ def test_tangent_is_the_derivative_of_the_residual(
     equilibrium.destroy()
 
 
-def check_there_and_back(name: str, comm: MPI.Intracomm) -> None:
+@pytest.mark.parallel([1, 2])
+@of_every_effect
+def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:
     for hexahedra in (False, True):
         for first in DIRECTIONS:
             given = case(*names_with_a_load(name), hexahedra=hexahedra, analysis="round_trip", first=first)
@@ -109,17 +111,6 @@ def check_there_and_back(name: str, comm: MPI.Intracomm) -> None:
             print(what)
             assert largest > 1e-3, what
             assert gap < 2e-11, what
-
-
-@of_every_effect
-def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:
-    check_there_and_back(name, comm)
-
-
-@pytest.mark.parallel(2)
-def test_there_and_back_on_two_ranks(comm: MPI.Intracomm) -> None:
-    for name in EXAMPLES:
-        check_there_and_back(name, comm)
 
 
 def footprint(scene: Scene) -> dict[str, Any]:

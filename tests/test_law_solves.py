@@ -74,14 +74,12 @@ def test_round_trips_close(law: str, hexahedra: bool, comm: MPI.Intracomm) -> No
 
 
 @pytest.mark.parallel(2)
-def test_round_trips_close_on_two_ranks(comm: MPI.Intracomm) -> None:
-    gaps = {
-        (law, hexahedra, first): there_and_back(law, hexahedra, first, comm)[1]
-        for law in laws()
-        for hexahedra in KINDS
-        for first in ("forward", "inverse")
-    }
-    assert {which: gap for which, gap in gaps.items() if not gap < 1e-10} == {}
+@pytest.mark.parametrize("law", laws())
+def test_round_trips_close_on_two_ranks(law: str, comm: MPI.Intracomm) -> None:
+    for hexahedra in KINDS:
+        for first in ("forward", "inverse"):
+            _, gap = there_and_back(law, hexahedra, first, comm)
+            assert gap < 1e-10
 
 
 @pytest.mark.parametrize("hexahedra", KINDS, ids=["tetrahedra", "hexahedra"])
