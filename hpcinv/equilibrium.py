@@ -97,6 +97,7 @@ class Equilibrium:
         self._fresh, self._tangents = False, 0
         self._correction: float | None = None
         self._outcome: Outcome | None = None
+        self._fault: Outcome | None = None
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.comm)
@@ -121,7 +122,7 @@ class Equilibrium:
         """
         self._set_load(load)
         self._monitor = self._new_monitor(tolerance)
-        self._outcome, self._fresh, self._correction, self._tangents = None, False, None, 0
+        self._outcome, self._fault, self._fresh, self._correction, self._tangents = None, None, False, None, 0
         start, x = self.state.x.petsc_vec, self._x
         accepted = start.copy()
         start.copy(x)
@@ -136,6 +137,8 @@ class Equilibrium:
         outcome = self._outcome or (
             Outcome.CONVERGED if reason > 0 else _OUTCOMES_BY_REASON.get(reason, Outcome.DIVERGED)
         )
+        if outcome in (Outcome.ITERATION_LIMIT, Outcome.DIVERGED):
+            outcome = self._fault or outcome  # what kept the last correction short is why
         if outcome is Outcome.LINEAR_SOLVER:
             self.snes.ksp.pc.reset()  # MUMPS cannot go on after a factorization that failed
         self._set_state(x)
@@ -234,12 +237,14 @@ class Equilibrium:
         trial = x.duplicate()
         shortened = False
         with self.timings("admissibility check"):
+            self._fault = None
             for _ in range(10):
                 x.copy(trial)
                 trial.axpy(-1.0, y)
                 self._set_state(trial)
-                if self._admissibility.fault() is None:
+                if (fault := self._admissibility.fault()) is None:
                     break
+                self._fault = fault
                 y.scale(0.5)
                 shortened = True
         trial.destroy()

@@ -26,7 +26,7 @@ class Outcome(enum.Enum):
     )
     INVERTED = (
         "an element would turn inside out (det F ≤ 0)",
-        "Look for poor elements there, or for a load that this material cannot carry.",
+        "Try a smaller solver.initial_step; else look for poor elements there, or for a load that cannot be carried.",
     )
     OUTSIDE_LAW = (
         "the material would be strained beyond what its law is defined for",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, model_validator
 
-from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.lame import LameLaw
 from hpcinv.quantities import Dimensionless, Stress
 from hpcinv.schema import Spec, raise_if_any
 from hpcinv.varying import LameField, StressField
@@ -54,7 +54,7 @@ def _offer_both_pairs(schema: dict[str, Any]) -> None:
     del schema["required"]
 
 
-class NeoHookean(MaterialLaw):
+class NeoHookean(LameLaw):
     """Compressible neo-Hookean.
 
     ``psi = mu/2 (I1 - 3) - mu ln J + lam/2 (ln J)²``; ``kappa = lam + 2/3 mu``.
@@ -91,15 +91,6 @@ class NeoHookean(MaterialLaw):
     @property
     def volumetric_formula(self) -> str:
         return "lam/2*ln(J)**2"
-
-    def shear_modulus(self, par: Any) -> Any:
-        return par.mu
-
-    def bulk_modulus(self, par: Any) -> Any:
-        return par.lam + 2 / 3 * par.mu
-
-    def dilatation_modulus(self, par: Any) -> Any:
-        return par.lam
 
     def distortion(self, k: Deformation, par: Any) -> Any:
         return par.mu / 2 * k.I1_minus_3_minus_2_ln_J

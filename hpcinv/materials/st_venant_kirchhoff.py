@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import field_validator
 
-from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.lame import LameLaw
 from hpcinv.varying import ModulusField, StressField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics import Deformation
 
 
-class StVenantKirchhoff(MaterialLaw):
+class StVenantKirchhoff(LameLaw):
     """St Venant–Kirchhoff: Hooke's law between Green–Lagrange strain and second Piola–Kirchhoff stress.
 
     ``psi = mu E:E + lam/2 (tr E)²``; ``kappa = lam + 2/3 mu``. For large rotations at small strain: it softens under
@@ -41,15 +41,6 @@ class StVenantKirchhoff(MaterialLaw):
     @property
     def volumetric_formula(self) -> str:
         return "lam/8*(I1 - 3)**2"
-
-    def shear_modulus(self, par: Any) -> Any:
-        return par.mu
-
-    def bulk_modulus(self, par: Any) -> Any:
-        return par.lam + 2 / 3 * par.mu
-
-    def dilatation_modulus(self, par: Any) -> Any:
-        return par.lam
 
     def distortion(self, k: Deformation, par: Any) -> Any:
         import ufl
