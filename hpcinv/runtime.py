@@ -121,6 +121,7 @@ def abort(comm: Intracomm, code: int) -> NoReturn:
     sys.stdout.flush()
     sys.stderr.flush()
     if comm.size > 1:
+        time.sleep(0.2)  # a launcher may drop what it has not passed on yet
         comm.Abort(code)
     os._exit(code)
 
