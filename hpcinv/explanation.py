@@ -16,7 +16,7 @@ def show(job: Job, found: Explanation) -> None:
     """Print it."""
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
-        console.width = 120  # a file has no width of its own
+        console.width = 140  # a file has no width of its own
     unknowns = f"{found.displacements} displacements" + (f", {found.pressures} pressures" if found.pressures else "")
     console.print(f"{job.job}: {found.direction}, {found.cells} cells, {unknowns}")
     if found.families:
