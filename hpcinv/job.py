@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,17 +14,14 @@ from hpcinv.errors import JobError
 from hpcinv.expressions import Expression, faults
 from hpcinv.fibres import FibreFamily
 from hpcinv.fingerprint import fingerprint
-from hpcinv.ingredient import Ingredient
 from hpcinv.loading import read_yaml
 from hpcinv.materials import Material, MaterialLaw
 from hpcinv.plugins import load_file, load_installed
-from hpcinv.schema import ListOf, Location, Name, Problems, Spec, at, problems_in, raise_if_any
+from hpcinv.rules import unknown_case, unknown_families, unsuited, wants_pressure
+from hpcinv.schema import ListOf, Name, Problems, Spec, at, problems_in, raise_if_any
 from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.settings import Checkpoint, Discretisation, Output, Solver
-from hpcinv.spelling import did_you_mean
-
-NEARLY_INCOMPRESSIBLE = 20.0  # bulk-to-shear ratio above which displacements alone lock
 
 
 class Job(Spec):
@@ -115,7 +112,7 @@ class Job(Spec):
     def is_mixed(self) -> bool:
         """Whether the pressure is an unknown."""
         return self.discretisation.formulation == "mixed" or (
-            self.discretisation.formulation == "auto" and _wants_pressure(self.laws)
+            self.discretisation.formulation == "auto" and wants_pressure(self.laws)
         )
 
     @property
@@ -127,12 +124,12 @@ class Job(Spec):
         """The physics as plain data: what must not change between a checkpoint and its resume."""
         return fingerprint(self)
 
-    # The rules between sections stand with the later section, which sees the earlier ones that are right in themselves.
-
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled so that another rank has the classes of its plugins before it needs them."""
         plugins = [self.resolve(p).resolve() for p in self.plugins]
         return _unpickled, (plugins, pickle.dumps((self.__class__, self.__getstate__())))
+
+    # The rules between sections stand with the later section, which sees the earlier ones that are right in themselves.
 
     @field_validator("plugins")
     @classmethod
@@ -152,12 +149,12 @@ class Job(Spec):
     def _has_its_fibres(cls, material: Material, info: ValidationInfo) -> Material:
         for where, law in _laws(material).items():
             region = tuple(where.split(".", 1)[1:])
-            raise_if_any(((*region, *place), text) for place, text in _unknown_families(law, info))
+            raise_if_any(((*region, *place), text) for place, text in unknown_families(law, info.data.get("fibres")))
         return material
 
     @field_validator("load_cases")
     @classmethod
-    def _are_several(cls, cases: tuple[str, ...]) -> tuple[str, ...]:
+    def _are_different(cls, cases: tuple[str, ...]) -> tuple[str, ...]:
         raise_if_any(((i,), f"'{name}' is there already") for i, name in enumerate(cases) if name in cases[:i])
         return cases
 
@@ -179,7 +176,7 @@ class Job(Spec):
     @field_validator("effects")
     @classmethod
     def _serve_the_analysis(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
-        analysis = info.data.get("analysis")
+        analysis, fibres, cases = (info.data.get(key) for key in ("analysis", "fibres", "load_cases"))
         needed = {"forward", "inverse"} if analysis == "round_trip" else {analysis} - {None}
         raise_if_any(
             ((i,), f"cannot serve 'analysis: {analysis}'; it knows {', '.join(sorted(effect.directions))} only")
@@ -189,7 +186,7 @@ class Job(Spec):
         raise_if_any(
             ((i, *place), text)
             for i, effect in enumerate(effects)
-            for place, text in (*_unknown_families(effect, info), *_unknown_case(effect, info))
+            for place, text in (*unknown_families(effect, fibres), *unknown_case(effect.case, cases))
         )
         return effects
 
@@ -202,7 +199,9 @@ class Job(Spec):
             text = f"leave the body free to move along {' and '.join(sorted(free))}: hold it there in some region"
             raise ValueError(text)
         raise_if_any(
-            ((i, *place), text) for i, support in enumerate(supports) for place, text in _unknown_case(support, info)
+            ((i, *place), text)
+            for i, support in enumerate(supports)
+            for place, text in unknown_case(support.case, info.data.get("load_cases"))
         )
         taken: set[tuple[str, str]] = set()
         for i, support in enumerate(supports):
@@ -215,30 +214,8 @@ class Job(Spec):
     @field_validator("discretisation")
     @classmethod
     def _suits_the_material(cls, discretisation: Discretisation, info: ValidationInfo) -> Discretisation:
-        if "material" not in info.data:
-            return discretisation
-        laws = _laws(info.data["material"])
-        whole = [where for where, law in laws.items() if not law.is_split]
-        if whole and discretisation.formulation == "mixed":
-            text = f"must be displacement: {whole[0]} has no volumetric energy of its own (give it kappa)"
-            raise Problems((("formulation",), text))
-        if discretisation.formulation == "auto" and not whole and not _wants_pressure(laws):
-            for where, law in laws.items():
-                if law.stiffness_ratio is None:
-                    text = f"must be stated, displacement or mixed, since the moduli of {where} vary over the body"
-                    raise Problems((("formulation",), text))
-        if whole and any(law.is_incompressible for law in laws.values()):
-            raise ValueError(f"must be mixed for the incompressible law, but {whole[0]} cannot be: give it kappa")
-        if not _wants_pressure(laws):
-            return discretisation
-        if discretisation.formulation == "displacement" and any(law.is_incompressible for law in laws.values()):
-            raise Problems((("formulation",), "must be mixed (or auto), since the material is incompressible"))
-        if discretisation.formulation == "auto" and discretisation.displacement == 1:
-            text = (
-                "must be 2 or more: the material is nearly incompressible, so the mixed form is chosen, in which 1 has "
-                "no stable pressure (or state 'formulation: displacement')"
-            )
-            raise Problems((("displacement",), text))
+        if "material" in info.data:
+            raise_if_any(unsuited(discretisation, _laws(info.data["material"])))
         return discretisation
 
     @field_validator("quantities")
@@ -257,27 +234,6 @@ def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, Materi
     if isinstance(material, MaterialLaw):
         return {"material": material}
     return {f"material.{region}": law for region, law in material.items()}
-
-
-def _wants_pressure(laws: Mapping[str, MaterialLaw]) -> bool:
-    """Whether displacements alone would lock, and a pressure is possible."""
-    nearly_incompressible = any((law.stiffness_ratio or 0.0) > NEARLY_INCOMPRESSIBLE for law in laws.values())
-    return nearly_incompressible and all(law.is_split for law in laws.values())
-
-
-def _unknown_families(part: Ingredient, info: ValidationInfo) -> Iterator[tuple[Location, str]]:
-    fibres = info.data.get("fibres")
-    for family, field in part.families.items():
-        if fibres is not None and family not in fibres:
-            hint = did_you_mean(family, fibres) if fibres else ""
-            yield (field,), f"there are no fibres '{family}'; define them in 'fibres'.{hint}".removesuffix(".")
-
-
-def _unknown_case(part: Effect | Support, info: ValidationInfo) -> Iterator[tuple[Location, str]]:
-    cases = info.data.get("load_cases")
-    if cases is not None and part.case is not None and part.case not in cases:
-        hint = f".{did_you_mean(part.case, cases)}" if cases else ""
-        yield ("case",), f"'{part.case}' is not among 'load_cases'{hint}"
 
 
 def _unpickled(plugins: list[Path], data: bytes) -> Job:
