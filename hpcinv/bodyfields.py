@@ -44,16 +44,16 @@ class BodyFields:
             function = as_function(self.body, self._array(value))
             function.x.array[:] *= value.factor / scale
             return function
-        function = fem.Function(fem.functionspace(self.body.mesh, ("DG", 0)))
-        function.x.array[function.function_space.dofmap.list[:, 0]] = self._by_region(value, where) / scale
-        function.x.scatter_forward()
+        function = self._by_region(value, where)
+        function.x.array[:] /= scale
         return function
 
     def samples(self, value: float | Varying, where: str) -> Floats:
         """Values (SI) at some points inside of each local cell, to be broadcast to (cells, points); collective."""
         match value:
             case ByRegion():
-                return self._by_region(value, where)[:, None]
+                function = self._by_region(value, where)
+                return np.asarray(function.x.array[function.function_space.dofmap.list])
             case ByData():
                 return self._data(value)[..., 0] * value.factor
             case ByFormula():
@@ -98,16 +98,26 @@ class BodyFields:
     def _points(self) -> Floats:
         return _inwards(self.body.mesh.geometry.x[self._nodes]) * self.body.length_scale
 
-    def _by_region(self, value: ByRegion, where: str) -> Floats:
-        """A value for each local cell, ghosts too."""
+    def _by_region(self, value: ByRegion, where: str) -> fem.Function:
+        """Values (SI), constant in each cell."""
         number = parts(self.body, value.values, where)
-        values = np.array([*value.values.values(), np.nan])[number]
         function = fem.Function(fem.functionspace(self.body.mesh, ("DG", 0)))
-        owned = self.body.mesh.topology.index_map(3).size_local
-        dofs = function.function_space.dofmap.list[:, 0]
-        function.x.array[dofs[:owned]] = values[:owned]
-        function.x.scatter_forward()
-        return np.asarray(function.x.array[dofs])
+        function.x.array[function.function_space.dofmap.list[:, 0]] = np.array([*value.values.values(), np.nan])[number]
+        function.x.scatter_forward()  # a ghost's region is known for certain to its owner alone
+        return function
+
+
+def law_cells(body: Body, laws: Mapping[str, Any]) -> tuple[npt.NDArray[np.int32], ...]:
+    """Owned cells of each law's region, the laws by their place in the job; nothing if one holds for the whole body.
+
+    Raises:
+        MeshError: on all ranks, if a cell is in no region or in two.
+    """
+    if "material" in laws:
+        return ()
+    number = parts(body, [name.removeprefix("material.") for name in laws], "material")
+    owned = number[: body.mesh.topology.index_map(3).size_local]
+    return tuple(np.flatnonzero(owned == i).astype(np.int32) for i in range(len(laws)))
 
 
 def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> npt.NDArray[np.int64]:

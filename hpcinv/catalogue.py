@@ -26,7 +26,7 @@ def overview(members: Mapping[str, type[Ingredient]]) -> None:
     """Print the names with a line about each."""
     table = Table(box=None, show_header=False, pad_edge=False)
     for name, kind in members.items():
-        table.add_row(name, _paragraphs(kind)[0].replace("``", ""))
+        table.add_row(name, _paragraphs(kind)[0])
     Console(highlight=False).print(table)
 
 
@@ -41,15 +41,14 @@ def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> No
     kind = members[name]
     console = Console(highlight=False, markup=False)
     for paragraph in _paragraphs(kind):
-        console.print(paragraph.replace("``", ""))
+        console.print(paragraph)
         console.print()
     example = kind.model_validate(kind.example)
     if formula := getattr(example, "energy_formula", None):
         console.print(f"energy: {formula}")
         console.print()
     table = Table("key", "unit", "default", "meaning", box=None, pad_edge=False, header_style="")
-    own_first = sorted(kind.model_fields, key=lambda key: not any(key in c.__annotations__ for c in kind.__mro__[:1]))
-    for key in own_first:
+    for key in sorted(kind.model_fields, key=lambda key: key not in kind.__annotations__):  # its own come first
         if key != tag:
             info = kind.model_fields[key]
             table.add_row(key, _unit(info), _default(info), _meaning(info))
@@ -60,7 +59,7 @@ def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> No
 
 
 def _paragraphs(kind: type[Ingredient]) -> list[str]:
-    return [" ".join(p.split()) for p in (inspect.getdoc(kind) or "").split("\n\n")]
+    return [" ".join(p.split()) for p in (inspect.getdoc(kind) or "").replace("``", "").split("\n\n")]
 
 
 def _unit(info: FieldInfo) -> str:

@@ -215,7 +215,7 @@ def _row(name: str, scene: Scene, without: Scene | None, cost: Cost, cost_withou
 def _contents(scene: Scene) -> tuple[Counter[str], int, int]:
     """Integrals by kind, entries of the constant, fields beside the state."""
     form = scene.residual
-    kinds = Counter({(i.integral_type(), i.subdomain_id()): 1 for i in form.integrals()})
+    kinds = {(i.integral_type(), i.subdomain_id()) for i in form.integrals()}
     integrals = Counter(_KINDS[kind] for kind, _ in kinds)
     constants = sum(int(np.prod(c.ufl_shape)) for c in form.constants())
     return integrals, constants, len(form.coefficients()) - 1

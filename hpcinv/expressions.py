@@ -168,6 +168,21 @@ def faults(
             yield where, str(error)
 
 
+def faults_with_constants(
+    field: str,
+    formulas: Iterable[Expression | None],
+    constants: Iterable[str],
+    known: dict[str, Dimension | None],
+    wanted: Dimension | None,
+) -> list[tuple[Location, str]]:
+    """As `faults`, of the entries of a list ``field`` that may use the names in a field ``constants``."""
+    taken = sorted({*known, *CONSTANTS} & set(constants))
+    if taken:
+        return [(("constants", name), "is already the name of something else") for name in taken]
+    entries = (((field, i), f) for i, f in enumerate(formulas) if f is not None)
+    return list(faults(entries, known | dict.fromkeys(constants), wanted))
+
+
 @cache
 def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
     """Syntax tree, and value and dimension of the numbers with units in it, which it holds as names."""

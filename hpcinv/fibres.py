@@ -8,8 +8,7 @@ from typing import Any, ClassVar, Self
 from pydantic import model_validator
 
 from hpcinv.effects.base import Configuration
-from hpcinv.expressions import Expression, faults
-from hpcinv.functions import CONSTANTS
+from hpcinv.expressions import Expression, faults_with_constants
 from hpcinv.ingredient import Ingredient
 from hpcinv.quantities import AnyQuantity
 from hpcinv.schema import Location, Name, Triple, raise_if_any
@@ -52,11 +51,7 @@ class FibreFamily(Ingredient):
             return [((), "needs exactly one of 'direction' (three formulas) and 'data' (an array of the mesh file)")]
         if self.direction is None:
             return [(("constants",), "have no use without 'direction'")] if self.constants else []
-        taken = sorted({*POSITIONS, *CONSTANTS} & self.constants.keys())
-        if taken:
-            return [(("constants", name), "is already the name of something else") for name in taken]
-        known = POSITIONS | dict.fromkeys(self.constants)
-        problems = list(faults(((("direction", i), f) for i, f in enumerate(self.direction)), known, None))
+        problems = faults_with_constants("direction", self.direction, self.constants, POSITIONS, None)
         if problems or any(f.names & POSITIONS.keys() for f in self.direction):
             return problems
         if all(float(f.evaluate(**{n: self.constants[n] for n in f.names})) == 0 for f in self.direction):

@@ -12,7 +12,7 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 # isort: split
 import numpy as np
 
-from hpcinv.bodyfields import parts
+from hpcinv.bodyfields import law_cells
 from hpcinv.errors import MeshError, told_with
 from hpcinv.quantities import quantities_of, quantity_of
 from hpcinv.runtime import MPI
@@ -31,8 +31,7 @@ def check_fields(job: Job, fields: BodyFields) -> None:
     Raises:
         MeshError: on all ranks, for the first region or field that is not as it must be.
     """
-    if "material" not in job.laws:
-        parts(fields.body, [name.removeprefix("material.") for name in job.laws], "material")
+    law_cells(fields.body, job.laws)
     for where, effect in job.named_effects:
         for region, field in effect.surfaces.items():
             with told_with(f"{where}.{field}"):

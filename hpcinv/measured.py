@@ -23,12 +23,8 @@ class Measured:
 
     def plain(self) -> float | str:
         """As a job file may say it."""
-        powers = zip(BASE, self.dimension, strict=False)
-        return (
-            " ".join([repr(self.value), *(f"{unit}^{n}" for unit, n in powers if n)])
-            if any(self.dimension)
-            else self.value
-        )
+        powers = [f"{unit}^{n}" for unit, n in zip(BASE, self.dimension, strict=False) if n]
+        return " ".join([repr(self.value), *powers]) if powers else self.value
 
 
 @dataclass(frozen=True)

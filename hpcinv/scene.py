@@ -15,7 +15,6 @@ carries this to the mesh, so that the inverse problem is the exact discrete inve
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,7 @@ import numpy.typing as npt
 import ufl
 from ufl.classes import Label, Variable
 
-from hpcinv.bodyfields import parts
+from hpcinv.bodyfields import law_cells
 from hpcinv.integration import Integration
 from hpcinv.kinematics import Deformation, Kinematics
 from hpcinv.parameters import Parameters
@@ -42,11 +41,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Part:
-    """What one law gives in its cells (``None`` for all): energy per reference volume, and stresses, scaled.
+    """What one law gives in its cells (``None`` for all): energy stored per reference volume, and stress, scaled.
 
-    ``psi`` is what equilibrium derives from, ``energy`` what is stored; ``constraint`` is ``None`` without pressure;
-    ``domain`` are the scalars that must stay positive for the law to be defined; ``fixed_volume`` is the elastic volume
-    ratio where the law does not let it change, else ``None``.
+    ``constraint`` belongs to the pressure, and is ``None`` without; ``domain`` are the scalars that must stay positive
+    for the law to be defined; ``fixed_volume`` is the elastic volume ratio where the law does not let it change, else
+    ``None``.
     """
 
     cells: npt.NDArray[np.int32] | None
@@ -81,7 +80,7 @@ class Scene:
     ) -> None:
         self.unknowns = unknowns
         self.quadrature_degree = quadrature_degree
-        cells = law_cells(job.laws, fields)
+        cells = law_cells(fields.body, job.laws)
         integration = Integration(fields.body, quadrature_degree, cells)
         self.kinematics = kin = kinematics(unknowns.u, integration)
         families = job.families
@@ -120,19 +119,20 @@ class Scene:
             return Part(where, J_g * energy, ufl.diff(psi, H), constraint, law.domain(elastic, p), volume)
 
         self.parts = tuple(part(number, law) for number, law in enumerate(job.laws.values()))
-        measures = [integration.part(number) for number in range(count)]
-        residual = sum(
-            kin.dV(ufl.inner(part.P, kin.Grad(unknowns.v)), dx) for part, dx in zip(self.parts, measures, strict=True)
-        )
-        if unknowns.p is not None:
-            for part_, dx in zip(self.parts, measures, strict=True):
-                residual -= kin.dV(part_.constraint * unknowns.q, dx)
+        residual: Any = 0
+        energy: Any = 0
+        for number, one in enumerate(self.parts):
+            dx = integration.part(number)
+            residual += kin.dV(ufl.inner(one.P, kin.Grad(unknowns.v)), dx)
+            if one.constraint is not None:
+                residual -= kin.dV(one.constraint * unknowns.q, dx)
+            energy += kin.dV(one.energy, dx)
         for effect, load, p in of_effects:
             work = effect.virtual_work(kin, unknowns.v, load, p)
             if work is not None:
                 residual -= work
         self.residual = residual
-        self.strain_energy = sum(kin.dV(part.energy, dx) for part, dx in zip(self.parts, measures, strict=True))
+        self.strain_energy = energy
         self.J = total.J
         self.mesh_J = kin.mesh_J
 
@@ -141,15 +141,6 @@ class Scene:
         """``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3), of each part and the cells of that part (``None`` for all)."""
         F = ufl.Identity(3) + self.kinematics.H
         return [(part.P * F.T / self.J, part.cells) for part in self.parts]
-
-
-def law_cells(laws: Mapping[str, Any], fields: BodyFields) -> tuple[npt.NDArray[np.int32], ...]:
-    """Owned cells of each law's region; nothing if one law holds for the whole body."""
-    if len(laws) == 1 and "material" in laws:
-        return ()
-    number = parts(fields.body, [name.removeprefix("material.") for name in laws], "material")
-    owned = number[: fields.body.mesh.topology.index_map(3).size_local]
-    return tuple(np.flatnonzero(owned == i).astype(np.int32) for i in range(len(laws)))
 
 
 def _elastic(total: Deformation, effects: list[Any]) -> tuple[Deformation, Any]:

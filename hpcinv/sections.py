@@ -13,8 +13,7 @@ from pydantic import (
     model_validator,
 )
 
-from hpcinv.expressions import Expression, faults
-from hpcinv.functions import CONSTANTS
+from hpcinv.expressions import Expression, faults, faults_with_constants
 from hpcinv.generators import Value, is_generator, read_parameters
 from hpcinv.quantities import AnyQuantity, Length
 from hpcinv.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
@@ -125,12 +124,7 @@ class Support(Spec):
             return [(("case",), "has no use without 'displacement': what is fixed is fixed in every load case")]
         if self.displacement is None:
             return [(("constants",), "have no use without 'displacement'")] if self.constants else []
-        taken = {*AXES, *CONSTANTS} & self.constants.keys()
-        if taken:
-            return [(("constants", name), "is already the name of something else") for name in sorted(taken)]
-        known = COORDINATES | dict.fromkeys(self.constants)
-        formulas = ((("displacement", i), f) for i, f in enumerate(self.displacement) if f is not None)
-        return list(faults(formulas, known, LENGTH))
+        return faults_with_constants("displacement", self.displacement, self.constants, COORDINATES, LENGTH)
 
 
 class QuantityOfInterest(Spec):
