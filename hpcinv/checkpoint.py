@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from hpcinv.mesh import Body
 
-_FORMAT = 1
+_FORMAT = 2
 _NAME = re.compile(r"\d{4,}")
 
 
@@ -53,7 +53,8 @@ class Position:
     def from_json(cls, data: Mapping[str, Any]) -> Position:
         def solve(s: Mapping[str, Any]) -> Solve:
             iterations = tuple(NewtonIteration(**i) for i in s["iterations"])
-            return Solve(s["load"], Outcome[s["outcome"]], iterations, s["factorizations"])
+            signs = tuple(s["signs"])
+            return Solve(s["load"], Outcome[s["outcome"]], iterations, s["factorizations"], signs, s["gap"])
 
         return cls(data["leg"], data["load"], tuple(tuple(map(solve, leg)) for leg in data["solves"]))
 

@@ -12,14 +12,13 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 # isort: split
 from dolfinx import fem
 
-from hpcinv.cellwise import cell_means, quadrature_range
 from hpcinv.checkpoint import Checkpoints, Position, Restart, cells_digest
 from hpcinv.comparison import closure, distance, read_expected
 from hpcinv.continuation import follow
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.fields import write_fields
 from hpcinv.interest import check_points, evaluate
-from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.legs import leg_of
 from hpcinv.mesh import build_body, write_mesh
 from hpcinv.model import Model
 from hpcinv.newton import Outcome
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from hpcinv.effects import Direction
     from hpcinv.equilibrium import Solve
     from hpcinv.job import Job
-    from hpcinv.scene import Scene
 
 
 def run(
@@ -161,31 +159,9 @@ class _Run:
             self._checkpoint(number, load, solves)
         if stop and (load < 1.0 or number + 1 < len(self.job.legs)):
             raise self._interrupted(number, load)
-        self.legs.append(self._leg(direction, scene, tuple(solves)))
+        self.legs.append(leg_of(model, direction, scene, tuple(solves)))
         if load < 1.0:
             self._give_up(load, solves[-1].outcome)
-
-    def _leg(self, direction: Direction, scene: Scene, solves: tuple[Solve, ...]) -> Leg:
-        """What was solved for, in SI units."""
-        model, length, stress = self.model, self.model.scales.length, self.model.scales.stress
-        with self.timings("results"):
-            u, p = model.solution()
-            degree = model.quadrature_degree
-            sigma = cell_means(scene.cauchy_stress, self.body.mesh, degree)
-            sigma.x.array[:] *= stress
-            energy = fem.assemble_scalar(fem.form(scene.strain_energy, jit_options=JIT_OPTIONS))
-            return Leg(
-                direction=direction,
-                mesh_nodes=self.body.mesh.geometry.x * length,
-                u=model.unknowns.at_nodes(u),
-                displacement=u,
-                pressure=p,
-                J=cell_means([(scene.J, None)], self.body.mesh, degree),
-                cauchy_stress=sigma,
-                J_range=quadrature_range(scene.J, self.body.mesh, degree),
-                strain_energy=self.comm.allreduce(energy, op=MPI.SUM) * stress * length**3,
-                solves=solves,
-            )
 
     def _checkpoint(self, number: int, load: float, solves: list[Solve]) -> None:
         self.since_checkpoint = 0

@@ -40,12 +40,19 @@ _OUTCOMES_BY_REASON: dict[int, Outcome] = {
 
 @dataclass(frozen=True)
 class Solve:
-    """What one solve at a fixed load factor did; ``iterations`` is empty if a test of the user's options ended it."""
+    """What one solve at a fixed load factor did; ``iterations`` is empty if a test of the user's options ended it.
+
+    ``signs`` are those of the determinants of its tangents (empty if the linear solver does not tell them): the number
+    of negative eigenvalues has changed by an odd number where it changes. ``gap`` is the distance of the loaded body
+    from the given one (m) after a step of a fixed-point method.
+    """
 
     load: float
     outcome: Outcome
     iterations: tuple[NewtonIteration, ...]
     factorizations: int
+    signs: tuple[int, ...] = ()
+    gap: float | None = None
 
 
 class Equilibrium:
@@ -94,7 +101,8 @@ class Equilibrium:
             self.options = SolverOptions(options)
             self.snes = self._create_snes()
         self._monitor = self._new_monitor(1.0)
-        self._fresh, self._tangents = False, 0
+        self._fresh, self._signs = False, list[int]()
+        self._tangents = 0
         self._correction: float | None = None
         self._outcome: Outcome | None = None
         self._fault: Outcome | None = None
@@ -123,6 +131,7 @@ class Equilibrium:
         self._set_load(load)
         self._monitor = self._new_monitor(tolerance)
         self._outcome, self._fault, self._fresh, self._correction, self._tangents = None, None, False, None, 0
+        self._signs = []
         start, x = self.state.x.petsc_vec, self._x
         accepted = start.copy()
         start.copy(x)
@@ -147,7 +156,7 @@ class Equilibrium:
         if not outcome.accepted:
             self._set_state(accepted)
         accepted.destroy()
-        return Solve(load, outcome, tuple(self._monitor.history), self._tangents)
+        return Solve(load, outcome, tuple(self._monitor.history), self._tangents, tuple(self._signs))
 
     def predict(self, load: float) -> None:
         """Move the state along the tangent of the solution path to another load factor, with the factors at hand.
@@ -163,6 +172,26 @@ class Equilibrium:
         self._set_state(x)
         if not np.isfinite(_norm(x)) or self._admissibility.fault():
             self._set_state(start)
+        start.destroy()
+
+    def linearise(self, load: float) -> None:
+        """Assemble the tangent at the present state and a load factor."""
+        self._set_load(load)
+        self._monitor = self._new_monitor(1.0)  # has seen no iteration, so wants a new tangent
+        self._assemble_tangent(self.snes, self.state.x.petsc_vec.copy(), self.matrix, self.matrix)
+
+    def correct(self, load: float) -> None:
+        """Add one full Newton correction to the present state, whatever it does to the elements."""
+        start = self.state.x.petsc_vec.copy()
+        self.linearise(load)
+        self._assemble_residual(self.snes, start, self.rhs)
+        with self.timings("factorization"):
+            self.snes.ksp.setOperators(self.matrix)
+            self.snes.ksp.setUp()
+        with self.timings("linear solve"):
+            self.snes.ksp.solve(self.rhs, self._x)
+        self._x.aypx(-1.0, start)
+        self._set_state(self._x)
         start.destroy()
 
     def destroy(self) -> None:
@@ -205,6 +234,14 @@ class Equilibrium:
             fem_petsc.assemble_matrix(A, self._tangent, bcs=self.supports.conditions)
             A.assemble()
 
+    def _sign_of_determinant(self) -> int:
+        """Of the tangent whose factors are at hand; 0 if the linear solver does not tell."""
+        pc = self.snes.ksp.pc
+        if pc.getType() != PETSc.PC.Type.LU or pc.getFactorSolverType() != "mumps":
+            return 0
+        mantissa = pc.getFactorMatrix().getMumpsRinfog(12)
+        return (mantissa > 0) - (mantissa < 0)
+
     def _judge(self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]) -> int:
         """PETSc's convergence test."""
         residual = norms[2]
@@ -220,6 +257,8 @@ class Equilibrium:
                 self._outcome = Outcome.CONVERGED
                 return _DONE
             return 0
+        if self._fresh and (sign := self._sign_of_determinant()):
+            self._signs.append(sign)
         if self._correction is None:  # no line search: a trust region, say
             self._before.aypx(-1.0, x)
             self._correction = _norm(self._before)

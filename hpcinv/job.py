@@ -21,7 +21,7 @@ from hpcinv.rules import unknown_case, unknown_families, unsuited, wants_pressur
 from hpcinv.schema import ListOf, Name, Problems, Spec, at, problems_in, raise_if_any
 from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
-from hpcinv.settings import Checkpoint, Discretisation, Output, Solver
+from hpcinv.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
 
 
 class Job(Spec):
@@ -56,6 +56,12 @@ class Job(Spec):
     """finite-element spaces"""
     solver: Solver = Solver()
     """continuation and Newton iteration"""
+    method: Literal["direct", "sellier", "aitken", "anderson", "rausch"] = "direct"
+    """direct: one solve on the deformed body; the others find the undeformed one by repeated forward solves"""
+    fixed_point: FixedPoint = FixedPoint()
+    """iteration of the methods other than direct"""
+    certificate: CertificateSettings = CertificateSettings()
+    """what is checked at the end"""
     checkpoint: Checkpoint = Checkpoint()
     """when converged states are saved"""
     output: Output = Output()
@@ -164,6 +170,20 @@ class Job(Spec):
         if first is not None and info.data.get("analysis", "round_trip") != "round_trip":
             raise ValueError("has a use only with 'analysis: round_trip'")
         return first
+
+    @field_validator("method")
+    @classmethod
+    def _finds_an_undeformed_body(cls, method: str, info: ValidationInfo) -> str:
+        if method != "direct" and info.data.get("analysis") == "forward":
+            raise ValueError("has a use only in an inverse analysis or a round trip; a forward one is always direct")
+        return method
+
+    @field_validator("fixed_point")
+    @classmethod
+    def _is_asked_for(cls, fixed_point: FixedPoint, info: ValidationInfo) -> FixedPoint:
+        if fixed_point.model_fields_set and info.data.get("method") == "direct":
+            raise ValueError("has no use with 'method: direct'; take sellier, aitken, anderson or rausch")
+        return fixed_point
 
     @field_validator("regions")
     @classmethod

@@ -19,6 +19,7 @@ DEFAULTS: Mapping[str, Value] = {
     "ksp_type": "preonly",
     "pc_type": "lu",
     "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_33": 1,  # the determinant, whose sign tells whether a path crossed a fold
     "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
 }
 

@@ -91,6 +91,34 @@ class Solver(Spec):
         return self
 
 
+class FixedPoint(Spec):
+    """Iteration of the methods that look for the undeformed shape by forward solves (method: sellier, aitken, …)."""
+
+    relaxation: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """share of each correction that is taken (sellier), or of the first one (aitken, rausch, anderson)"""
+    memory: Annotated[int, Field(ge=1, le=50)] = 5
+    """earlier steps that an update learns from (anderson)"""
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10
+    """largest distance of the loaded body from the given one at which it ends, relative to the body's diagonal"""
+    maximum_iterations: Annotated[int, Field(ge=1)] = 50
+    """forward problems after which it is given up"""
+    warm_start: bool = True
+    """begin each forward solve with the displacement known so far, at full load; else at no load, as the first"""
+
+
+class CertificateSettings(Spec):
+    """What is checked when a run has ended. Each of these costs a factorization or more and can be left out."""
+
+    round_trip: Literal["near", "path", "off"] = "near"
+    """solve back from the body that was found: near starts from the known displacement, path from the unloaded body"""
+    stability: bool = True
+    """whether the loaded body is in stable equilibrium, and whether the path to it crossed a fold"""
+    estimate: bool = True
+    """discretisation error of the quantities and of the shape, by a correction in spaces of one degree more"""
+    overlap: bool = True
+    """whether the body that was found passes through itself"""
+
+
 class Checkpoint(Spec):
     """When converged states are saved for a resume."""
 

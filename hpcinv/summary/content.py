@@ -124,6 +124,8 @@ def _solve(solve: Solve) -> dict[str, Any]:
         "load": solve.load,
         "outcome": solve.outcome.name,
         "factorizations": solve.factorizations,
+        "signs": list(solve.signs),
+        "gap": solve.gap,
         "iterations": [{name: getattr(i, name) for name in names} for i in solve.iterations],
     }
 
