@@ -82,7 +82,8 @@ class Progress:
         if solve.outcome.accepted:
             F = {"forward": "det F", "inverse": "det F^-1"}[self._direction]
             state = f"largest displacement {largest_displacement:.4g} m, {F} > {min_mesh_J:.4g}"
-            self.note(f"  load {solve.load:.4g}: {effort}, {state}, {seconds:.1f} s")
+            gap = "" if solve.gap is None else f" {solve.gap:.3g} m from the given shape,"
+            self.note(f"  load {solve.load:.4g}: {effort},{gap} {state}, {seconds:.1f} s")
         else:
             self.note(f"  load {solve.load:.4g} not reached: {solve.outcome.text}; {effort}, {seconds:.1f} s")
         if self._bar is not None and solve.outcome.accepted:
@@ -117,21 +118,36 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         )
     if unused := statistics["unused_petsc_options"]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
+    lines += _certificate(statistics["certificate"])
+    estimated = (statistics["certificate"]["estimate"] or {"quantities": {}})["quantities"]
     for name, value in statistics["quantities"].items():
-        lines.append(f"{name}: {_value(value)}")
+        error = f" (estimated error {_value(estimated[name], digits=2)})" if name in estimated else ""
+        lines.append(f"{name}: {_value(value)}{error}")
     lines += [
         text.format(**statistics["errors"][name]) for name, text in _ERRORS.items() if name in statistics["errors"]
     ]
     return lines
 
 
-def _value(value: float | list[float | None] | None) -> str:
+def _certificate(certificate: Mapping[str, Any]) -> list[str]:
+    """The verdict, and each finding under it."""
+    lines = [f"certificate: {certificate['verdict']}"]
+    for line in certificate["lines"]:
+        found = "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"
+        note = f" ({line['note']})" if line["note"] else ""
+        lines.append(f"  {line['verdict']}: {line['name']}{found}{note}")
+    return lines
+
+
+def _value(value: float | list[float | None] | None, digits: int = 6) -> str:
     """A number, or a displacement."""
-    return f"({', '.join(map(_number, value))}) m" if isinstance(value, list) else _number(value)
+    if isinstance(value, list):
+        return f"({', '.join(_number(v, digits) for v in value)}) m"
+    return _number(value, digits)
 
 
-def _number(value: float | None) -> str:
-    return "not finite" if value is None else f"{value:.6g}"
+def _number(value: float | None, digits: int = 6) -> str:
+    return "not finite" if value is None else f"{value:.{digits}g}"
 
 
 def _count(number: int, what: str) -> str:

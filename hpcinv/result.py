@@ -10,9 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.runtime import MPI
+
 if TYPE_CHECKING:
     from dolfinx.fem import Function
 
+    from hpcinv.accuracy import Record
+    from hpcinv.certificate import Certificate, Estimate
     from hpcinv.effects import Direction
     from hpcinv.equilibrium import Solve
     from hpcinv.job import Job
@@ -67,6 +71,12 @@ class Leg:
         return self.other_nodes if self.direction == "forward" else self.mesh_nodes
 
     @property
+    def largest_displacement(self) -> float:
+        """Over the nodes of all ranks, in m; collective."""
+        comm = self.displacement.function_space.mesh.comm
+        return float(comm.allreduce(float(np.linalg.norm(self.u, axis=1).max(initial=0.0)), op=MPI.MAX))
+
+    @property
     def factorizations(self) -> int:
         return sum(s.factorizations for s in self.solves)
 
@@ -78,9 +88,12 @@ class Result:
     Attributes:
         legs: one for each direction that was solved; the first is on the mesh that the job gives.
         quantities: the job's quantities of interest by name.
+        certificate: what the answer is worth.
+        estimate: estimated discretisation errors, ``None`` if they were not asked for.
         errors: distances (``comparison``): from the job's expected shape, and what a round trip failed to close.
         statistics: what ``summary.json`` holds.
         directory: where it was written, if anywhere.
+        accuracy: how the job's demands on it were met, if it has any.
     """
 
     job: Job
@@ -88,8 +101,11 @@ class Result:
     legs: tuple[Leg, ...]
     quantities: Mapping[str, Any]
     errors: Mapping[str, Mapping[str, float]]
+    certificate: Certificate
+    estimate: Estimate | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
     directory: Path | None = None
+    accuracy: Record | None = None
 
     @property
     def shape(self) -> Floats:

@@ -58,6 +58,17 @@ class Unknowns:
         """Number of unknowns over all ranks."""
         return int(self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs)
 
+    @property
+    def pressure_size(self) -> int:
+        """Number of pressures over all ranks; 0 in the displacement form."""
+        return 0 if self.p is None else int(self._pressure_space.dofmap.index_map.size_global)
+
+    @property
+    def owned_displacement_dofs(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the displacements in the state, without ghosts."""
+        dofmap, dofs = self.space.dofmap, self._displacement_dofs
+        return np.extract(dofs < dofmap.index_map.size_local * dofmap.index_map_bs, dofs)
+
     def displacement_component(self, i: int) -> fem.FunctionSpace:
         """The ``i``-th displacement component as a subspace of the whole, for supports."""
         space = self.space if self.p is None else self.space.sub(0)

@@ -18,6 +18,15 @@ STATISTICS: dict[str, Any] = {
     "status": "converged",
     "legs": [{"direction": "inverse", "factorizations": 4, "J": {"min": 0.9, "max": None}, "strain_energy": 2e-3}],
     "quantities": {"tip": [0.0, -0.1325, 1e-9], "roundness": 1.5e-6},
+    "certificate": {
+        "verdict": "warning",
+        "lines": [
+            {"name": "residual", "value": 1.234e-9, "unit": "", "verdict": "pass", "note": ""},
+            {"name": "overlap", "value": None, "unit": "", "verdict": "not checked", "note": "switched off"},
+            {"name": "sag", "value": 0.5, "unit": "m", "verdict": "warning", "note": "much"},
+        ],
+        "estimate": {"quantities": {"tip": [1e-3, 0.0, 0.0]}},
+    },
     "unused_petsc_options": ["snes_tpye"],
     "timings": {
         "total": 12.34,
@@ -60,7 +69,13 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
     assert "  seconds: tangent 2.0" in lines
     assert "  memory: 350 MB on the fullest rank" in lines
     assert "  inverse: J from 0.9 to not finite, strain energy 0.002 J" in lines
-    assert "tip: (0, -0.1325, 1e-09) m" in lines
+    at = lines.index("certificate: warning")
+    assert lines[at + 1 : at + 4] == [
+        "  pass: residual 1.23e-09",
+        "  not checked: overlap (switched off)",
+        "  warning: sag 0.5 m (much)",
+    ]
+    assert "tip: (0, -0.1325, 1e-09) m (estimated error (0.001, 0, 0) m)" in lines
     assert "roundness: 1.5e-06" in lines
     assert sum("snes_tpye" in line for line in lines) == 1
     assert lines[-1] == "recovered shape: 1.34e-14 m from the expected one (7e-14 of its length)"

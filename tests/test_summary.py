@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from legs import made_up
 
+from hpcinv.certificate import Certificate, Estimate, at_most, skipped
 from hpcinv.errors import OutputError
 from hpcinv.job import Job, parse
 from hpcinv.mesh import build_body
@@ -46,7 +47,10 @@ def result(comm: MPI.Intracomm) -> Result:
     there = made_up(body, "inverse", zero, pressure=lambda x: x[:, 0], J_range=(np.float64(0.9), np.inf))
     legs = there, made_up(body, "forward", zero)
     quantities = {"tip": [1.0, -2.0, np.nan], "volume": np.float64(2.5)}
-    return Result(made, body, legs, quantities, {"round_trip": {"max": 1e-12, "rms": 1e-13, "relative": 1e-12}})
+    closure = {"max": 1e-12, "rms": 1e-13, "relative": 1e-12}
+    certificate = Certificate((at_most("residual", np.float64(1e-9), 1e-8, 1e-6), skipped("overlap", "switched off")))
+    estimate = Estimate({"volume": 0.1}, {"volume": 2.6}, 1e-4, zero(body.mesh.geometry.x[:, 0]), 300)
+    return Result(made, body, legs, quantities, {"round_trip": closure}, certificate, estimate)
 
 
 def read(group: h5py.Group) -> dict[str, Any]:

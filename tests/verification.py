@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import ufl
+from command_line import NO_CERTIFICATE
 from dolfinx import fem
 
 from hpcinv.continuation import follow
@@ -21,9 +22,6 @@ from hpcinv.timings import Timings
 
 HERE = Path(__file__)
 BOX = "../meshes/box.py"
-
-
-NO_CERTIFICATE = {"round_trip": "off", "stability": False, "estimate": False, "overlap": False}
 
 
 def job(**data: Any) -> Job:

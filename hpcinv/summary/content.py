@@ -59,6 +59,8 @@ def statistics(
         "unused_petsc_options": list(unused_options),
         "quantities": dict(result.quantities),
         "errors": dict(result.errors),
+        "certificate": result.certificate.as_data() | {"estimate": result.estimate and result.estimate.as_data()},
+        "accuracy": result.accuracy and result.accuracy.as_data(),
         "timings": _timings(timings, comm),
         "peak_memory": comm.allgather(_peak_memory()),
     }

@@ -1,0 +1,61 @@
+"""All checks of a certificate, in order, each in a module of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from hpcinv.certificate.balance import balance
+from hpcinv.certificate.closure import gap, round_trip, stability
+from hpcinv.certificate.estimate import Estimate, estimate
+from hpcinv.certificate.shape import shape
+from hpcinv.certificate.verdict import Certificate, Line, at_least, at_most, skipped
+from hpcinv.placement import placed
+
+if TYPE_CHECKING:
+    from hpcinv.interest import Value
+    from hpcinv.model import Model
+    from hpcinv.result import Leg
+
+DISCRETISATION = "discretisation error of the shape, relative to the displacement"
+
+
+def certify(
+    model: Model, legs: Sequence[Leg], computed: Mapping[str, Value], known: Estimate | None = None
+) -> tuple[Certificate, Estimate | None]:
+    """Check what the legs of a run have found; collective.
+
+    Args:
+        legs: one, or both of a round trip; the certificate is on the body that the first one found.
+        computed: values of the job's quantities of interest.
+        known: the estimate of the first leg, if it has been made before.
+    """
+    leg, lines, found = legs[0], list[Line](), known
+    with model.timings("certificate"):
+        with placed(model.body.mesh, leg.mesh_nodes / model.body.length_scale):
+            lines += _of_the_solution(model, leg)
+            if found is None and model.job.certificate.estimate:
+                found = estimate(model, leg, computed)
+            lines += _discretisation(leg, found)
+        lines += shape(model, leg)
+        lines += round_trip(model, leg) if len(legs) == 1 else [gap(model, leg, legs[1].u)]
+        lines += stability(model, leg)
+    return Certificate(tuple(lines)), found
+
+
+def _of_the_solution(model: Model, leg: Leg) -> Iterator[Line]:
+    model.set_solution(leg.displacement, leg.pressure)
+    equilibrium = model.equilibrium(model.scene(leg.direction), lambda: False)
+    yield from balance(model, equilibrium)
+    equilibrium.destroy()
+    smallest, largest = leg.J_range
+    yield at_least("smallest volume ratio J", smallest, warn=0.1, fail=0.0)
+    yield at_most("largest volume ratio J", largest, warn=10.0, fail=float("inf"))
+
+
+def _discretisation(leg: Leg, found: Estimate | None) -> Iterator[Line]:
+    if found is None:
+        yield skipped(DISCRETISATION, "switched off: certificate.estimate")
+        return
+    size = leg.largest_displacement
+    yield at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, 0.5, note=f"{found.shape:.3g} m")

@@ -1,0 +1,60 @@
+"""Inertia of a symmetric matrix: the signs of its eigenvalues, from one factorization (Sylvester)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+from petsc4py import PETSc
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Numbers of eigenvalues of the symmetric part by sign; ``asymmetry`` is ``‖K - Kᵀ‖/2‖K‖`` (Frobenius)."""
+
+    negative: int
+    zero: int
+    positive: int
+    asymmetry: float
+
+
+_OPTIONS = {
+    "mat_mumps_icntl_13": 1,  # no ScaLAPACK on the root, where negative pivots are not counted
+    "mat_mumps_icntl_24": 1,  # null pivots are found instead of divided by
+    "mat_mumps_icntl_14": 50,
+}
+
+
+def inertia(matrix: PETSc.Mat) -> Inertia | None:
+    """Factorize ``½(K + Kᵀ) = L D Lᵀ`` by MUMPS and count the signs in ``D``; ``None`` if that fails; collective."""
+    symmetric = matrix.transpose(PETSc.Mat())
+    symmetric.aypx(-1.0, matrix)  # K - Kᵀ
+    norms: list[Any] = [m.norm(PETSc.NormType.FROBENIUS) for m in (symmetric, matrix)]
+    symmetric.axpy(-2.0, matrix)  # -(K + Kᵀ)
+    symmetric.scale(-0.5)
+    option: Any = PETSc.Mat.Option.SYMMETRIC  # whatever its stub says
+    symmetric.setOption(option, True)
+    database, prefix = PETSc.Options("inertia_"), "inertia_"
+    for name, value in _OPTIONS.items():
+        database.setValue(name, value)
+    pc = PETSc.PC().create(matrix.comm)
+    try:
+        pc.setOptionsPrefix(prefix)
+        pc.setOperators(symmetric)
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setFactorSolverType("mumps")
+        pc.setFromOptions()
+        pc.setUp()
+        reason: Any = pc.getFailedReason()
+        if reason != PETSc.PC.FailedReason.NOERROR:
+            return None
+        negative, zero, positive = pc.getFactorMatrix().getInertia()
+        return Inertia(int(negative), int(zero), int(positive), norms[0] / (2 * norms[1]))
+    finally:
+        for name in _OPTIONS:
+            database.delValue(name)
+        pc.destroy()
+        symmetric.destroy()

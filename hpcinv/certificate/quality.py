@@ -1,0 +1,110 @@
+"""How well shaped the cells of a moved body are: the worst one, and where it is.
+
+===================  ============================================================================
+tetrahedra           mean ratio ``12 (3V)^(2/3) / Σ lᵢⱼ²``: 1 of the regular one, 0 of a flat one
+hexahedra            scaled Jacobian: the least ``det(e₁ e₂ e₃) / |e₁||e₂||e₃|`` of the edges at
+                     the corners, and of the axes through the middle: 1 of a brick, 0 of a flat one
+curved cells, also   ``min det ∂x/∂ξ / max det ∂x/∂ξ`` in the cell: 1 where nothing is curved
+===================  ============================================================================
+
+Each is negative in a cell that is inside out. The first two are those of the straight cells between the corners.
+
+Source: Liu & Joe, "Relationship between tetrahedron shape measures" (1994), doi:10.1007/BF01955874; Knupp, "Achieving
+finite element mesh quality …, part II" (2000), doi:10.1002/(SICI)1097-0207(20000720)48:8<1165::AID-NME940>3.0.CO;2-Y;
+Johnen, Remacle & Geuzaine, "Geometrical validity of curvilinear finite elements" (2013), doi:10.1016/j.jcp.2012.08.051.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix
+import numpy as np
+
+from hpcinv.mesh.cells import jacobians, scalar_element
+
+if TYPE_CHECKING:
+    from hpcinv.mesh import Body
+    from hpcinv.mesh.source import Floats
+
+_CHUNK = 50_000  # cells at a time
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The least value of a measure in any cell of the moved body, where its middle (m) is, and the least one before."""
+
+    measure: str
+    value: float
+    at: tuple[float, float, float]
+    before: float
+
+
+def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int) -> tuple[Worst, ...]:
+    """The worst cell by its shape and, where cells are curved, by its curvature; collective.
+
+    Args:
+        given, moved: local geometry nodes (n, 3) m of the body that the mesh was made for, and of the one to judge.
+        quadrature_degree: of the rule at whose points, and at the nodes, Jacobians are sampled.
+    """
+    kind, degree = body.source.kind, body.source.degree
+    tetrahedra = kind == "tetrahedron"
+    name, shape = ("mean ratio", mean_ratio) if tetrahedra else ("scaled Jacobian", scaled_jacobian)
+    found = [_worst(name, shape, body, given, moved)]
+    if degree > 1:
+        points, _ = basix.make_quadrature(basix.CellType[kind], quadrature_degree)
+        at = np.concatenate([points, scalar_element(kind, degree).points])
+        found.append(_worst("curvature", lambda nodes: curvature(kind, degree, nodes, at), body, given, moved))
+    return tuple(found)
+
+
+def mean_ratio(nodes: Floats) -> Floats:
+    """Of tetrahedra by their nodes (cells, nodes, 3), corners first."""
+    v = nodes[:, :4]
+    six_volumes = np.linalg.det(v[:, 1:] - v[:, :1])
+    squares = sum(((v[:, i] - v[:, j]) ** 2).sum(axis=1) for i, j in combinations(range(4), 2))
+    return np.asarray(12 * np.sign(six_volumes) * (np.abs(six_volumes) / 2) ** (2 / 3) / squares)
+
+
+def scaled_jacobian(nodes: Floats) -> Floats:
+    """Of hexahedra by their nodes (cells, nodes, 3), corners first."""
+    corners: Floats = scalar_element("hexahedron", 1).points
+    at = np.concatenate([corners, corners.mean(axis=0, keepdims=True)])
+    gradients = jacobians("hexahedron", 1, nodes[:, : len(corners)], at)
+    lengths = np.linalg.norm(gradients, axis=2).prod(axis=2)
+    determinants = np.linalg.det(gradients)
+    shapes: Floats = np.divide(determinants, lengths, out=np.zeros_like(lengths), where=lengths > 0)
+    return np.asarray(shapes.min(axis=1))
+
+
+def curvature(kind: str, degree: int, nodes: Floats, at: Floats) -> Floats:
+    """Of cells by their nodes (cells, nodes, 3): least over largest determinant at the reference points (n, 3)."""
+    determinants = np.linalg.det(jacobians(kind, degree, nodes, at))
+    least, largest = determinants.min(axis=1), np.abs(determinants).max(axis=1)
+    ratios: Floats = np.divide(least, largest, out=np.zeros_like(least), where=largest > 0)
+    return ratios
+
+
+def _worst(measure: str, of: Callable[[Floats], Floats], body: Body, given: Floats, moved: Floats) -> Worst:
+    mesh, kind = body.mesh, body.source.kind
+    dofmap = mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local]
+    corners: Floats = scalar_element(kind, 1).points
+    before, here = (np.inf,), (np.inf, (np.nan,) * 3)
+    for start in range(0, len(dofmap), _CHUNK):
+        cells = dofmap[start : start + _CHUNK]
+        # A mesh may be numbered left-handed throughout: then cells are judged by their mirror images.
+        middle = jacobians(kind, body.source.degree, given[cells], corners.mean(axis=0, keepdims=True))
+        mirror = np.where(np.linalg.det(middle[:, 0]) < 0, -1.0, 1.0)[:, None, None] ** np.array([1, 0, 0])
+        values = of(moved[cells] * mirror)
+        worst = int(values.argmin())
+        middle = moved[cells[worst, : len(corners)]].mean(axis=0)
+        here = min(here, (float(values[worst]), tuple(middle.tolist())))
+        before = min(before, (float(of(given[cells] * mirror).min()),))
+    value, at = min(mesh.comm.allgather(here))
+    return Worst(measure, value, at, min(mesh.comm.allgather(before))[0])

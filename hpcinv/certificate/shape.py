@@ -1,0 +1,45 @@
+"""Whether the body that was found can be one: by its cells, planes of symmetry, and that it does not overlap itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from hpcinv.certificate.overlap import overlap
+from hpcinv.certificate.quality import worst_cells
+from hpcinv.certificate.symmetry import symmetry_planes
+from hpcinv.certificate.verdict import Line, Verdict, at_least, at_most, skipped
+
+if TYPE_CHECKING:
+    from hpcinv.model import Model
+    from hpcinv.result import Leg
+
+OVERLAP = "boundary facets that cross each other"
+
+
+def shape(model: Model, leg: Leg) -> Iterator[Line]:
+    """Check the body that a leg found; collective."""
+    body, given, moved = model.body, leg.mesh_nodes, leg.other_nodes
+    for worst in worst_cells(body, given, moved, model.quadrature_degree):
+        # Where the given mesh is poor already, the moved one need not be better.
+        enough = 0.1 * min(max(worst.before, 0.0), 1.0)
+        note = f"{worst.before:.3g} in the given mesh; at ({_point(worst.at)}) m"
+        yield at_least(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=0.0, note=note)
+    for plane in symmetry_planes(model.job, body, given, moved):
+        name = f"depth beyond the plane of symmetry '{plane.region}', relative to the body"
+        note = f"{plane.crossed:.3g} m inside of its mirror image" if plane.crossed else ""
+        yield at_most(name, plane.crossed / body.length_scale, warn=1e-9, fail=1e-3, note=note)
+    if not model.job.certificate.overlap:
+        yield skipped(OVERLAP, "switched off: certificate.overlap")
+        return
+    found = overlap(body, moved)
+    rule = "number of pairs; fail above 0"
+    if found.at is None:
+        yield Line(OVERLAP, 0.0, "", rule, Verdict.PASS)
+    else:
+        note = f"the body passes through itself, such as at ({_point(found.at)}) m: no such body can be made"
+        yield Line(OVERLAP, float(found.pairs), "", rule, Verdict.FAIL, note)
+
+
+def _point(at: tuple[float, float, float]) -> str:
+    return ", ".join(f"{c:.4g}" for c in at)

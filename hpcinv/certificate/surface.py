@@ -1,0 +1,151 @@
+"""The boundary of a whole body on one process, cut into triangles as finely as its curved facets ask for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.mesh.cells import FACET_KIND, jacobians, scalar_element, sub_entities
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.mesh.topology import unique_rows
+
+if TYPE_CHECKING:
+    from hpcinv.mesh import Body
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Facets cut into triangles that share their corners, each turned so that its normal points out of the body.
+
+    Attributes:
+        points: corners, (n, 3) in m.
+        corners: triangles as rows of ``points``, (m, 3).
+        facet: the facet that each triangle is of, (m,).
+    """
+
+    points: Floats
+    corners: Ints
+    facet: Ints
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Boundary facets of a body, in an order that does not depend on the number of ranks.
+
+    Attributes:
+        kind, degree: of the facets.
+        tags: numbers of the facets' nodes, (f, n), in the order of the reference facet.
+        nodes: their coordinates, (f, n, 3) in m.
+        outward: whether the reference facet's normal points out of the body, (f,).
+    """
+
+    kind: str
+    degree: int
+    tags: Ints
+    nodes: Floats
+    outward: npt.NDArray[np.bool_]
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the facets are triangles already."""
+        return self.kind == "triangle" and self.degree == 1
+
+    def cut(self, divisions: int, facets: Ints) -> Triangles:
+        """Cut each side of some facets into ``divisions`` parts, and the facets into triangles on these parts.
+
+        A triangle becomes ``divisions²`` of them, a quadrilateral four times as many, which meet in the middles of its
+        parts: so the cut of a facet is the same whichever of its corners comes first.
+        """
+        lattice, triangles, weights = _pattern(self.kind, divisions)
+        shapes = scalar_element(self.kind, self.degree).tabulate(0, lattice.reshape(-1, 2))[0, :, :, 0]
+        shapes = shapes.reshape(*lattice.shape[:2], -1).mean(axis=1)
+        points = (shapes @ self.nodes[facets]).reshape(-1, 3)
+        # A point is known by its weights on the corners of the facet: facets share those on a common side.
+        keys = self.tags[facets][:, None, : weights.shape[1]] * (int(weights.max()) + 1) + weights
+        keys = np.sort(np.where(weights > 0, keys, -1), axis=2).reshape(len(points), -1)
+        distinct, place = unique_rows(keys)
+        shared = np.empty((len(distinct), 3))
+        shared[place] = points
+        corners = place.reshape(len(facets), -1)[:, triangles]
+        corners = np.where(self.outward[facets, None, None], corners, corners[:, :, ::-1])
+        return Triangles(shared, corners.reshape(-1, 3), np.repeat(facets, len(triangles)))
+
+
+def gather_surface(body: Body, nodes: Floats) -> Surface | None:
+    """The boundary of a body whose local geometry nodes are moved to ``nodes`` (n, 3) m, on rank 0; collective."""
+    mesh, kind, degree = body.mesh, body.source.kind, body.source.degree
+    topology, geometry = mesh.topology, mesh.geometry
+    topology.create_connectivity(2, 3)
+    topology.create_connectivity(3, 2)
+    facets = dolfinx.mesh.exterior_facet_indices(topology)
+    cells = np.array([topology.connectivity(2, 3).links(f)[0] for f in facets], dtype=np.int64)
+    of_cell = topology.connectivity(3, 2).array.reshape(-1, len(sub_entities(kind, 2)))
+    which = (of_cell[cells] == facets[:, None]).argmax(axis=1)
+
+    table, turned = _facets_of_reference_cell(kind, degree)
+    local = geometry.dofmaps[0][cells[:, None], table[which]]
+    middle = scalar_element(kind, 1).points.mean(axis=0)[None]
+    determinants = np.linalg.det(jacobians(kind, degree, geometry.x[geometry.dofmaps[0][cells]], middle)[:, 0])
+    outward = turned[which] == (determinants > 0)  # in a mesh that is left-handed throughout the normals turn round
+    order = np.stack([np.asarray(topology.original_cell_index)[cells], which], axis=1)
+    tags = geometry.input_global_indices[local].astype(np.int64)
+    gathered = mesh.comm.gather((order, tags, nodes[local], outward))
+    if gathered is None:
+        return None
+    order, tags, points, outward = map(np.concatenate, zip(*gathered, strict=True))
+    first = np.lexsort(order.T[::-1])
+    return Surface(FACET_KIND[kind], degree, tags[first], points[first], outward[first])
+
+
+@cache
+def _facets_of_reference_cell(kind: str, degree: int) -> tuple[Ints, npt.NDArray[np.bool_]]:
+    """Nodes of each facet in the order of the reference facet, and whether that facet's normal points outwards."""
+    vertices: Floats = scalar_element(kind, 1).points
+    of_cell: Floats = scalar_element(kind, degree).points
+    on_facet = scalar_element(FACET_KIND[kind], 1).tabulate(0, scalar_element(FACET_KIND[kind], degree).points)
+    corners = vertices[sub_entities(kind, 2)]
+    nodes = on_facet[0, :, :, 0] @ corners
+    table = np.abs(nodes[:, :, None] - of_cell).max(axis=3).argmin(axis=2)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return table, np.einsum("fi,fi->f", normals, corners[:, 0] - vertices.mean(axis=0)) > 0
+
+
+@cache
+def _pattern(kind: str, divisions: int) -> tuple[Floats, Ints, Ints]:
+    """How a facet is cut.
+
+    Returns:
+        The points, each as the mean of k points of the reference facet (n, k, 2); the triangles between them; integer
+        weights of each point on the facet's corners.
+    """
+    if kind == "triangle":
+        points = [(i, j) for i in range(divisions + 1) for j in range(divisions + 1 - i)]
+        upright = [((i, j), (i + 1, j), (i, j + 1)) for i, j in points if i + j < divisions]
+        hanging = [((i + 1, j), (i + 1, j + 1), (i, j + 1)) for i, j in points if i + j < divisions - 1]
+        triangles, steps, around = upright + hanging, divisions, [(0, 0)]
+    else:
+        # The middles are those of the corners, not of the facet: thin curved parts would be turned over else.
+        steps, around = 2 * divisions, [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+        points = [(i, j) for i in range(steps + 1) for j in range(steps + 1) if i % 2 == j % 2]
+        sides = list(zip(around, around[1:] + around[:1], strict=True))
+        triangles = [
+            ((i, j), (i + a[0], j + a[1]), (i + b[0], j + b[1])) for i, j in points if i % 2 == 1 for a, b in sides
+        ]
+    i, j = np.array(points).T
+    n = steps
+    weights = [n - i - j, i, j] if kind == "triangle" else [(n - i) * (n - j), i * (n - j), (n - i) * j, i * j]
+    spread = np.array(around) * (i % 2)[:, None, None] if kind == "quadrilateral" else np.zeros((1, 1, 2))
+    number = {point: k for k, point in enumerate(points)}
+    return (
+        (np.stack([i, j], axis=1)[:, None] + spread) / n,
+        np.array([[number[point] for point in triangle] for triangle in triangles], dtype=np.int64),
+        np.stack(weights, axis=1).astype(np.int64),
+    )

@@ -1,0 +1,86 @@
+"""Whether a part that stands for a whole by symmetry stays on its side of the planes where it was cut off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx
+import numpy as np
+
+from hpcinv.runtime import MPI
+from hpcinv.sections import AXES
+
+if TYPE_CHECKING:
+    from hpcinv.job import Job
+    from hpcinv.mesh import Body
+    from hpcinv.mesh.regions import LocalIndices
+    from hpcinv.mesh.source import Floats
+    from hpcinv.sections import Axis
+
+_ROUND_OFF = 1e-9  # of the body's diagonal
+
+
+@dataclass(frozen=True)
+class SymmetryPlane:
+    """A plane ``axis = position`` (m) that a support makes one of symmetry, and how deep (m) the moved body crosses it.
+
+    What has crossed it lies inside of the body's mirror image.
+    """
+
+    region: str
+    axis: Axis
+    position: float
+    crossed: float
+
+
+def symmetry_planes(job: Job, body: Body, given: Floats, moved: Floats) -> list[SymmetryPlane]:
+    """Every plane of symmetry among a job's supports; collective.
+
+    A support makes one if it fixes one component alone, normal to the plane in which its region lies in the given body,
+    if all of that body is on one side, and if all of the boundary in that plane is in the region: else it may be a rest
+    beyond which the body is free to sag.
+
+    Args:
+        given, moved: local geometry nodes (n, 3) m of the body that the job gives, and of the one to check.
+    """
+    held: dict[str, set[Axis]] = {}
+    for support in job.supports:
+        held[support.region] = held.get(support.region, set()) | support.held
+    alone = [s for s in job.supports if s.fix is not None and len(held[s.region]) == 1]
+    planes = (_plane(body, s.region, next(iter(s.held)), given, moved) for s in alone)
+    return [plane for plane in planes if plane is not None]
+
+
+def _plane(body: Body, region: str, axis: Axis, given: Floats, moved: Floats) -> SymmetryPlane | None:
+    comm, i = body.mesh.comm, AXES.index(axis)
+    low, high = _extent(comm, given)
+    near = _ROUND_OFF * float(np.linalg.norm(high - low))
+    facets, boundary = body.facets(region), body.facets("boundary")
+    first, last = (end[i] for end in _extent(comm, given[_nodes(body, facets)].reshape(-1, 3)))
+    if last - first > near or (first - low[i] > near and high[i] - last > near):
+        return None
+    position, side = float(first + last) / 2, 1.0 if first - low[i] <= near else -1.0
+    flat = (np.abs(given[_nodes(body, boundary), i] - position) <= near).all(axis=1)
+    if comm.allreduce(len(np.setdiff1d(boundary[flat], facets))):
+        return None
+    depth = comm.allreduce(float((side * (position - moved[:, i])).max(initial=0.0)), op=MPI.MAX)
+    return SymmetryPlane(region, axis, position, depth if depth > near else 0.0)
+
+
+def _nodes(body: Body, facets: LocalIndices) -> LocalIndices:
+    """Geometry nodes of facets, one row each."""
+    if not len(facets):
+        return np.zeros((0, 3), dtype=np.int32)
+    return np.asarray(dolfinx.mesh.entities_to_geometry(body.mesh, 2, facets))
+
+
+def _extent(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, Floats]:
+    """Least and greatest coordinates of the points (n, 3) of all ranks."""
+    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+    return low, high

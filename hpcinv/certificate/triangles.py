@@ -1,0 +1,63 @@
+"""Which pairs of triangles in space pass through each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.mesh.source import Floats, Ints
+
+_EDGES = ((0, 1), (1, 2), (2, 0))
+
+
+def crossing(points: Floats, first: Ints, second: Ints) -> tuple[npt.NDArray[np.bool_], Floats]:
+    """Whether an edge of one triangle goes through the inside of the other, pair by pair, and where it does.
+
+    Two triangles in general position that meet do so on a segment, each end of which is such a point. What they have in
+    common by being neighbours does not count: their shared corner, or their shared edge, on which all of it lies.
+
+    Args:
+        points: corners of the triangles, (n, 3).
+        first, second: triangles as rows of ``points``, (m, 3).
+
+    Returns:
+        Whether they cross (m,), and a point (m, 3) where they do, NaN elsewhere.
+    """
+    crosses, where = np.zeros(len(first), dtype=bool), np.full((len(first), 3), np.nan)
+    shared = (first[:, :, None] == second[:, None, :]).sum(axis=(1, 2))
+    left = np.flatnonzero(shared <= 1)
+    for one, other in ((first, second), (second, first)):
+        left = left[_straddles(points, one[left], other[left])]
+    for one, other in ((first, second), (second, first)):
+        for p, q in _EDGES:
+            pierced, at = _pierces(points, one[left, p], one[left, q], other[left])
+            rows = left[pierced]
+            crosses[rows], where[rows] = True, at[pierced]
+    return crosses, where
+
+
+def _straddles(points: Floats, one: Ints, other: Ints) -> npt.NDArray[np.bool_]:
+    """Whether there are corners of ``other`` on both sides of the plane of ``one``."""
+    a, b, c = (points[one[:, k]] for k in range(3))
+    heights = np.stack([_volume(a, b, c, points[other[:, k]]) for k in range(3)], axis=1)
+    heights[(other[:, :, None] == one[:, None, :]).any(axis=2)] = 0.0
+    return np.asarray((heights.min(axis=1) < 0) & (heights.max(axis=1) > 0))
+
+
+def _pierces(points: Floats, p: Ints, q: Ints, triangle: Ints) -> tuple[npt.NDArray[np.bool_], Floats]:
+    """Whether the edge from ``p`` to ``q`` goes through the inside of a triangle, and where."""
+    apart = ((p[:, None] != triangle) & (q[:, None] != triangle)).all(axis=1)
+    a, b, c = (points[triangle[:, k]] for k in range(3))
+    start, end = points[p], points[q]
+    above, below = _volume(a, b, c, start), _volume(a, b, c, end)
+    around = np.stack([_volume(start, end, *side) for side in ((a, b), (b, c), (c, a))], axis=1)
+    inside = (around > 0).all(axis=1) | (around < 0).all(axis=1)
+    pierces = apart & (((above > 0) & (below < 0)) | ((above < 0) & (below > 0))) & inside
+    share = np.divide(above, above - below, out=np.zeros_like(above), where=pierces)
+    return pierces, start + share[:, None] * (end - start)
+
+
+def _volume(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
+    """Six times the signed volume of tetrahedra, from differences, which are nearly exact where these are small."""
+    volume: Floats = np.einsum("ni,ni->n", np.cross(b - a, c - a), d - a)
+    return volume
