@@ -9,14 +9,10 @@ from typing import TYPE_CHECKING, Any
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-import dolfinx.fem.petsc as fem_petsc
 import numpy as np
-import ufl
-from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.admissibility import Admissibility
-from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.assembly import Assembly
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
 from hpcinv.petsc_options import SolverOptions, Value
 from hpcinv.runtime import MPI
@@ -44,7 +40,8 @@ class Solve:
 
     ``signs`` are those of the determinants of its tangents (empty if the linear solver does not tell them): the number
     of negative eigenvalues has changed by an odd number where it changes. ``gap`` is the distance of the loaded body
-    from the given one (m) after a step of a fixed-point method.
+    from the given one (m) after a step of a fixed-point method. ``strategy`` is what it was a part of; at a
+    ``turning_point`` the load is an extremum along the path.
     """
 
     load: float
@@ -53,10 +50,12 @@ class Solve:
     factorizations: int
     signs: tuple[int, ...] = ()
     gap: float | None = None
+    strategy: str = "load steps"
+    turning_point: bool = False
 
 
-class Equilibrium:
-    """The discrete equations of one scene, and Newton's method for them.
+class Equilibrium(Assembly):
+    """Newton's method for the discrete equations of one scene.
 
     The tangent is kept while corrections contract (Shamanskii); the matrix is then left untouched, so that PETSc keeps
     its factors too, and its symbolic analysis serves the whole run. A correction that would turn an element inside out,
@@ -82,20 +81,9 @@ class Equilibrium:
         reuse: float = 0.3,
         stop_asked: Callable[[], bool] = lambda: False,
     ) -> None:
-        self.scene, self.supports, self.timings = scene, supports, timings
+        super().__init__(scene, supports, timings)
         self.limit, self.reuse, self.stop_asked = limit, reuse, stop_asked
-        self.comm = scene.unknowns.mesh.comm
-        self.state = scene.unknowns.state
-
-        with timings("compile"):
-            self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
-            trial = ufl.TrialFunction(scene.unknowns.space)
-            self._tangent = fem.form(ufl.derivative(scene.residual, self.state, trial), jit_options=JIT_OPTIONS)
-            self._admissibility = Admissibility(scene)
-        with timings("tangent"):
-            self.matrix = fem_petsc.create_matrix(self._tangent)
         with timings("set-up"):
-            self.rhs = fem_petsc.create_vector(scene.unknowns.space)
             # SNES iterates on a vector of its own: the state moves along with every trial of the line search.
             self._x, self._before = self.rhs.duplicate(), self.rhs.duplicate()
             self.options = SolverOptions(options)
@@ -117,10 +105,6 @@ class Equilibrium:
         snes.setLineSearchPreCheck(self._back_off)
         return snes
 
-    def min_mesh_J(self) -> float:
-        """Smallest determinant of the position map over all quadrature points; it must stay positive."""
-        return self._admissibility.min_mesh_J()
-
     def solve(self, load: float, tolerance: float) -> Solve:
         """Newton's method from the present state, which is left unchanged if the outcome is not accepted.
 
@@ -128,7 +112,7 @@ class Equilibrium:
             load: load factor.
             tolerance: estimated error of the state relative to its norm.
         """
-        self._set_load(load)
+        self.set_load(load)
         self._monitor = self._new_monitor(tolerance)
         self._outcome, self._fault, self._fresh, self._correction, self._tangents = None, None, False, None, 0
         self._signs = []
@@ -150,11 +134,11 @@ class Equilibrium:
             outcome = self._fault or outcome  # what kept the last correction short is why
         if outcome is Outcome.LINEAR_SOLVER:
             self.snes.ksp.pc.reset()  # MUMPS cannot go on after a factorization that failed
-        self._set_state(x)
+        self.set_state(x)
         if outcome.accepted:
-            outcome = self._admissibility.fault_of_solution() or outcome
+            outcome = self.fault_of_solution() or outcome
         if not outcome.accepted:
-            self._set_state(accepted)
+            self.set_state(accepted)
         accepted.destroy()
         return Solve(load, outcome, tuple(self._monitor.history), self._tangents, tuple(self._signs))
 
@@ -164,35 +148,51 @@ class Equilibrium:
         A step that would turn an element inside out is not taken.
         """
         start, x = self.state.x.petsc_vec.copy(), self._x
-        self._set_load(load)
+        self.set_load(load)
         self._assemble_residual(self.snes, start, self.rhs)
         with self.timings("linear solve"):
             self.snes.ksp.solve(self.rhs, x)
         x.aypx(-1.0, start)
-        self._set_state(x)
-        if not np.isfinite(_norm(x)) or self._admissibility.fault():
-            self._set_state(start)
+        self.set_state(x)
+        if not np.isfinite(_norm(x)) or self.fault():
+            self.set_state(start)
         start.destroy()
 
     def linearise(self, load: float) -> None:
         """Assemble the tangent at the present state and a load factor."""
-        self._set_load(load)
-        self._monitor = self._new_monitor(1.0)  # has seen no iteration, so wants a new tangent
-        self._assemble_tangent(self.snes, self.state.x.petsc_vec.copy(), self.matrix, self.matrix)
+        self.set_load(load)
+        self.tangent()
+
+    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """``x = K⁻¹ b`` with the tangent that was last assembled, factorized if need be; false if that failed."""
+        ksp = self.snes.ksp
+        with self.timings("factorization"):
+            ksp.setOperators(self.matrix)
+            ksp.setUp()
+        with self.timings("linear solve"):
+            ksp.solve(b, x)
+        solved = bool(ksp.getConvergedReason() >= 0 and np.isfinite(_norm(x)))
+        if not solved:
+            ksp.pc.reset()  # MUMPS cannot go on after a factorization that failed
+        return solved
 
     def correct(self, load: float) -> None:
         """Add one full Newton correction to the present state, whatever it does to the elements."""
         start = self.state.x.petsc_vec.copy()
         self.linearise(load)
-        self._assemble_residual(self.snes, start, self.rhs)
-        with self.timings("factorization"):
-            self.snes.ksp.setOperators(self.matrix)
-            self.snes.ksp.setUp()
-        with self.timings("linear solve"):
-            self.snes.ksp.solve(self.rhs, self._x)
+        self.residual(self.rhs)
+        self.solve_linear(self.rhs, self._x)
         self._x.aypx(-1.0, start)
-        self._set_state(self._x)
+        self.set_state(self._x)
         start.destroy()
+
+    def position(self) -> PETSc.Vec:
+        """A copy of the present state."""
+        return self.state.x.petsc_vec.copy()
+
+    def interrupted(self) -> bool:
+        """Whether a signal has asked any rank to stop; collective."""
+        return bool(self.comm.allreduce(self.stop_asked(), op=MPI.LOR))
 
     def destroy(self) -> None:
         """Free what PETSc holds."""
@@ -203,38 +203,18 @@ class Equilibrium:
     def _new_monitor(self, tolerance: float) -> NewtonMonitor:
         return NewtonMonitor(tolerance, self.limit, self.reuse)
 
-    def _set_load(self, load: float) -> None:
-        self.scene.parameters.set_load(load)
-        self.supports.scale(load)
-
-    def _set_state(self, x: PETSc.Vec) -> None:
-        x.copy(self.state.x.petsc_vec)
-        self.state.x.scatter_forward()
-
     def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
-        with self.timings("residual"):
-            self._set_state(x)
-            with b.localForm() as local:
-                local.set(0.0)
-            fem_petsc.assemble_vector(b, self._residual)
-            conditions, state = self.supports.conditions, self.state.x.petsc_vec
-            if self.supports.prescribe_motion:
-                fem_petsc.apply_lifting(b, [self._tangent], bcs=[conditions], x0=[state], alpha=-1.0)
-            b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-            fem_petsc.set_bc(b, conditions, x0=state, alpha=-1.0)
+        self.set_state(x)
+        self.residual(b)
 
-    def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, _P: PETSc.Mat) -> None:
+    def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, _A: PETSc.Mat, _P: PETSc.Mat) -> None:
         self._fresh = self._monitor.wants_new_tangent
-        if not self._fresh:
-            return
-        self._tangents += 1
-        with self.timings("tangent"):
-            self._set_state(x)
-            A.zeroEntries()
-            fem_petsc.assemble_matrix(A, self._tangent, bcs=self.supports.conditions)
-            A.assemble()
+        if self._fresh:
+            self._tangents += 1
+            self.set_state(x)
+            self.tangent()
 
-    def _sign_of_determinant(self) -> int:
+    def sign_of_determinant(self) -> int:
         """Of the tangent whose factors are at hand; 0 if the linear solver does not tell."""
         pc = self.snes.ksp.pc
         if pc.getType() != PETSc.PC.Type.LU or pc.getFactorSolverType() != "mumps":
@@ -245,7 +225,7 @@ class Equilibrium:
     def _judge(self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]) -> int:
         """PETSc's convergence test."""
         residual = norms[2]
-        if self.comm.allreduce(self.stop_asked(), op=MPI.LOR):
+        if self.interrupted():
             self._outcome = Outcome.INTERRUPTED
             return _GIVEN_UP
         x = snes.getSolution()
@@ -257,7 +237,7 @@ class Equilibrium:
                 self._outcome = Outcome.CONVERGED
                 return _DONE
             return 0
-        if self._fresh and (sign := self._sign_of_determinant()):
+        if self._fresh and (sign := self.sign_of_determinant()):
             self._signs.append(sign)
         if self._correction is None:  # no line search: a trust region, say
             self._before.aypx(-1.0, x)
@@ -280,8 +260,8 @@ class Equilibrium:
             for _ in range(10):
                 x.copy(trial)
                 trial.axpy(-1.0, y)
-                self._set_state(trial)
-                if (fault := self._admissibility.fault()) is None:
+                self.set_state(trial)
+                if (fault := self.fault()) is None:
                     break
                 self._fault = fault
                 y.scale(0.5)

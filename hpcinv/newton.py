@@ -53,6 +53,32 @@ class Outcome(enum.Enum):
         "the line search found no acceptable step",
         "Take the default line search (remove snes_linesearch_type), or a smaller solver.initial_step.",
     )
+    FORWARD_FAILED = (
+        "a forward problem of the fixed-point method was not solved",
+        "Its own outcome stands before this one. Try 'method: direct', which solves none, or a smaller"
+        " fixed_point.relaxation.",
+    )
+    FIXED_POINT_LIMIT = (
+        "the fixed-point method took too many iterations",
+        "Try 'method: direct', anderson or aitken, or raise fixed_point.maximum_iterations.",
+    )
+    FIXED_POINT_DIVERGED = (
+        "the fixed-point method comes no closer to the given shape",
+        "Try 'method: direct', anderson or aitken, or a smaller fixed_point.relaxation. Is fixed_point.tolerance above"
+        " rounding errors?",
+    )
+    FOLD = (
+        "the load has a turning point here: this branch of solutions goes no higher",
+        "Lower the load; or, to go past the turning point, set 'solver: {strategy: arc-length, folds: 1}' or more.",
+    )
+    ANOTHER_PATH = (
+        "the solution found does not belong to the path from the unloaded body",
+        "Try a smaller solver.initial_step.",
+    )
+    STEP_LIMIT = (
+        "the path took too many steps",
+        "Raise solver.maximum_steps.",
+    )
     INTERRUPTED = "interrupted by a signal", ""
 
     def __init__(self, text: str, advice: str) -> None:
