@@ -12,14 +12,17 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 # isort: split
 from dolfinx import fem
 
+from hpcinv.accuracy import Record, Search
+from hpcinv.certificate import Certificate, Estimate, Line, Verdict, certify
 from hpcinv.checkpoint import Checkpoints, Position, Restart, cells_digest
 from hpcinv.comparison import closure, distance, read_expected
-from hpcinv.continuation import follow
+from hpcinv.equilibrium import Solve
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.fields import write_fields
 from hpcinv.interest import check_points, evaluate
 from hpcinv.legs import leg_of
 from hpcinv.mesh import build_body, write_mesh
+from hpcinv.methods import method_for
 from hpcinv.model import Model
 from hpcinv.newton import Outcome
 from hpcinv.progress import Progress
@@ -31,8 +34,8 @@ from hpcinv.timings import Timings
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
-    from hpcinv.equilibrium import Solve
     from hpcinv.job import Job
+    from hpcinv.mesh.source import Floats
 
 
 def run(
@@ -77,22 +80,26 @@ class _Run:
         self.progress, self.stop_asked = progress, stop_asked
         self.timings = Timings()
         self.legs: list[Leg] = []
+        self.reached = 0.0  # load factor of the last leg
         self.since_checkpoint = 0  # accepted steps
         self.unused_options: list[str] = []
+        self.record: Record | None = None
+        self.estimate: Estimate | None = None
 
     def go(self, *, overwrite: bool, resume: bool) -> Result:
-        job, comm = self.job, self.comm
-        with self.timings("mesh"):
-            self.body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
-            expected = read_expected(job, self.body)
-            check_points(job.quantities, self.body)
-        self.model = Model(job, self.body, self.timings)
+        expected = None if self.job.accuracy else self._prepare()
+        if self.job.accuracy:
+            self._search()
+        job = self.job
         self.checkpoints, restart = self._open(overwrite=overwrite, resume=resume)
 
         for number, direction in enumerate(job.legs):
-            self._solve(number, direction, restart)
+            if number == len(self.legs):  # else the search has solved it
+                self._solve(number, direction, restart)
+            if self.reached < 1.0:
+                self._give_up(self.reached, self.legs[-1].solves[-1].outcome)
             if number == 0:
-                quantities = evaluate(job.quantities, self.body, self.legs[0])
+                quantities = evaluate(job.quantities, self.body, self.legs[0], self.model)
                 self._write_shape()
             if number + 1 < len(job.legs):
                 # The next leg is solved on the body that was just found.
@@ -103,8 +110,28 @@ class _Run:
             errors["expected_shape"] = distance(self.body, self.legs[0], expected)
         if len(self.legs) == 2:
             errors["round_trip"] = closure(*self.legs)
-        result = Result(job, self.body, tuple(self.legs), quantities, errors, {}, self._path)
-        return self._finish(result, "converged")
+        certificate, found = certify(self.model, self.legs, quantities, self.estimate)
+        if self.record is not None:
+            certificate = Certificate((*certificate.lines, *self.record.lines()))
+        result = Result(job, self.body, tuple(self.legs), quantities, errors, certificate, found, {}, self._path)
+        return self._finish(replace(result, accuracy=self.record), "converged")
+
+    def _prepare(self) -> Floats | None:
+        """Body and model as the job gives them, and the nodes of the expected shape."""
+        job = self.job
+        with self.timings("mesh"):
+            self.body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve)
+            expected = read_expected(job, self.body)
+            check_points(job.quantities, self.body)
+        self.model = Model(job, self.body, self.timings)
+        return expected
+
+    def _search(self) -> None:
+        """Body, model and first leg as the demands on the accuracy want them."""
+        search = Search(self.job, self.comm, self.timings, self.progress, self.stop_asked)
+        self.record, best = search.run(), search.best
+        self.job, self.body, self.model, self.legs = best.job, best.body, best.model, [best.leg]
+        self.reached, self.estimate, self.unused_options = best.load, best.estimate, best.unused_options
 
     def _open(self, *, overwrite: bool, resume: bool) -> tuple[Checkpoints | None, Restart | None]:
         """Make or find the run directory, now that the job is known to be right."""
@@ -113,55 +140,60 @@ class _Run:
         directory, job = self.directory, self.job
         # Functions are saved cell by cell: a generator must have made the same cells again.
         problem = on_root(self.comm, lambda: job.fingerprint() | {"cells": cells_digest(self.body)})
-        checkpoints = Checkpoints(directory.checkpoints, self.comm, problem, job.checkpoint.keep)
-        restart = checkpoints.latest() if resume else None
-        if not resume:
-            on_root(self.comm, lambda: directory.create(job, overwrite=overwrite))
+        # A search for accuracy saves nothing and begins anew.
+        checkpoints = None
+        if not job.accuracy:
+            checkpoints = Checkpoints(directory.checkpoints, self.comm, problem, job.checkpoint.keep)
+        restart = checkpoints.latest() if checkpoints and resume else None
+        if not resume or checkpoints is None:
+            on_root(self.comm, lambda: directory.create(job, overwrite=overwrite or resume))
         elif on_root(self.comm, lambda: directory.job(None) != job):
             on_root(self.comm, lambda: directory.change(job))
         self.progress.begin(job, self.body, self.model.unknowns.size, directory.path, restart)
         return checkpoints, restart
 
     def _solve(self, number: int, direction: Direction, restart: Restart | None) -> None:
-        """One leg: continuation from the unloaded body, or from the checkpoint, to the full load."""
-        model, unknowns = self.model, self.model.unknowns
-        load: float = 0.0
-        solves: list[Solve] = []
-        unknowns.state.x.array[:] = 0.0
-        if restart is not None and restart.position.leg >= number:
-            load = restart.position.load if restart.position.leg == number else 1.0
-            solves = list(restart.position.solves[number])
-            u, p = model.solution()
-            for name, function in _named(number, u, p).items():
-                restart.read(name, function)
-            model.set_solution(u, p)
-        scene = model.scene(direction)
-        equilibrium = model.equilibrium(scene, self.stop_asked)
+        """One leg: from the unloaded body, or from the checkpoint, to the full load."""
+        model = self.model
+        resumed = restart is not None and restart.position.leg >= number
+        model.unknowns.state.x.array[:] = 0.0
+        load, solves = self._take_up(number, restart) if restart and resumed else (0.0, list[Solve]())
+        method = method_for(model, direction, self.stop_asked)
         self.progress.leg(direction)
         stop, begin, every = False, load, self.job.checkpoint.every
-        for solve in follow(equilibrium, model.steps, self.job.solver.tolerance, load=load):
-            self.progress.solve(solve, self._largest_displacement(), equilibrium.min_mesh_J())
+        for solve in method.solves(load, resumed=resumed):
+            self.progress.solve(solve, self._largest_displacement(), method.min_mesh_J())
             interrupted = solve.outcome is Outcome.INTERRUPTED
             if not interrupted:  # else the resumed run does it
                 solves.append(solve)
-            if solve.outcome.accepted:
-                load = solve.load
+            if method.can_restart_after(solve):
                 self.since_checkpoint += 1
             if every and self.since_checkpoint >= every:
-                self._checkpoint(number, load, solves)
+                self._checkpoint(number, method.reached, solves)
             stop = self.comm.allreduce(self.stop_asked() or interrupted, op=MPI.LOR)
             if stop:
                 break
+        load = method.reached
         if begin < 1.0:  # else nothing was solved, and PETSc asked for nothing
-            self.unused_options = equilibrium.options.unused()
-        equilibrium.destroy()
+            self.unused_options = method.equilibrium.options.unused()
+        method.equilibrium.destroy()
         if self.since_checkpoint and (stop or (every and load < 1.0)):
             self._checkpoint(number, load, solves)
         if stop and (load < 1.0 or number + 1 < len(self.job.legs)):
             raise self._interrupted(number, load)
+        scene = model.scene(direction)
+        scene.parameters.set_load(load)
         self.legs.append(leg_of(model, direction, scene, tuple(solves)))
-        if load < 1.0:
-            self._give_up(load, solves[-1].outcome)
+        self.reached = load
+
+    def _take_up(self, number: int, restart: Restart) -> tuple[float, list[Solve]]:
+        """Make the state of a checkpoint the model's; its load factor in this leg, and the solves that led to it."""
+        u, p = self.model.solution()
+        for name, function in _named(number, u, p).items():
+            restart.read(name, function)
+        self.model.set_solution(u, p)
+        load = restart.position.load if restart.position.leg == number else 1.0
+        return load, list(restart.position.solves[number])
 
     def _checkpoint(self, number: int, load: float, solves: list[Solve]) -> None:
         self.since_checkpoint = 0
@@ -196,12 +228,14 @@ class _Run:
 
     def _give_up(self, load: float, outcome: Outcome) -> None:
         """Tell how far it came, and leave what was reached in the summary and the checkpoint."""
-        self._finish(Result(self.job, self.body, tuple(self.legs), {}, {}, {}, self._path), outcome.text)
+        unreached = Certificate((Line("load factor", load, "", "must reach 1", Verdict.FAIL, outcome.text),))
+        result = Result(self.job, self.body, tuple(self.legs), {}, {}, unreached, None, {}, self._path)
+        self._finish(result, outcome.text)
         raise SolveError(f"stopped at load factor {load:.6g} of 1: {outcome.text}", outcome.advice)
 
     def _interrupted(self, number: int, load: float) -> Interrupted:
         where = f"stopped by a signal in the {self.job.legs[number]} solve at load factor {load:.6g}"
-        if self.directory is None:
+        if self.directory is None or self.checkpoints is None:
             return Interrupted(f"{where}; nothing was saved")
         saved = "what was reached is saved" if number > 0 or load > 0 else "there was nothing to save yet"
         return Interrupted(

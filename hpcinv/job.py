@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
+from hpcinv.demands import read_demands
 from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
 from hpcinv.expressions import Expression, faults
@@ -17,6 +18,7 @@ from hpcinv.fingerprint import fingerprint
 from hpcinv.loading import read_yaml
 from hpcinv.materials import Material, MaterialLaw
 from hpcinv.plugins import load_file, load_installed
+from hpcinv.quantities import AnyQuantity
 from hpcinv.rules import unknown_case, unknown_families, unsuited, wants_pressure
 from hpcinv.schema import ListOf, Name, Problems, Spec, at, problems_in, raise_if_any
 from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
@@ -70,6 +72,8 @@ class Job(Spec):
     """numbers to report"""
     expected_shape: MeshFile | None = None
     """a mesh with the same nodes, from which the distance of the recovered shape is reported"""
+    accuracy: Mapping[Name, AnyQuantity] = {}
+    """largest errors of quantities by name, such as {tip: 0.1 mm}: degree and mesh are then chosen to meet them"""
 
     _path: Path | None = PrivateAttr(default=None)
 
@@ -237,6 +241,22 @@ class Job(Spec):
         if "material" in info.data:
             raise_if_any(unsuited(discretisation, _laws(info.data["material"])))
         return discretisation
+
+    @field_validator("accuracy", mode="plain")
+    @classmethod
+    def _can_be_met(cls, given: object, info: ValidationInfo) -> Mapping[str, float]:
+        if "quantities" not in info.data:  # already reported
+            return {}
+        demands, problems = read_demands(given, info.data["quantities"])
+        raise_if_any(problems)
+        if demands and info.data.get("expected_shape") is not None:
+            raise ValueError("cannot go with 'expected_shape', which needs the job's own mesh; remove one of them")
+        if demands and info.data.get("method", "direct") != "direct":
+            raise ValueError("needs 'method: direct'")
+        solver = info.data.get("solver")
+        if not demands and solver is not None and "maximum_unknowns" in solver.model_fields_set:
+            raise ValueError("is needed if solver.maximum_unknowns is given, which bounds what it may take")
+        return demands
 
     @field_validator("quantities")
     @classmethod

@@ -64,6 +64,8 @@ class Solver(Spec):
     """Newton iterations after which a step has failed"""
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-12
     """estimated error of the displacement, relative to it, at which the full load has converged"""
+    maximum_unknowns: Annotated[int, Field(ge=1)] = 2_000_000
+    """largest number of unknowns that 'accuracy' may take"""
     reuse_tangent: bool = True
     """keep a factorized tangent for as long as it converges well"""
     petsc: Mapping[str, PetscValue] = {}
@@ -110,7 +112,7 @@ class CertificateSettings(Spec):
     """What is checked when a run has ended. Each of these costs a factorization or more and can be left out."""
 
     round_trip: Literal["near", "path", "off"] = "near"
-    """solve back from the body that was found: near starts from the known displacement, path from the unloaded body"""
+    """solve back from the body that was found, starting near the known displacement, or unloaded (path)"""
     stability: bool = True
     """whether the loaded body is in stable equilibrium, and whether the path to it crossed a fold"""
     estimate: bool = True

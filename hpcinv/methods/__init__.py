@@ -1,0 +1,25 @@
+"""Methods for a leg: the direct one, and for inverse problems fixed points of repeated forward solves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from hpcinv.methods.direct import Direct
+from hpcinv.methods.fixed_point import FixedPoint
+from hpcinv.methods.method import Method
+from hpcinv.methods.updates import UPDATES
+
+if TYPE_CHECKING:
+    from hpcinv.effects import Direction
+    from hpcinv.model import Model
+
+
+def method_for(model: Model, direction: Direction, stop_asked: Callable[[], bool]) -> Method:
+    """The method that the model's job asks for; a forward problem is always solved directly."""
+    if direction == "forward" or model.job.method == "direct":
+        return Direct(model, direction, stop_asked)
+    return FixedPoint(model, stop_asked)
+
+
+__all__ = ["UPDATES", "Direct", "FixedPoint", "Method", "method_for"]
