@@ -1,4 +1,4 @@
-"""Command line: ``python -m hpcinv run | resume | validate | explain | laws | effects | schema``."""
+"""Command line: ``python -m hpcinv run | resume | study | validate | explain | laws | effects | schema``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from hpcinv import __version__
 from hpcinv.errors import HpcinvError
 from hpcinv.job import Job, json_schema, load
 from hpcinv.rundirectory import RunDirectory, choose
+from hpcinv.study.plan import is_study, load_plan
 
 if TYPE_CHECKING:
     from hpcinv.ingredient import Ingredient
 
 EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
-4 no usable checkpoint, 5 a system part is missing, 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C"""
+4 no usable checkpoint, 5 a system part is missing, 6 the certificate fails, 7 it has warnings (--strict),
+75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C"""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -37,7 +39,7 @@ def _validate(options: argparse.Namespace) -> int:
     failed = 0
     for path in options.jobs:
         try:
-            load(path)
+            (load_plan if is_study(path) else load)(path)
         except HpcinvError as error:
             print(error, file=sys.stderr)
             failed = error.exit_code
@@ -140,7 +142,7 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
         from hpcinv.driver import run
 
         try:
-            run(
+            result = run(
                 job,
                 comm,
                 directory=directory.path,
@@ -149,6 +151,35 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
                 progress=progress,
                 stop_asked=stop,
             )
+        finally:
+            stop.ignore()
+    return result.certificate.verdict.exit_code(strict=options.strict)
+
+
+def _study(options: argparse.Namespace) -> int:
+    from hpcinv.signals import StopRequest, end_on_interrupt
+
+    stop = StopRequest()
+    stop.install()
+
+    from hpcinv.runtime import MPI, abort, failing_together, on_root, require_ranks
+
+    stop.install()
+    comm = MPI.COMM_WORLD
+    with failing_together(comm):
+        end_on_interrupt(lambda: abort(comm, 130))
+        require_ranks(comm, options.ranks)
+        plan = on_root(comm, lambda: load_plan(options.study))
+
+        from hpcinv.study.command import conduct
+
+        def note(text: str) -> None:
+            if comm.rank == 0:
+                print(text, flush=True)
+
+        directory = options.output or Path("results") / plan.study.study
+        try:
+            conduct(plan, comm, directory=directory, note=note, stop_asked=stop)
         finally:
             stop.ignore()
     return 0
@@ -174,13 +205,22 @@ def _parser() -> argparse.ArgumentParser:
     resume.add_argument("--job", type=Path, help="a changed job: solver, output and checkpoint settings may differ")
     resume.set_defaults(command=_resume)
 
+    study = commands.add_parser("study", help="accuracy against time: many runs of a job, their errors and costs")
+    study.add_argument("study", type=Path, help="study file (YAML)")
+    study.add_argument("--output", type=Path, metavar="DIR", help="where it goes, and goes on (default: results/STUDY)")
+    study.set_defaults(command=_study)
+
     for parallel in (run, resume):
+        parallel.add_argument(
+            "--strict", action="store_true", help="end with exit code 7 if the certificate passes with warnings"
+        )
+    for parallel in (run, resume, study):
         parallel.add_argument(
             "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
         )
 
-    validate = commands.add_parser("validate", help="check job files without running them")
-    validate.add_argument("jobs", type=Path, nargs="+", metavar="job", help="job file (YAML)")
+    validate = commands.add_parser("validate", help="check job and study files without running them")
+    validate.add_argument("jobs", type=Path, nargs="+", metavar="job", help="job or study file (YAML)")
     validate.set_defaults(command=_validate)
 
     explain = commands.add_parser("explain", help="show what a job's scene contains, and measure what each part costs")

@@ -20,7 +20,7 @@ _MESH = {"parameters", "unit", "geometry_degree"}  # not its path: a moved file 
 def fingerprint(job: Job) -> dict[str, Any]:
     """The physics of a job as JSON data, with open choices filled in and files by their SHA-256."""
     mesh = job.mesh.model_dump(mode="json", include=_MESH, exclude_none=True) | {
-        "sha256": _digest(job.resolve(job.mesh.file))
+        "sha256": file_digest(job.resolve(job.mesh.file))
     }
     discretisation = {
         "formulation": "mixed" if job.is_mixed else "displacement",
@@ -30,7 +30,7 @@ def fingerprint(job: Job) -> dict[str, Any]:
     }
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True)
     if job.plugins:
-        physics["plugins"] = [_digest(job.resolve(plugin)) for plugin in job.plugins]
+        physics["plugins"] = [file_digest(job.resolve(plugin)) for plugin in job.plugins]
     return physics | {"legs": list(job.legs), "mesh": mesh, "discretisation": discretisation}
 
 
@@ -58,7 +58,7 @@ def _leaves(data: Any, where: Location) -> Iterator[tuple[Location, Any]]:
         yield where, data
 
 
-def _digest(path: Path) -> str:
+def file_digest(path: Path) -> str:
     """SHA-256 of a mesh file and of the HDF5 files that an XDMF file keeps its numbers in."""
     digest = hashlib.sha256()
     content = path.read_bytes()

@@ -22,6 +22,7 @@ from hpcinv.errors import JobError
 from hpcinv.fingerprint import difference
 from hpcinv.job import Job, json_schema, parse
 from hpcinv.materials import laws
+from hpcinv.study.plan import is_study, load_plan
 
 GENERATOR = """
 from hpcinv.quantities import Length
@@ -48,6 +49,7 @@ def load(tmp_path: Path) -> Loader:
     (tmp_path / "meshes").mkdir()
     (tmp_path / "jobs").mkdir()
     (tmp_path / "meshes" / "beam.py").write_text(GENERATOR)
+    (tmp_path / "meshes" / "beam.geo").write_text("DefineConstant [ size = {0.002} ];")
     (tmp_path / "meshes" / "beam.msh").write_text("a ready-made mesh")
 
     def load(edit: Edit = lambda job: None, name: str = "arm.yaml") -> Job:
@@ -147,7 +149,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"mesh": {"file": "../meshes/beam.stl"}}, "mesh.file: '../meshes/beam.stl' is no mesh that can be read"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"sise": 1}}}, "mesh.parameters.sise: beam.py has no such"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"size": "1 kg"}}}, "mesh.parameters.size: must be a length"),
-    ({"mesh": {"file": "../meshes/beam.py", "unit": "mm"}}, "mesh.unit: has no use with a generator"),
+    ({"mesh": {"file": "../meshes/beam.geo", "unit": "mm"}}, "mesh.unit: has no use with a .geo script"),
     ({"mesh": {"file": "../meshes/beam.msh", "unit": "kg"}}, "mesh.unit: must be a length"),
     ({"mesh": {"file": "../meshes/beam.msh", "parameters": {"a": 1}}}, "mesh.parameters: only generators have"),
     ({"mesh": {"file": "../meshes/beam.msh", "geometry_degree": 3}}, "mesh.geometry_degree: must be 1 or 2, not 3"),
@@ -304,9 +306,15 @@ def test_a_checkpoint_can_be_turned_off(load: Loader) -> None:
     assert load(lambda j: j.update(checkpoint={"every": False})).checkpoint.every == 0
 
 
-@pytest.mark.parametrize("path", sorted((Path(__file__).parents[1] / "jobs").glob("*.yaml")), ids=lambda p: p.name)
-def test_the_jobs_that_come_with_the_project_are_valid_and_say_what_they_show(path: Path) -> None:
-    assert hpcinv.load(path).path == path
+JOBS = sorted((Path(__file__).parents[1] / "jobs").rglob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", JOBS, ids=lambda p: p.name)
+def test_the_jobs_and_studies_that_come_with_the_project_are_valid_and_say_what_they_show(path: Path) -> None:
+    if is_study(path):
+        assert load_plan(path).runs
+    else:
+        assert hpcinv.load(path).path == path
     assert path.read_text().startswith("# ")
 
 

@@ -1,0 +1,178 @@
+"""Work–precision diagrams: error against time, a line for each ladder, the Pareto front behind them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from hpcinv.study.findings import Accuracy, Point
+    from hpcinv.study.rows import Row
+
+# Told apart by colour-blind readers (Okabe & Ito, 2008), and in black and white by markers and dashes.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (2, 1)))
+STYLE: Any = {
+    "svg.fonttype": "none",  # text stays text
+    "svg.hashsalt": "hpcinv",  # the same diagram is the same file
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
+FORMATS = ("png", "svg")
+
+
+def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping[str, str]) -> dict[str, bytes]:
+    """Error against time as files by their format; none if there is no error to show.
+
+    Args:
+        seconds: what the time is of.
+        varied: what varies along each ladder.
+    """
+    points = [point for point in accuracy.points if _can_be_shown(point)]
+    if not points:
+        return {}
+    with _figure(7.0, 4.8) as figure:
+        axes = figure.add_subplot()
+        _draw_front(axes, [point for point in points if point.on_front])
+        ladders = list(dict.fromkeys(point.ladder for point in accuracy.points))
+        for i, ladder in enumerate(ladders):
+            name = f"{ladder} ({varied[ladder]})" if varied[ladder] else ladder
+            _draw_ladder(axes, i, name, [point for point in points if point.ladder == ladder])
+        many = "average " if any(len(point.errors) > 1 for point in points) else ""
+        axes.set(xscale="log", yscale="log", xlabel=f"time / s ({seconds})", ylabel=many + _error_label(accuracy))
+        axes.set_title(f"{title}: {accuracy.name}", loc="left", fontsize=10)
+        axes.grid(which="major", color="0.92", linewidth=0.6)
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.margins(0.08, 0.1)
+        axes.legend(frameon=False, fontsize=8)
+        hidden = sum(len(p.errors) > 0 and not _can_be_shown(p) for p in accuracy.points)
+        note = f"; {hidden} without any error cannot be shown" if hidden else ""
+        axes.annotate(
+            f"reference: {_origin(accuracy)}; filled: on the Pareto front{note}",
+            (0, -0.16),
+            xycoords="axes fraction",
+            fontsize=7,
+            color="0.35",
+            va="top",
+        )
+        return _files(figure)
+
+
+def over_cases(title: str, accuracy: Accuracy, rows: Sequence[Row]) -> dict[str, bytes]:
+    """Error against each parameter of the cases that has numbers, as files by their format; none without cases."""
+    keys = dict.fromkeys(key for row in rows for key, v in row.place.parameters.items() if isinstance(v, int | float))
+    shown = [(row, error) for row, error in zip(rows, accuracy.errors, strict=True) if error]
+    keys = {key: None for key in keys if len({row.place.parameters.get(key) for row, _ in shown}) > 2}
+    if not keys:
+        return {}
+    with _figure(3.6 * len(keys) + 1.0, 3.8) as figure:
+        for n, (key, axes) in enumerate(zip(keys, figure.subplots(1, len(keys), squeeze=False)[0], strict=True)):
+            groups = dict.fromkeys((row.place.ladder, row.place.step, row.place.label) for row, _ in shown)
+            for i, group in enumerate(groups):
+                those = [(row.place.parameters.get(key), e) for row, e in shown if _group(row) == group]
+                x, y = zip(*((p, e) for p, e in those if p is not None), strict=True)
+                name = ", ".join(part for part in (group[0], group[2]) if part)
+                colour, marker, _ = _style(i)
+                axes.plot(x, y, marker, color=colour, markersize=4, label=name, gid=f"cases-{n}-{i}")
+            positive = all((row.place.parameters.get(key) or 0) > 0 for row, _ in shown)
+            axes.set(xscale="log" if positive else "linear", yscale="log", xlabel=key.rpartition(".")[2])
+            axes.grid(which="major", color="0.92", linewidth=0.6)
+        figure.axes[0].set(ylabel=_error_label(accuracy))
+        figure.axes[0].set_title(f"{title}: {accuracy.name}", loc="left", fontsize=10)
+        figure.axes[-1].legend(frameon=False, fontsize=8)
+        return _files(figure)
+
+
+def _group(row: Row) -> tuple[str, int, str]:
+    return row.place.ladder, row.place.step, row.place.label
+
+
+def _can_be_shown(point: Point) -> bool:
+    return bool(point.average) and bool(point.costs["time"])
+
+
+def _draw_ladder(axes: Axes, number: int, name: str, points: Sequence[Point]) -> None:
+    colour, marker, dashes = _style(number)
+    times = [point.costs["time"] or 0.0 for point in points]
+    errors = [point.average or 0.0 for point in points]
+    axes.plot(times, errors, linestyle=dashes, color=colour, linewidth=1.2, gid=f"ladder-{number}")
+    for point, time, error in zip(points, times, errors, strict=True):
+        face = colour if point.on_front else "white"
+        axes.plot(time, error, marker, color=colour, markerfacecolor=face, markersize=6)
+        if len(point.errors) > 1:
+            axes.vlines(time, min(e for e in point.errors if e), max(point.errors), color=colour, linewidth=0.7)
+        axes.annotate(
+            point.label,
+            (time, error),
+            xytext=(5, 4 if number % 2 == 0 else -10),
+            textcoords="offset points",
+            fontsize=7,
+            color=colour,
+        )
+    axes.plot([], [], linestyle=dashes, marker=marker, color=colour, linewidth=1.2, label=name)
+
+
+def _draw_front(axes: Axes, points: Sequence[Point]) -> None:
+    """The least error for the time that one has: it falls in steps."""
+    if not points:  # a run without any error, which cannot be shown, beats them all
+        return
+    corners = sorted((point.costs["time"] or 0.0, point.average or 0.0) for point in points)
+    x, y = zip(*corners, strict=True)
+    axes.step(
+        x,
+        y,
+        where="post",
+        color="0.85",
+        linewidth=5,
+        zorder=0,
+        solid_capstyle="round",
+        label="Pareto front",
+        gid="front",
+    )
+
+
+def _style(number: int) -> tuple[str, str, Any]:
+    """Colour, marker and dashes; where they begin again they do so in other combinations."""
+    turn, i = divmod(number, len(COLOURS))
+    return COLOURS[i], MARKERS[(i + turn) % len(MARKERS)], DASHES[(i + turn) % len(DASHES)]
+
+
+def _error_label(accuracy: Accuracy) -> str:
+    what = accuracy.name if accuracy.name.startswith("errors.") else f"error of {accuracy.name}"
+    return f"{what} / {accuracy.unit}" if accuracy.unit else what
+
+
+def _origin(accuracy: Accuracy) -> str:
+    reference = accuracy.references[0]
+    if isinstance(reference, str):
+        return "none"
+    if len(accuracy.references) > 1:
+        return reference.origin.partition(":")[0] + " of each case" if reference.key else reference.origin
+    return f"{reference.origin}, {reference.value:.9g} {accuracy.unit}".rstrip()
+
+
+@contextmanager
+def _figure(width: float, height: float) -> Iterator[Figure]:
+    with mpl.rc_context(STYLE):
+        yield Figure(figsize=(width, height), layout="constrained")
+
+
+def _files(figure: Figure) -> dict[str, bytes]:
+    files = {}
+    for form in FORMATS:
+        content = io.BytesIO()
+        figure.savefig(content, format=form, dpi=200, metadata={"Date": None} if form == "svg" else None)
+        files[form] = content.getvalue()
+    return files

@@ -1,0 +1,166 @@
+"""What a study has found: of everything that is measured the errors, and which runs are worth their time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from hpcinv.study.convergence import fitted_order, orders
+from hpcinv.study.pareto import front
+from hpcinv.study.references import Found, find_reference
+
+if TYPE_CHECKING:
+    from hpcinv.study.plan import Plan
+    from hpcinv.study.rows import Row
+
+
+@dataclass(frozen=True)
+class Point:
+    """A step of a ladder, over all cases: a point in the diagrams.
+
+    Attributes:
+        errors: of the cases that have one.
+        average, sd, minimum, maximum: of these; ``sd`` is that of a sample, ``None`` of fewer than two.
+        costs: averages over the cases that converged.
+        ratio: its time over that of the base ladder, in the cases that converged in both.
+        failed: number of cases that did not converge.
+        on_front: whether no other point has as small an error in as little time.
+    """
+
+    ladder: str
+    step: int
+    label: str
+    errors: tuple[float, ...]
+    costs: Mapping[str, float | None]
+    ratio: float | None
+    failed: int
+    on_front: bool = False
+
+    @property
+    def average(self) -> float | None:
+        return _average(self.errors)
+
+    @property
+    def sd(self) -> float | None:
+        n, mean = len(self.errors), self.average
+        if n < 2 or mean is None:
+            return None
+        return math.sqrt(math.fsum((e - mean) ** 2 for e in self.errors) / (n - 1))
+
+    @property
+    def minimum(self) -> float | None:
+        return min(self.errors, default=None)
+
+    @property
+    def maximum(self) -> float | None:
+        return max(self.errors, default=None)
+
+    def statistic(self, name: str) -> float | None:
+        """A column of the table of statistics."""
+        if name in self.costs:
+            return self.costs[name]
+        value: float | None = getattr(self, name)
+        return value
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """All about one measured quantity.
+
+    Attributes:
+        references: of each case; text says why there is none.
+        errors, orders, effectivities: of each row, ``None`` where there is none. The order is the one observed from
+            the step before; the effectivity is the estimated error over the true one.
+        fitted: order of each ladder along which the mesh is refined, where there is one case.
+    """
+
+    name: str
+    unit: str
+    references: tuple[Found | str, ...]
+    errors: tuple[float | None, ...]
+    orders: tuple[float | None, ...]
+    effectivities: tuple[float | None, ...]
+    fitted: Mapping[str, float]
+    points: tuple[Point, ...]
+
+    @property
+    def refusal(self) -> str | None:
+        """Why there is no reference, if there is none of some case."""
+        return next((r for r in self.references if isinstance(r, str)), None)
+
+    def point_of(self, row: Row) -> Point:
+        return next(p for p in self.points if (p.ladder, p.step) == (row.place.ladder, row.place.step))
+
+
+def accuracy(plan: Plan, rows: Sequence[Row], name: str, unit: str) -> Accuracy:
+    """What the rows tell about one quantity."""
+    references = tuple(
+        _reference(plan, [row for row in rows if row.place.case == case], name) for case in range(plan.cases)
+    )
+    errors = [_error(references[row.place.case], row, name) for row in rows]
+    series: dict[tuple[str, int], list[int]] = {}
+    for i, row in enumerate(rows):
+        series.setdefault((row.place.ladder, row.place.case), []).append(i)
+    observed: list[float | None] = [None] * len(rows)
+    fitted = {}
+    for (ladder, _), members in series.items():
+        sizes = [size for i in members if (size := rows[i].size) is not None]
+        if len(sizes) == len(members):
+            of_series = [errors[i] for i in members]
+            for i, order in zip(members, orders(sizes, of_series), strict=True):
+                observed[i] = order
+            if plan.cases == 1 and (order := fitted_order(sizes, of_series)) is not None:
+                fitted[ladder] = order
+    effectivities = tuple(_effectivity(references[row.place.case], row, name) for row in rows)
+    points = _points(plan, rows, errors)
+    return Accuracy(name, unit, references, tuple(errors), tuple(observed), effectivities, fitted, points)
+
+
+def _reference(plan: Plan, rows: Sequence[Row], name: str) -> Found | str:
+    try:
+        return find_reference(plan.study.reference_of(name), rows, name)
+    except ValueError as error:
+        return str(error)
+
+
+def _error(reference: Found | str, row: Row, name: str) -> float | None:
+    return None if isinstance(reference, str) else reference.error_of(row, name)
+
+
+def _effectivity(reference: Found | str, row: Row, name: str) -> float | None:
+    estimate, value = row.estimates[name], row.values[name]
+    if isinstance(reference, str) or estimate is None or value is None or not reference.error_of(row, name):
+        return None
+    return estimate / (reference.value - value)
+
+
+def _points(plan: Plan, rows: Sequence[Row], errors: Sequence[float | None]) -> tuple[Point, ...]:
+    members: dict[tuple[str, int], list[int]] = {}
+    for i, row in enumerate(rows):
+        members.setdefault((row.place.ladder, row.place.step), []).append(i)
+    points = []
+    for (ladder, step), numbers in members.items():
+        those = [rows[i] for i in numbers]
+        base = plan.study.ladder(ladder).base
+        ratio = None if base is None else _ratio(those, [rows[i] for i in members.get((base, step), members[base, 0])])
+        known = tuple(e for i in numbers if (e := errors[i]) is not None)
+        converged = [row for row in those if row.converged]
+        costs = {
+            name: _average([c for row in converged if (c := row.costs[name]) is not None]) for name in those[0].costs
+        }
+        failed = len(those) - len(converged)
+        points.append(Point(ladder, step, those[0].place.label, known, costs, ratio, failed))
+    best = front([(point.costs["time"], point.average) for point in points])
+    return tuple(replace(point, on_front=is_best) for point, is_best in zip(points, best, strict=True))
+
+
+def _ratio(rows: Sequence[Row], base: Sequence[Row]) -> float | None:
+    """Time of the cases that have one in both, over that of the base."""
+    pairs = [(a.time, b.time) for a, b in zip(rows, base, strict=True) if a.time and b.time]
+    return math.fsum(a for a, _ in pairs) / math.fsum(b for _, b in pairs) if pairs else None
+
+
+def _average(values: Sequence[float]) -> float | None:
+    return math.fsum(values) / len(values) if values else None

@@ -1,0 +1,86 @@
+"""Ladders of a study: runs that differ in one thing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Self
+
+from pydantic import Field, model_validator
+
+from hpcinv.schema import ListOf, Location, Spec, raise_if_any
+from hpcinv.spelling import did_you_mean
+from hpcinv.study.keys import JobKey, SummaryKey
+
+Title = Annotated[str, Field(pattern=r"^\S(.*\S)?$", max_length=60)]
+
+
+class Taken(Spec):
+    """A value that is only known when an earlier ladder has been run, such as an accuracy to be reached."""
+
+    ladder: Title
+    """an earlier ladder; the run of the same case, and of the same step unless it has but one, is asked"""
+    key: SummaryKey
+    """where the value stands in the summary of that run, such as errors.round_trip.relative"""
+    at_least: float
+    """the least that is taken; with it the job is checked beforehand"""
+
+
+class Ladder(Spec):
+    """Runs that differ in one thing, and one line of the diagrams."""
+
+    name: Title
+    """what it is called in tables and diagrams"""
+    set: Mapping[JobKey, Any] = {}
+    """values that all its runs have, by their keys in the job, such as {discretisation.displacement: 3}"""
+    vary: Mapping[JobKey, ListOf[Any]] = {}
+    """what changes from run to run, from coarse to fine; several keys change in step. Left out, it is one run"""
+    labels: ListOf[str] | None = None
+    """what the runs are called in diagrams; left out, by what varies"""
+    take: Mapping[JobKey, Taken] = {}
+    """values that come from the summary of an earlier ladder's run"""
+    repeat: Annotated[int, Field(ge=1)] | None = None
+    """how often its runs are timed; left out, as often as the study's"""
+    base: Title | None = None
+    """the ladder whose time its own is compared with"""
+
+    @property
+    def steps(self) -> int:
+        return len(next(iter(self.vary.values()), (None,)))
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        problems: list[tuple[Location, str]] = []
+        lengths = {key: len(values) for key, values in self.vary.items()}
+        if len(set_of := sorted(set(lengths.values()))) > 1 or set_of == [0]:
+            counts = ", ".join(f"{key} {n}" for key, n in lengths.items())
+            problems.append((("vary",), f"needs as many values of each key, and one at least, not: {counts}"))
+        elif self.labels is not None and len(self.labels) != self.steps:
+            problems.append((("labels",), f"must be as many as there are runs, {self.steps}, not {len(self.labels)}"))
+        parts = {"set": self.set, "vary": self.vary, "take": self.take}
+        for i, (name, keys) in enumerate(parts.items()):
+            earlier = {key: n for n in list(parts)[:i] for key in parts[n]}
+            problems += [((name, key), f"stands in '{earlier[key]}' too") for key in keys if key in earlier]
+        raise_if_any(problems)
+        return self
+
+
+def faults_between(ladders: tuple[Ladder, ...]) -> Iterator[tuple[Location, str]]:
+    """What is wrong between ladders, each of which is right in itself."""
+    if not ladders:
+        raise ValueError("must hold at least one ladder")
+    earlier: dict[str, Ladder] = {}
+    names = [ladder.name for ladder in ladders]
+    for i, ladder in enumerate(ladders):
+        if ladder.name in earlier:
+            yield (i, "name"), f"'{ladder.name}' is the name of an earlier ladder"
+        if ladder.base is not None and ladder.base not in names:
+            yield (i, "base"), f"there is no ladder '{ladder.base}'.{did_you_mean(ladder.base, names)}"
+        elif ladder.base is not None and ladders[names.index(ladder.base)].steps not in (1, ladder.steps):
+            yield (i, "base"), f"ladder '{ladder.base}' has neither one run nor as many as this one"
+        for key, taken in ladder.take.items():
+            where: Location = (i, "take", key, "ladder")
+            if taken.ladder not in earlier:
+                yield where, f"there is no earlier ladder '{taken.ladder}'.{did_you_mean(taken.ladder, earlier)}"
+            elif earlier[taken.ladder].steps not in (1, ladder.steps):
+                yield where, f"'{taken.ladder}' has neither one run nor as many as this one"
+        earlier[ladder.name] = ladder

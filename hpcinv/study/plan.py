@@ -1,0 +1,176 @@
+"""The plan of a study: every run with its job, all checked before any of them begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from hpcinv.errors import JobError
+from hpcinv.job import Job, parse
+from hpcinv.loading import read_yaml
+from hpcinv.schema import Location, Problems, at, problems_in, raise_if_any
+from hpcinv.study.keys import assigned, parse_key
+from hpcinv.study.spec import Study, measured_key
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a run stands in its study.
+
+    Attributes:
+        ladder, step, case: which one; steps and cases are counted from 0.
+        label: what it is called among the runs of its ladder.
+        varied: values of the ladder at this step, by key.
+        parameters: values of the case, by key.
+    """
+
+    ladder: str
+    step: int
+    case: int
+    label: str
+    varied: Mapping[str, Any]
+    parameters: Mapping[str, Any]
+
+    @property
+    def title(self) -> str:
+        case = ", ".join(f"{key.rpartition('.')[2]} {text_of(value)}" for key, value in self.parameters.items())
+        return ", ".join(part for part in (self.ladder, self.label, case) if part)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One job of a study; ``job`` has the least of those values that it is yet to take from earlier runs."""
+
+    place: Place
+    job: Job
+    data: Mapping[str, Any]
+
+    def with_values(self, values: Mapping[str, Any]) -> Job:
+        """The job with values that were taken from other runs.
+
+        Raises:
+            JobError: it is not valid with them.
+        """
+        assert self.job.path is not None
+        return parse(assigned(self.data, values), self.job.path)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study and its runs: case by case, of each the ladders in their order, of each its steps."""
+
+    path: Path
+    study: Study
+    runs: tuple[Run, ...]
+
+    @property
+    def cases(self) -> int:
+        return self.runs[-1].place.case + 1
+
+    @property
+    def measured(self) -> dict[str, str]:
+        """Keys of the summary by what is measured."""
+        return {name: measured_key(name, _quantities(self.runs[0].job)) for name in self.study.measure}
+
+
+def is_study(path: Path) -> bool:
+    """Whether a file is a study rather than a job; raises ``JobError`` if it cannot be read."""
+    return "ladders" in read_yaml(path)
+
+
+def load_plan(path: Path) -> Plan:
+    """Read a study and check all of its runs.
+
+    Raises:
+        JobError: with a line for each thing that is wrong, of the form ``file: ladder, value: key: what``.
+    """
+    try:
+        study = Study.model_validate({"study": path.stem, **read_yaml(path)}, context={"directory": path.parent})
+    except ValidationError as error:
+        raise JobError([f"{path}: {at(where)}: {what}" for where, what in problems_in(error, Study)]) from None
+    base = path.parent / study.job
+    try:
+        data = read_yaml(base)
+    except JobError as error:
+        raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
+    faults: dict[str, list[str]] = {}
+    runs = tuple(_runs(study, base, data, faults))
+    if faults:
+        raise JobError([f"{path}: {_first_of(titles)}: {fault}" for fault, titles in faults.items()])
+    return Plan(path, study, runs)
+
+
+def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: dict[str, list[str]]) -> Iterator[Run]:
+    """Every run that is valid; what is wrong with the others goes to ``faults``, with the titles of the runs."""
+    listed = [(block.set, values) for block in study.cases for values in block.listed()] or [({}, {})]
+    for case, (common, parameters) in enumerate(listed):
+        for ladder in study.ladders:
+            for step in range(ladder.steps):
+                varied = {key: values[step] for key, values in ladder.vary.items()}
+                label = ladder.labels[step] if ladder.labels is not None else _label(varied)
+                place = Place(ladder.name, step, case, label, varied, parameters)
+                least = {key: taken.at_least for key, taken in ladder.take.items()}
+                try:
+                    settings = _merged(study.set, (ladder.set, common, parameters, varied, least))
+                    changed = assigned(data, settings)
+                    job = parse(changed, base)
+                    raise_if_any(_unmeasurable(study, job))
+                except Problems as error:
+                    problems = [f"{at(where)}: {text}" for where, text in error.found]
+                except ValueError as error:
+                    problems = [str(error)]
+                except JobError as error:
+                    problems = [problem.removeprefix(f"{base}: ") for problem in error.problems]
+                else:
+                    problems = []
+                    yield Run(place, job, changed)
+                for problem in problems:
+                    faults.setdefault(problem, []).append(place.title)
+
+
+def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
+    """All settings of a run, whole sections before values in them."""
+    merged: dict[str, Any] = {}
+    for layer in layers:
+        for key in layer:
+            if key in merged:
+                raise ValueError(f"{key} is set by both the ladder and the cases")
+        merged |= layer
+    return dict(sorted((dict(defaults) | merged).items(), key=lambda setting: len(parse_key(setting[0]))))
+
+
+def _unmeasurable(study: Study, job: Job) -> Iterator[tuple[Location, str]]:
+    """What cannot be measured on a job."""
+    for i, name in enumerate(study.measure):
+        try:
+            key = measured_key(name, _quantities(job))
+        except ValueError as error:
+            yield ("measure", i), str(error)
+            continue
+        if key.startswith("errors.round_trip") and job.analysis != "round_trip":
+            yield ("measure", i), f"{key} needs 'analysis: round_trip' in the job"
+        if key.startswith("errors.expected_shape") and job.expected_shape is None:
+            yield ("measure", i), f"{key} needs an 'expected_shape' in the job"
+
+
+def _quantities(job: Job) -> dict[str, bool]:
+    return {quantity.name: quantity.is_displacement for quantity in job.quantities}
+
+
+def _label(varied: Mapping[str, Any]) -> str:
+    """The values that vary, each once."""
+    return ", ".join(dict.fromkeys(text_of(value) for value in varied.values()))
+
+
+def text_of(value: Any) -> str:
+    """A value as a label has it."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _first_of(titles: list[str]) -> str:
+    more = len(titles) - 1
+    return f"{titles[0]} (and {more} more run{'s' if more > 1 else ''})" if more else titles[0]

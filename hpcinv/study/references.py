@@ -1,0 +1,65 @@
+"""What the values of a study are compared with: a closed form, the finest run, or Richardson's extrapolation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hpcinv.study.convergence import richardson
+
+if TYPE_CHECKING:
+    from hpcinv.study.rows import Row
+    from hpcinv.study.spec import Reference
+
+
+@dataclass(frozen=True)
+class Found:
+    """A reference value, where it is from, and the run that it is the value of, if it is one's."""
+
+    value: float
+    origin: str
+    key: str | None = None
+
+    def error_of(self, row: Row, name: str) -> float | None:
+        """Distance of a run's value; the run that is the reference has none."""
+        value = row.values[name]
+        return None if value is None or row.key == self.key else abs(value - self.value)
+
+
+def find_reference(reference: Reference, rows: Sequence[Row], name: str) -> Found:
+    """The reference of one quantity among the rows of one case.
+
+    Raises:
+        ValueError: there is none; the message says why, and what to take instead.
+    """
+    if reference.value is not None:
+        return Found(reference.value, reference.kind)
+    known = [row for row in rows if row.values[name] is not None and reference.ladder in (None, row.place.ladder)]
+    if not known:
+        raise ValueError("no run has a value to compare the others with")
+    # Of equally fine runs the last one counts: ladders of tolerances, say, end with the strictest.
+    finest = max(reversed(known), key=lambda row: row.costs["unknowns"] or 0.0)
+    if reference.kind == "finest":
+        value = finest.values[name]
+        assert value is not None
+        return Found(value, f"finest run: {finest.place.title}", finest.key)
+    return _extrapolated([row for row in known if row.place.ladder == finest.place.ladder], name)
+
+
+def _extrapolated(rows: Sequence[Row], name: str) -> Found:
+    ladder = rows[0].place.ladder
+    instead = "; take finest or a value instead, or another ladder: {richardson: NAME}"
+    by_size = {row.size: row for row in rows if row.size is not None}
+    if len(by_size) == 0:
+        raise ValueError(f"richardson needs a ladder along which nothing but the mesh varies, not '{ladder}'{instead}")
+    three = [by_size[size] for size in sorted(by_size, reverse=True)[-3:]]
+    if len(three) < 3:
+        raise ValueError(f"richardson needs three meshes, and ladder '{ladder}' has {len(three)}{instead}")
+    values = [row.values[name] or 0.0 for row in three]
+    try:
+        limit, order = richardson([row.size or 0.0 for row in three], values)
+    except ValueError as error:
+        shown = ", ".join(f"{value:.9g}" for value in values)
+        raise ValueError(f"richardson: the values of ladder '{ladder}', {shown}, {error}{instead}") from None
+    return Found(limit, f"Richardson's extrapolation of {ladder}, observed order {order:.2f}")

@@ -1,0 +1,135 @@
+"""What a study says at its end: a table for each quantity, with published numbers beside its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+
+from hpcinv.study.references import Found
+from hpcinv.study.spec import STATISTICS
+from hpcinv.study.tables import relative
+
+if TYPE_CHECKING:
+    from hpcinv.study.findings import Accuracy
+    from hpcinv.study.plan import Plan
+    from hpcinv.study.rows import Row
+
+
+def show(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy]) -> None:
+    """Print it."""
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 160  # a file has no width of its own
+    for accuracy in found:
+        console.print()
+        console.print(_heading(plan, accuracy), soft_wrap=True)
+        console.print(_of_cases(plan, accuracy) if plan.cases > 1 else _of_runs(rows, accuracy))
+        for line in _notes(plan, accuracy):
+            console.print(line, soft_wrap=True)
+    failed = [row for row in rows if not row.converged]
+    for row in failed[:_MOST]:
+        console.print(f"failed: {row.place.title}: {row.status}", soft_wrap=True)
+    if len(failed) > _MOST:
+        console.print(f"failed: {len(failed) - _MOST} more, in table.csv")
+
+
+_MOST = 20  # failures that are told one by one
+
+
+def _heading(plan: Plan, accuracy: Accuracy) -> str:
+    reference, unit = accuracy.references[0], f" {accuracy.unit}" if accuracy.unit else ""
+    text = f"{accuracy.name}{f' ({accuracy.unit})' if accuracy.unit else ''}: "
+    if not isinstance(reference, Found):
+        return text + f"no errors: {reference}"
+    if plan.cases > 1:
+        return text + f"{plan.cases} cases, errors against {reference.origin.partition(':')[0]}"
+    return text + f"errors against {reference.value:.10g}{unit} ({reference.origin})"
+
+
+def _of_runs(rows: Sequence[Row], accuracy: Accuracy) -> Table:
+    estimated = any(e is not None for e in accuracy.effectivities)
+    extra = [name for name in rows[0].costs if name not in (*_COSTS, *_LEFT_OUT)]
+    table = _table("ladder", "run", *_COSTS.values(), *extra, "value", "error", "relative", "order")
+    if estimated:
+        table.add_column("effectivity", justify="right", no_wrap=True)
+    table.add_column("front", justify="center")
+    for i, row in enumerate(rows):
+        error = accuracy.errors[i]
+        cells = [row.place.ladder, row.place.label, *(_cost(name, row.costs[name]) for name in (*_COSTS, *extra))]
+        cells += [_number(row.values[accuracy.name], ".10g"), _number(error, ".2e")]
+        cells += [_number(relative(accuracy, row, error), ".1e"), _number(accuracy.orders[i], ".2f")]
+        if estimated:
+            cells.append(_number(accuracy.effectivities[i], ".2f"))
+        table.add_row(*cells, "*" if accuracy.point_of(row).on_front else "")
+    return table
+
+
+def _of_cases(plan: Plan, accuracy: Accuracy) -> Table:
+    beside = plan.study.beside
+    published = beside.statistics.get(accuracy.name, {}) if beside else {}
+    extra = list(plan.study.costs)
+    names = (*STATISTICS, *_COSTS, *extra, "ratio", "failed")
+    table = _table("ladder", "run", *(_COSTS.get(name, name) for name in names))
+    for point in accuracy.points:
+        table.add_row(point.ladder, point.label, *(_statistic(name, point.statistic(name)) for name in names))
+        if point.ladder in published and point.step == 0:
+            theirs = published[point.ladder]
+            table.add_row("", "published", *(_statistic(name, theirs.get(name)) for name in names), style="italic")
+    return table
+
+
+def _notes(plan: Plan, accuracy: Accuracy) -> Iterator[str]:
+    if accuracy.fitted:
+        orders = ", ".join(f"{ladder} {order:.2f}" for ladder, order in accuracy.fitted.items())
+        yield f"orders of convergence (least squares): {orders}"
+    if on_front := [point for point in accuracy.points if point.on_front]:
+        best = sorted(on_front, key=lambda point: point.costs["time"] or 0.0)
+        titles = "; ".join(", ".join(filter(None, (p.ladder, p.label))) for p in best)
+        yield f"Pareto front, from fast to accurate: {titles}"
+    if (beside := plan.study.beside) is None:
+        return
+    reference = accuracy.references[0]
+    for name, value in beside.values.get(accuracy.name, {}).items():
+        against = ""
+        if isinstance(reference, Found) and reference.value:
+            against = f", {value / reference.value - 1:+.2%} from the reference here"
+        yield f"published: {name} {value:.7g} {accuracy.unit}{against}"
+    if accuracy.name in beside.values or accuracy.name in beside.statistics:
+        yield f"published numbers: {beside.source}"
+
+
+_COSTS = {
+    "unknowns": "unknowns",
+    "factorizations": "factorizations",
+    "newton_iterations": "Newton",
+    "memory": "memory",
+    "time": "time",
+}
+_LEFT_OUT = ("run", "solver", "compile", "cells")
+
+
+def _table(*titles: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for title in titles:
+        left = title in ("ladder", "run")
+        table.add_column(title, justify="left" if left else "right", no_wrap=True)
+    return table
+
+
+def _cost(name: str, value: float | None) -> str:
+    if name == "memory":
+        return _number(None if value is None else value / 1e6, ".0f", " MB")
+    return _number(value, ".3g" if name == "time" else ".6g", " s" if name == "time" else "")
+
+
+def _statistic(name: str, value: float | None) -> str:
+    if name in STATISTICS:
+        return _number(value, ".2e")
+    return _number(value, ".2f") if name == "ratio" else _cost(name, value)
+
+
+def _number(value: float | None, form: str, unit: str = "") -> str:
+    return "-" if value is None else f"{value:{form}}{unit}"

@@ -1,0 +1,131 @@
+"""What came out of each run of a study: its values and its costs, in numbers."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.study.keys import look_up
+
+if TYPE_CHECKING:
+    from hpcinv.study.plan import Place, Plan, Run
+    from hpcinv.study.schedule import Schedule
+    from hpcinv.study.store import Record
+
+APART = ("compile", "certificate")
+"""phases that are no part of the time of a run"""
+SOLVER = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check", "fixed-point update")
+"""phases that are Newton's method"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run.
+
+    Attributes:
+        key: hash of its content; equal runs have equal ones.
+        status: "converged", or what went wrong.
+        costs: by name, times as medians over the repetitions; ``None`` for what is not known.
+        times: seconds of each repetition that counts.
+        values: by what is measured.
+        estimates: estimated error of each value (corrected less computed), where the certificate has one.
+        size: size of the cells in any unit, ``None`` where the mesh is not what varies.
+    """
+
+    place: Place
+    key: str
+    status: str
+    costs: Mapping[str, float | None]
+    times: tuple[float, ...]
+    values: Mapping[str, float | None]
+    estimates: Mapping[str, float | None]
+    size: float | None
+
+    @property
+    def converged(self) -> bool:
+        return self.status == "converged"
+
+    @property
+    def time(self) -> float | None:
+        return self.costs["time"]
+
+
+def rows_of(plan: Plan, schedule: Schedule) -> list[Row]:
+    """The rows of a study whose runs are all done, in the order of its plan."""
+    proportional = {ladder.name: _proportional(plan, ladder.name) for ladder in plan.study.ladders}
+    return [
+        _row(plan, run, schedule.key(i), schedule.records(i), proportional[run.place.ladder])
+        for i, run in enumerate(plan.runs)
+    ]
+
+
+def _row(plan: Plan, run: Run, key: str, records: Sequence[Record], parameter: str | None) -> Row:
+    study, found = plan.study, records[0].statistics
+    converged = records[0].converged
+    timed = [r.statistics for r in records if r.timed] or [r.statistics for r in records if r.converged]
+    seconds = {"run": [_run_seconds(s) for s in timed], "solver": [_phases(s, SOLVER) for s in timed]}
+    costs: dict[str, float | None] = {name: _median(values) for name, values in seconds.items()}
+    costs |= {
+        "time": costs[study.time],
+        "compile": max((_phases(r.statistics, ("compile",)) for r in records if r.statistics), default=None),
+        "factorizations": look_up(found, "legs[].factorizations"),
+        "newton_iterations": look_up(found, "legs[].newton_iterations"),
+        "unknowns": look_up(found, "mesh.unknowns"),
+        "cells": look_up(found, "mesh.cells"),
+        "memory": float(max(found["peak_memory"])) if found else None,
+    }
+    costs |= {name: look_up(found, cost) for name, cost in study.costs.items()}
+    values = {name: look_up(found, k) if converged else None for name, k in plan.measured.items()}
+    estimates = {name: look_up(found, f"certificate.estimate.{k}") for name, k in plan.measured.items()}
+    size = _size(run, costs["cells"], parameter) if _refines(run) else None
+    return Row(run.place, key, records[0].status, costs, tuple(seconds[study.time]), values, estimates, size)
+
+
+def _run_seconds(found: Mapping[str, Any]) -> float:
+    return float(found["timings"]["total"]) - _phases(found, APART)
+
+
+def _phases(found: Mapping[str, Any], names: Sequence[str]) -> float:
+    phases = found["timings"]["phases"]
+    return float(sum(phases[name]["max"] for name in names if name in phases))
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return statistics.median(values) if values else None
+
+
+def _refines(run: Run) -> bool:
+    """Whether nothing but the mesh varies along the ladder."""
+    keys = run.place.varied.keys()
+    return bool(keys) and all(key.split(".")[0] in ("mesh", "expected_shape") for key in keys)
+
+
+def _proportional(plan: Plan, ladder: str) -> str | None:
+    """The mesh parameter that varies, if there is one, or if those that do keep their proportion."""
+    prefix = "mesh.parameters."
+    runs = [run for run in plan.runs if run.place.ladder == ladder and run.place.case == 0]
+    names = [key.removeprefix(prefix) for key in runs[0].place.varied if key.startswith(prefix)]
+    sizes = {name: [_of_parameter(run, name) for run in runs] for name in names}
+    known = {name: [s for s in values if s is not None] for name, values in sizes.items()}
+    if not names or any(len(known[name]) < len(runs) for name in names):
+        return None
+    coarsening = [[size / values[-1] for size in values] for values in known.values()]
+    same = all(math.isclose(a, b) for other in coarsening for a, b in zip(coarsening[0], other, strict=True))
+    return names[0] if same else None
+
+
+def _of_parameter(run: Run, name: str) -> float | None:
+    """Size of the cells by a parameter of the mesh: a length, or the inverse of a number of divisions."""
+    value = run.job.mesh.parameters.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or value <= 0:
+        return None
+    return 1 / value if isinstance(value, int) else value
+
+
+def _size(run: Run, cells: float | None, parameter: str | None) -> float | None:
+    if parameter is not None:
+        return _of_parameter(run, parameter)
+    return cells ** (-1 / 3) if cells else None

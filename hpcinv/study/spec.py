@@ -1,0 +1,193 @@
+"""The study file: which runs, what is measured on them, against what, and what others have published."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+
+from hpcinv.quantities import AnyQuantity, Quantity
+from hpcinv.schema import ListOf, Location, Name, Spec, raise_if_any, shown
+from hpcinv.spelling import did_you_mean
+from hpcinv.study.cases import Cases
+from hpcinv.study.keys import JobKey, SummaryKey, parse_key
+from hpcinv.study.ladder import Ladder, Title, faults_between
+
+STATISTICS = ("average", "sd", "minimum", "maximum")
+"""of an error over the cases"""
+COSTS = ("time", "run", "solver", "compile", "factorizations", "newton_iterations", "unknowns", "cells", "memory")
+"""that every run has; seconds and bytes"""
+SUMMARY = ("mesh", "partition", "legs", "quantities", "errors", "timings", "certificate", "peak_memory")
+"""parts of a summary in which there are numbers to measure"""
+
+_KINDS = ("finest", "richardson")
+
+
+def _by_name(data: Any) -> Any:
+    """What holds for all that is measured, by that name."""
+    return data if isinstance(data, Mapping) and not (len(data) == 1 and {*data} & {*_KINDS}) else {"all": data}
+
+
+class Reference(Spec):
+    """What the values of a quantity are compared with: a number, the finest run, or Richardson's extrapolation."""
+
+    kind: Literal["closed form", "finest", "richardson"]
+    value: float | None = None
+    ladder: Title | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, data: Any) -> Any:
+        if isinstance(data, Reference):
+            return data
+        if isinstance(data, str) and data in _KINDS:
+            return {"kind": data}
+        if isinstance(data, Mapping):
+            if len(data) == 1 and (kind := next(iter(data))) in _KINDS:
+                return {"kind": kind, "ladder": data[kind]}
+        elif not isinstance(data, str) or data[:1].isdigit() or data[:1] in "+-.":
+            return {"kind": "closed form", "value": Quantity(None).parse(data)}
+        raise ValueError(
+            f"must be a value (closed form), finest, richardson, or one of these of a ladder, such as "
+            f"{{richardson: NAME}}, not {shown(data)}"
+        )
+
+
+_FINEST = Reference.model_validate("finest")
+
+
+class Beside(Spec):
+    """Published numbers, printed beside those of the study."""
+
+    source: str
+    """where they were published"""
+    values: Mapping[SummaryKey, Mapping[str, AnyQuantity]] = {}
+    """by what is measured: values by what they are of, such as {tip: {Abaqus: 132.71 mm}}"""
+    statistics: Mapping[SummaryKey, Mapping[str, Mapping[str, float]]] = {}
+    """by what is measured and ladder: statistics over the cases, such as {average: 4.5e-12, failed: 7}"""
+
+
+class Study(Spec):
+    """Ladders of runs of one job, what is measured on them, and what that cost."""
+
+    study: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] = "study"
+    """letters, digits, dots, _ and - that name the results; left out, the name of the file"""
+    job: str
+    """path from the study file to the job that all runs begin with"""
+    set: Mapping[JobKey, Any] = {}
+    """values that all runs have unless a ladder or a case has its own"""
+    ladders: ListOf[Ladder]
+    """series of runs, each a line in the diagrams"""
+    cases: ListOf[Cases] = ()
+    """combinations of parameters that every ladder runs over, for statistics; left out, the job as it is"""
+    measure: ListOf[SummaryKey]
+    """quantities of interest of the job by name, and keys of its summary such as errors.round_trip.max"""
+    reference: Annotated[Mapping[SummaryKey, Reference], BeforeValidator(_by_name)] = {
+        "all": Reference.model_validate("finest")
+    }
+    """what is right, for all that is measured or by its name, and 'all' for the rest"""
+    costs: Mapping[Name, SummaryKey] = {}
+    """further costs by keys of the summary, such as {iterations: "legs[].iterations"}"""
+    time: Literal["run", "solver"] = "run"
+    """seconds of the whole run but for compilation and certificate, or of Newton's method alone"""
+    repeat: Annotated[int, Field(ge=1)] = 3
+    """how often each run is timed; the median counts"""
+    beside: Beside | None = None
+    """published numbers"""
+
+    def reference_of(self, measured: str) -> Reference:
+        return self.reference[measured if measured in self.reference else "all"]
+
+    def ladder(self, name: str) -> Ladder:
+        return next(ladder for ladder in self.ladders if ladder.name == name)
+
+    # The rules between sections stand with the later section, which sees the earlier ones that are right in themselves.
+
+    @field_validator("ladders")
+    @classmethod
+    def _know_each_other(cls, ladders: tuple[Ladder, ...]) -> tuple[Ladder, ...]:
+        raise_if_any(faults_between(ladders))
+        return ladders
+
+    @field_validator("measure")
+    @classmethod
+    def _names_something(cls, measure: tuple[str, ...]) -> tuple[str, ...]:
+        if not measure:
+            raise ValueError("must name at least one quantity of interest")
+        raise_if_any(((i,), f"'{key}' is there already") for i, key in enumerate(measure) if key in measure[:i])
+        return measure
+
+    @field_validator("reference")
+    @classmethod
+    def _is_of_what_is_measured(cls, reference: Mapping[str, Reference], info: ValidationInfo) -> Any:
+        measure, names = info.data.get("measure"), _names(info)
+        problems: list[tuple[Location, str]] = [
+            ((key,), f"there is no ladder '{r.ladder}'.{did_you_mean(r.ladder, names)}")
+            for key, r in reference.items()
+            if r.ladder is not None and names and r.ladder not in names
+        ]
+        if measure is not None:
+            problems += _not_measured({key: r for key, r in reference.items() if key != "all"}, measure)
+            if "all" not in reference:
+                problems += [((), f"is needed for '{key}' too") for key in measure if key not in reference]
+        raise_if_any(problems)
+        return reference
+
+    @field_validator("costs")
+    @classmethod
+    def _have_names_of_their_own(cls, costs: Mapping[str, str]) -> Mapping[str, str]:
+        taken = {*COSTS, *STATISTICS, "ratio", "failed"}
+        raise_if_any(((name,), "is already the name of something else") for name in costs if name in taken)
+        return costs
+
+    @field_validator("beside")
+    @classmethod
+    def _is_beside_something(cls, beside: Beside | None, info: ValidationInfo) -> Beside | None:
+        if beside is None:
+            return None
+        problems: list[tuple[Location, str]] = []
+        names, columns = _names(info), {*STATISTICS, *COSTS, *info.data.get("costs", ()), "ratio", "failed"}
+        for part, content in (("values", beside.values), ("statistics", beside.statistics)):
+            problems += [((part, *w), text) for w, text in _not_measured(content, info.data.get("measure", content))]
+        for key, ladders in beside.statistics.items():
+            for name, statistics in ladders.items():
+                where: Location = ("statistics", key, name)
+                if names and name not in names:
+                    problems.append((where, f"there is no such ladder.{did_you_mean(name, names)}"))
+                unknown = (column for column in statistics if column not in columns)
+                problems += [((*where, c), f"is no statistic.{did_you_mean(c, columns)}") for c in unknown]
+        raise_if_any(problems)
+        return beside
+
+
+def _names(info: ValidationInfo) -> list[str]:
+    return [ladder.name for ladder in info.data.get("ladders", ())]
+
+
+def _not_measured(keys: Mapping[str, Any], measure: Any) -> list[tuple[Location, str]]:
+    return [((key,), f"is not measured.{did_you_mean(key, measure)}") for key in keys if key not in measure]
+
+
+def measured_key(measured: str, quantities: Mapping[str, bool]) -> str:
+    """The key in the summary of what is measured.
+
+    Args:
+        measured: the name of a quantity of interest, ``NAME[i]`` for a component, or a key of the summary.
+        quantities: the job's quantities by name, and whether they are vectors.
+
+    Raises:
+        ValueError: there is no such quantity, or it is a vector.
+    """
+    parts = parse_key(measured)
+    name = str(parts[0])
+    if name not in quantities:
+        if name in SUMMARY and len(parts) > 1:
+            return measured
+        known = did_you_mean(name, [*quantities, *SUMMARY])
+        raise ValueError(f"the job has no quantity of interest '{name}', nor is it a key of the summary.{known}")
+    if quantities[name] and (len(parts) != 2 or not isinstance(parts[1], int) or parts[1] > 2):
+        raise ValueError(f"'{name}' is a vector: measure {name}[0], {name}[1] or {name}[2], or take a formula for it")
+    if not quantities[name] and len(parts) > 1:
+        raise ValueError(f"'{name}' is one number, without parts")
+    return f"quantities.{measured}"

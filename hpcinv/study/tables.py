@@ -1,0 +1,127 @@
+"""The table of a study as files: ``table.csv``, ``table.h5``, and ``statistics.csv`` where there are cases."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+
+from hpcinv.study.plan import text_of
+from hpcinv.study.references import Found
+from hpcinv.study.spec import STATISTICS
+from hpcinv.study.units import COSTS
+
+if TYPE_CHECKING:
+    from hpcinv.study.findings import Accuracy
+    from hpcinv.study.plan import Plan
+    from hpcinv.study.rows import Row
+
+type Columns = dict[str, list[Any]]
+
+
+def run_columns(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy]) -> Columns:
+    """A row for each run; times in s, memory in bytes, values and errors in SI."""
+    places = [row.place for row in rows]
+    columns: Columns = {"ladder": [p.ladder for p in places], "label": [p.label for p in places]}
+    for key in dict.fromkeys(key for p in places for key in p.varied):
+        columns[key] = [text_of(p.varied[key]) if key in p.varied else "" for p in places]
+    if plan.cases > 1:
+        columns["case"] = [p.case for p in places]
+    for key in dict.fromkeys(key for p in places for key in p.parameters):
+        columns[key] = [text_of(p.parameters[key]) if key in p.parameters else "" for p in places]
+    columns["status"] = [row.status for row in rows]
+    columns["repetitions"] = [len(row.times) for row in rows]
+    columns["time_min"] = [min(row.times, default=None) for row in rows]
+    columns["time_max"] = [max(row.times, default=None) for row in rows]
+    for name in rows[0].costs:
+        columns[name] = [row.costs[name] for row in rows]
+    for accuracy in found:
+        name = accuracy.name
+        columns[name] = [row.values[name] for row in rows]
+        columns[f"{name} error"] = list(accuracy.errors)
+        columns[f"{name} relative error"] = [
+            relative(accuracy, row, error) for row, error in zip(rows, accuracy.errors, strict=True)
+        ]
+        columns[f"{name} order"] = list(accuracy.orders)
+        columns[f"{name} effectivity"] = list(accuracy.effectivities)
+        columns[f"{name} on Pareto front"] = [accuracy.point_of(row).on_front for row in rows]
+    return columns
+
+
+def point_columns(plan: Plan, accuracy: Accuracy) -> Columns:
+    """A row for each step of each ladder: statistics of the errors over the cases, and averages of the costs."""
+    points = accuracy.points
+    columns: Columns = {"ladder": [p.ladder for p in points], "label": [p.label for p in points]}
+    for name in (*STATISTICS, *points[0].costs, "ratio", "failed"):
+        columns[name] = [point.statistic(name) for point in points]
+    columns["on Pareto front"] = [point.on_front for point in points]
+    beside = plan.study.beside
+    published = beside.statistics.get(accuracy.name, {}) if beside else {}
+    for name in dict.fromkeys(name for statistics in published.values() for name in statistics):
+        columns[f"published {name}"] = [published.get(point.ladder, {}).get(name) for point in points]
+    return columns
+
+
+def relative(accuracy: Accuracy, row: Row, error: float | None) -> float | None:
+    """Error over the reference, where that is not zero."""
+    reference = accuracy.references[row.place.case]
+    if error is None or not isinstance(reference, Found) or reference.value == 0.0:
+        return None
+    return error / abs(reference.value)
+
+
+def as_csv(columns: Columns) -> str:
+    """Columns as CSV; what is not known is empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for values in zip(*columns.values(), strict=True):
+        writer.writerow(["" if v is None else repr(v) if isinstance(v, float) else v for v in values])
+    return text.getvalue()
+
+
+def as_hdf5(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy], ranks: int) -> bytes:
+    """The same, and every repetition's time, as HDF5."""
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
+        study = plan.study
+        file.attrs.update({"study": study.study, "ranks": ranks, "time": study.time, "repeat": study.repeat})
+        if study.beside is not None:
+            file.attrs["beside"] = json.dumps(study.beside.model_dump(mode="json"), ensure_ascii=False)
+        units = dict(COSTS)
+        for a in found:
+            units |= {a.name: a.unit, f"{a.name} error": a.unit}
+        _fill(file.create_group("runs"), run_columns(plan, rows, found), units)
+        longest = max(len(row.times) for row in rows)
+        times = np.full((len(rows), longest), np.nan)
+        for row, entry in zip(rows, times, strict=True):
+            entry[: len(row.times)] = row.times
+        file["times"] = times
+        file["times"].attrs["unit"] = "s"
+        for accuracy in found:
+            group = file.create_group(f"quantities/{accuracy.name}")
+            group.attrs["unit"] = accuracy.unit
+            references = [r if isinstance(r, Found) else None for r in accuracy.references]
+            group["reference"] = [np.nan if r is None else r.value for r in references]
+            group["reference"].attrs["origin"] = str(references[0].origin if references[0] else accuracy.refusal)
+            group.create_group("orders").attrs.update(accuracy.fitted)
+            _fill(group.create_group("points"), point_columns(plan, accuracy), COSTS)
+    return content.getvalue()
+
+
+def _fill(group: h5py.Group, columns: Columns, units: Mapping[str, str]) -> None:
+    """A dataset for each column: text, flags, or numbers with NaN for what is not known."""
+    for name, values in columns.items():
+        if all(isinstance(v, str) for v in values):
+            data = group.create_dataset(name.replace("/", "|"), data=values, dtype=h5py.string_dtype())
+        elif all(isinstance(v, bool | int) for v in values):
+            data = group.create_dataset(name, data=np.array(values))
+        else:
+            data = group.create_dataset(name, data=np.array([np.nan if v is None else v for v in values], dtype=float))
+        if units.get(name):
+            data.attrs["unit"] = units[name]

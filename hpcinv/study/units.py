@@ -1,0 +1,26 @@
+"""In what units (SI) the numbers of a study are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hpcinv.sections import POSITIONS
+from hpcinv.units import NAMES, parse_unit
+
+if TYPE_CHECKING:
+    from hpcinv.job import Job
+
+COSTS = {"time": "s", "run": "s", "solver": "s", "compile": "s", "memory": "B"}
+_IN_SUMMARY = {"max": "m", "rms": "m", "strain_energy": "J", "total": "s"}
+
+
+def unit_of(key: str, job: Job) -> str:
+    """Symbol of the unit of the number at a key of the summary; empty for pure numbers and where it is not known."""
+    names = {quantity.name: quantity for quantity in job.quantities}
+    name = key.removeprefix("quantities.").partition("[")[0]
+    if not key.startswith("quantities.") or name not in names:
+        return _IN_SUMMARY.get(key.rpartition(".")[2], "")
+    if names[name].is_displacement:
+        return "m"
+    dimension = names[name].of.check(POSITIONS)
+    return next((unit for unit in NAMES if parse_unit(unit)[1] == dimension), "")
