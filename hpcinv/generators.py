@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,16 +12,24 @@ from pathlib import Path
 from hpcinv.quantities import QUANTITIES
 from hpcinv.schema import Location, shown
 from hpcinv.spelling import did_you_mean
+from hpcinv.units import Dimension
 
 type Value = float | int | bool | str
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """``read`` checks a value and converts it to SI, or raises ``ValueError``."""
+    """``read`` checks a value and converts it to SI, or raises ``ValueError``.
 
-    read: Callable[[object], Value]
+    ``kind`` is its annotation; the default is ``None`` where there is none, or one that only running it would tell.
+    """
+
+    kind: str
     required: bool
+    default: Value | None = None
+
+    def read(self, value: object) -> Value:
+        return _READERS[self.kind](value)
 
 
 def _expect[V: Value](kind: type[V], name: str) -> Callable[[object], V]:
@@ -32,8 +41,16 @@ def _expect[V: Value](kind: type[V], name: str) -> Callable[[object], V]:
     return read
 
 
+def _divisions(value: object) -> int:
+    number = _expect(int, "a whole number")(value)
+    if number < 1:
+        raise ValueError(f"must be at least 1, not {number}")
+    return number
+
+
 _READERS: Mapping[str, Callable[[object], Value]] = {
     **{name: quantity.parse for name, quantity in QUANTITIES.items()},
+    "Divisions": _divisions,
     "float": QUANTITIES["AnyQuantity"].parse,
     "int": _expect(int, "a whole number"),
     "bool": _expect(bool, "true or false"),
@@ -63,6 +80,55 @@ def read_parameters(path: Path, given: Mapping[str, object]) -> tuple[dict[str, 
     return values, problems
 
 
+def in_unit(path: Path, given: Mapping[str, Value], unit: float) -> dict[str, Value]:
+    """Parameters in SI, and the defaults of others, for a generator that works in a length ``unit`` (m).
+
+    Lengths, areas and volumes are what is annotated as such.
+
+    Raises:
+        ValueError: a default of theirs is no number that can be read off.
+    """
+    values = dict(given)
+    for name, parameter in parameters_of(path).items():
+        dimension = QUANTITIES[parameter.kind].dimension if parameter.kind in QUANTITIES else None
+        if dimension is None or dimension != Dimension(length=dimension.length) or not dimension.length:
+            continue
+        value = given.get(name, parameter.default)
+        if not isinstance(value, float | int):
+            raise ValueError(f"needs a number for {name}, whose default in {path.name} is none")
+        values[name] = value / unit**dimension.length
+    return values
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """Parameters that say how fine the mesh of a generator is: those that are a ``Size`` (m), and the ``Divisions``."""
+
+    sizes: Mapping[str, float]
+    divisions: Mapping[str, int]
+
+    @property
+    def parameters(self) -> dict[str, float | int]:
+        return {**self.sizes, **self.divisions}
+
+    def finer(self, factor: float) -> Resolution:
+        """For cells ``factor`` times smaller; divisions become whole numbers, and rather more than fewer."""
+        return Resolution(
+            {name: size / factor for name, size in self.sizes.items()},
+            {name: math.ceil(number * factor - 1e-6) for name, number in self.divisions.items()},
+        )
+
+
+def resolution_of(path: Path, given: Mapping[str, Value]) -> Resolution:
+    """What the generator at ``path`` says of its resolution, with ``given`` parameters in SI."""
+    found: dict[str, dict[str, float]] = {"Size": {}, "Divisions": {}}
+    for name, parameter in parameters_of(path).items():
+        value = given.get(name, parameter.default)
+        if parameter.kind in found and isinstance(value, float | int):
+            found[parameter.kind][name] = value
+    return Resolution(found["Size"], {name: int(number) for name, number in found["Divisions"].items()})
+
+
 def is_generator(path: Path) -> bool:
     return path.suffix in _FORMATS
 
@@ -85,18 +151,27 @@ def _of_python(text: str) -> dict[str, Parameter]:
     positional = [*arguments.posonlyargs, *arguments.args]
     if not positional:
         raise ValueError("build() of a mesh generator must take gmsh as its first argument")
-    bare = len(positional) - len(arguments.defaults)
-    required = {a.arg: i < bare for i, a in enumerate(positional)}
-    required |= {a.arg: d is None for a, d in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)}
-    return {a.arg: Parameter(_reader(a), required[a.arg]) for a in (*positional[1:], *arguments.kwonlyargs)}
+    defaults = [*[None] * (len(positional) - len(arguments.defaults)), *arguments.defaults, *arguments.kw_defaults]
+    return {
+        a.arg: Parameter(_kind(a), default is None, _literal(default))
+        for a, default in list(zip([*positional, *arguments.kwonlyargs], defaults, strict=True))[1:]
+    }
 
 
-def _reader(argument: ast.arg) -> Callable[[object], Value]:
+def _literal(default: ast.expr | None) -> Value | None:
+    try:
+        value = None if default is None else ast.literal_eval(default)
+    except ValueError:  # a name or a call
+        return None
+    return value if isinstance(value, float | int | bool | str) else None
+
+
+def _kind(argument: ast.arg) -> str:
     match argument.annotation:
         case None:
-            return _READERS["float"]
+            return "float"
         case ast.Name(id=name) | ast.Attribute(attr=name) | ast.Constant(value=str(name)) if name in _READERS:
-            return _READERS[name]
+            return name
     kind = ast.unparse(argument.annotation)
     raise ValueError(f"'{argument.arg}' of build() is a {kind}; a job can give {', '.join(_READERS)}")
 
@@ -105,7 +180,7 @@ def _of_geo(text: str) -> dict[str, Parameter]:
     text = re.sub(r"//[^\n]*|/\*.*?\*/", "", re.sub(r'"[^"\n]*"', '""', text), flags=re.DOTALL)
     blocks = re.findall(r"DefineConstant\s*\[(.*?)\]\s*;", text, flags=re.DOTALL)
     names = (name for block in blocks for name in re.findall(r"(\w+)\s*(?:=|,|$)", re.sub(r"\{.*?\}", "0", block)))
-    return {name: Parameter(_READERS["float"], required=False) for name in names if not name[0].isdigit()}
+    return {name: Parameter("float", required=False) for name in names if not name[0].isdigit()}
 
 
 _FORMATS = {".py": _of_python, ".geo": _of_geo}

@@ -1,4 +1,8 @@
-"""Quantities of interest: formulas of position and displacement at a point, or reduced over the nodes of a region."""
+"""Quantities of interest: formulas at a point, or over a region, reduced to one number.
+
+Formulas of position and displacement alone are taken at a region's nodes; those of stress, energy and volume ratio, and
+integrals of any, at quadrature points in its cells, or on its facets if it has no cells.
+"""
 
 from __future__ import annotations
 
@@ -10,27 +14,28 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 # isort: split
 import numpy as np
 import numpy.typing as npt
-from dolfinx import geometry, la
+from dolfinx import la
 from dolfinx.mesh import entities_to_geometry
 
-from hpcinv.errors import JobError, MeshError
+from hpcinv.errors import JobError, MeshError, told_with
+from hpcinv.mesh.location import Location, locate
 from hpcinv.mesh.regions import find
 from hpcinv.placement import placed
 from hpcinv.runtime import MPI
+from hpcinv.scenefields import SceneFields
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
     from hpcinv.mesh.source import Floats
+    from hpcinv.model import Model
     from hpcinv.result import Leg
     from hpcinv.sections import QuantityOfInterest
 
-# A point is taken to be in a cell up to this far outside, as a share of the cell: points on a truly curved surface lie
-# outside of straight cells, by about h/6R of them where the radius is R, and coarse cells are as large as R.
-_MARGIN = 0.2
+type Value = float | list[float]
 
 
 def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
-    """Check before the solve that the quantities' points lie in the body and that it has their regions; collective.
+    """Check before the solve that the body has the quantities' points and regions, as these must be; collective.
 
     Raises:
         MeshError: on every rank, with all that is wrong.
@@ -38,8 +43,11 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
     problems = []
     for quantity in quantities:
         if quantity.on is not None:
-            find(body.regions, quantity.on, body.source)
-        elif _cell_at(body, np.array(quantity.at) / body.length_scale) is None:
+            with told_with(f"quantities: {quantity.name}"):
+                region = find(body.regions, quantity.on, body.source)
+                if quantity.by_quadrature and not region.cell_count:
+                    body.boundary_facets(quantity.on)
+        elif locate(body, np.array(quantity.at)) is None:
             problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")
     if problems:
         low, high = _box(body)
@@ -49,8 +57,14 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
         )
 
 
-def evaluate(quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg) -> dict[str, float | list[float]]:
+def evaluate(
+    quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg, model: Model | None = None
+) -> dict[str, Value]:
     """Values of the quantities in SI by name, the displacement as a list of 3; collective.
+
+    Args:
+        model: that of the leg, which must have reached the full load; its present state becomes the leg's solution.
+            Without it there are no quantities of stress, energy and volume ratio, and none by quadrature.
 
     Raises:
         MeshError: on every rank, if a point is outside of the body, or there is no such region.
@@ -59,59 +73,111 @@ def evaluate(quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg) -> 
     quantities = tuple(quantities)
     with placed(body.mesh, leg.mesh_nodes / body.length_scale):
         check_points(quantities, body)
-        return {q.name: (_on_region if q.at is None else _at_point)(q, body, leg) for q in quantities}
+        fields = _fields(quantities, body, leg, model)
+        places = {q.name: place for q in quantities if q.at and (place := locate(body, np.array(q.at)))}
+        of_fields = [q.name for q in quantities if q.at and q.fields]
+        at_points = fields.at_points([places[name] for name in of_fields]) if fields else []
+        known = dict(zip(of_fields, at_points, strict=True))
+        found: dict[str, Value] = {}
+        for q in quantities:
+            if q.at is not None:
+                found[q.name] = _at_point(q, body, leg, places[q.name], known.get(q.name, {}))
+            elif q.by_quadrature:
+                found[q.name] = _by_quadrature(q, body, fields)
+            else:
+                found[q.name] = _at_nodes(q, body, leg)
+    return found
 
 
-def _at_point(quantity: QuantityOfInterest, body: Body, leg: Leg) -> float | list[float]:
-    at = np.array(quantity.at) / body.length_scale
-    comm, found = body.mesh.comm, _cell_at(body, at)
-    assert found is not None  # check_points has been asked
-    rank, cell = found
-    mine = leg.displacement.eval(at, np.array([cell], dtype=np.int32)) if comm.rank == rank else None
-    u: Floats = comm.bcast(mine, root=rank)
+def _fields(
+    quantities: tuple[QuantityOfInterest, ...], body: Body, leg: Leg, model: Model | None
+) -> SceneFields | None:
+    """What the quantities ask of the scene, at the leg's solution and the full load."""
+    names = [q.of.names for q in quantities if q.fields or q.by_quadrature]
+    if not names:
+        return None
+    assert model is not None
+    model.set_solution(leg.displacement, leg.pressure)
+    scene = model.scene(leg.direction)
+    scene.parameters.set_load(1.0)
+    return SceneFields(body, scene, model.scales, frozenset().union(*names))
+
+
+def _at_point(
+    quantity: QuantityOfInterest, body: Body, leg: Leg, place: Location, fields: Mapping[str, float]
+) -> Value:
+    here, comm = np.array(quantity.at), body.mesh.comm
+    u: Floats | None = None
+    if comm.rank == place.rank:
+        u = leg.displacement.eval(here / body.length_scale, np.array([place.cell], dtype=np.int32))
+    u = comm.bcast(u, root=place.rank)
+    assert u is not None
     if quantity.is_displacement:
         return [float(c) for c in u]
-    here = at * body.length_scale
     X, x = (here, here + u) if leg.direction == "forward" else (here - u, here)
-    return float(_values(quantity, body, X[None], x[None], u[None])[0])
+    return float(_values(quantity, comm, {**fields, **_positions(X[None], x[None], u[None])})[0])
 
 
-def _on_region(quantity: QuantityOfInterest, body: Body, leg: Leg) -> float:
+def _at_nodes(quantity: QuantityOfInterest, body: Body, leg: Leg) -> float:
+    """Reduced over the nodes of a region, all of one weight."""
     assert quantity.on is not None
-    assert quantity.reduce is not None
     nodes = _owned_nodes(body, quantity.on)
-    values = _values(quantity, body, leg.reference_nodes[nodes], leg.current_nodes[nodes], leg.u[nodes])
-    return _REDUCTIONS[quantity.reduce](body.mesh.comm, values)
+    known = _positions(leg.reference_nodes[nodes], leg.current_nodes[nodes], leg.u[nodes])
+    return _reduced(quantity, body.mesh.comm, _values(quantity, body.mesh.comm, known), np.ones(len(nodes)))
 
 
-def _values(quantity: QuantityOfInterest, body: Body, X: Floats, x: Floats, u: Floats) -> Floats:
-    """The quantity's formula at points with reference and current positions and displacements (n, 3) m; collective."""
-    names = dict(zip("XYZ", X.T, strict=True)) | dict(zip("xyz", x.T, strict=True))
-    names |= dict(zip(("ux", "uy", "uz"), u.T, strict=True))
-    values: Floats = quantity.of.evaluate(**names)
-    comm = body.mesh.comm
+def _by_quadrature(quantity: QuantityOfInterest, body: Body, fields: SceneFields | None) -> float:
+    """Reduced over the volume of a region, or over its area if it has no cells."""
+    assert quantity.on is not None
+    assert fields is not None
+    region = find(body.regions, quantity.on, body.source)
+    samples = fields.in_cells(region.cells) if region.cell_count else fields.on_facets(region.facets)
+    weights = samples.current if quantity.over == "current" else samples.reference
+    values = np.broadcast_to(_values(quantity, body.mesh.comm, samples.values), weights.shape)
+    return _reduced(quantity, body.mesh.comm, values, weights)
+
+
+def _positions(X: Floats, x: Floats, u: Floats) -> dict[str, Any]:
+    """Reference and current positions and displacements (n, 3) m by the names of their components."""
+    named = dict(zip("XYZ", X.T, strict=True)) | dict(zip("xyz", x.T, strict=True))
+    return named | dict(zip(("ux", "uy", "uz"), u.T, strict=True))
+
+
+def _values(quantity: QuantityOfInterest, comm: MPI.Intracomm, known: Mapping[str, Any]) -> Floats:
+    """The quantity's formula at the points that ``known`` has the values of; collective."""
+    values: Floats = quantity.of.evaluate(**known)
     if bad := comm.allreduce(int(np.count_nonzero(~np.isfinite(values)))):
         what = f"quantities: {quantity.name}: '{quantity.of}' has no finite value"
-        where = f"({_triple(quantity.at)}) m" if quantity.at else f"{bad} of the nodes of '{quantity.on}'"
+        kind = "quadrature points" if quantity.by_quadrature else "nodes"
+        where = f"({_triple(quantity.at)}) m" if quantity.at else f"{bad} of the {kind} of '{quantity.on}'"
         raise JobError([f"{what} at {where}; look for divisions by zero, and roots and logarithms of negative values"])
     return values
 
 
-def _mean(comm: MPI.Intracomm, values: Floats) -> float:
-    total, count = comm.allreduce(float(values.sum())), comm.allreduce(len(values))
-    return float(total / count)
+def _reduced(quantity: QuantityOfInterest, comm: MPI.Intracomm, values: Floats, weights: Floats) -> float:
+    assert quantity.reduce is not None
+    return _REDUCTIONS[quantity.reduce](comm, values, weights)
 
 
-def _max(comm: MPI.Intracomm, values: Floats) -> float:
+def _integral(comm: MPI.Intracomm, values: Floats, weights: Floats) -> float:
+    return float(comm.allreduce(float((weights * values).sum())))
+
+
+def _mean(comm: MPI.Intracomm, values: Floats, weights: Floats) -> float:
+    return _integral(comm, values, weights) / float(comm.allreduce(float(weights.sum())))
+
+
+def _max(comm: MPI.Intracomm, values: Floats, _weights: Floats) -> float:
     return float(comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX))
 
 
-_REDUCTIONS: Mapping[str, Callable[[MPI.Intracomm, Floats], float]] = {
+_REDUCTIONS: Mapping[str, Callable[[MPI.Intracomm, Floats, Floats], float]] = {
     "max": _max,
-    "min": lambda comm, values: -_max(comm, -values),
+    "min": lambda comm, values, weights: -_max(comm, -values, weights),
     "mean": _mean,
-    "max_abs": lambda comm, values: _max(comm, np.abs(values)),
-    "rms": lambda comm, values: _mean(comm, values**2) ** 0.5,
+    "max_abs": lambda comm, values, weights: _max(comm, np.abs(values), weights),
+    "rms": lambda comm, values, weights: _mean(comm, values**2, weights) ** 0.5,
+    "integral": _integral,
 }
 
 
@@ -126,31 +192,6 @@ def _owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
     # The owner of a node on the region's edge may have none of the region's facets itself.
     marks.scatter_reverse(la.InsertMode.add)
     return np.flatnonzero(marks.array[: nodes.size_local])
-
-
-def _cell_at(body: Body, point: Floats) -> tuple[int, int] | None:
-    """Rank and local cell that hold a point of the scaled mesh, the same on all ranks; collective."""
-    mesh = body.mesh
-    x, dofmap = mesh.geometry.x, mesh.geometry.dofmaps[0]
-    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
-    padding = _MARGIN * float(mesh.h(3, owned).max(initial=0.0))
-    tree = geometry.bb_tree(mesh, 3, padding=padding, entities=owned)
-    candidates = geometry.compute_collisions_points(tree, point).array
-    excess = [_outside(mesh.geometry.cmaps[0], body.source.kind, point, x[dofmap[cell]]) for cell in candidates]
-    nearest = int(np.argmin(excess)) if excess else -1
-    mine = (excess[nearest], mesh.comm.rank, int(candidates[nearest])) if excess else (np.inf, mesh.comm.rank, -1)
-    least, rank, cell = min(mesh.comm.allgather(mine))
-    return (rank, cell) if least <= _MARGIN else None
-
-
-def _outside(cmap: Any, kind: str, point: Floats, nodes: Floats) -> float:
-    """How far a point is outside of a cell in reference coordinates; at most 0 inside."""
-    try:
-        xi = cmap.pull_back(point[None], nodes)[0]
-    except RuntimeError:  # Newton's method fails where the point is far from a curved cell
-        return np.inf
-    beyond = xi.sum() - 1 if kind == "tetrahedron" else xi.max() - 1
-    return float(max(-xi.min(), beyond))
 
 
 def _box(body: Body) -> tuple[Floats, Floats]:

@@ -210,21 +210,31 @@ class Kinematics(ABC):
     def Grad(self, v: Any) -> Any:
         """Gradient of ``v`` with respect to the reference body."""
 
+    @property
     @abstractmethod
+    def volumes(self) -> tuple[Any, Any]:
+        """Volume of the reference and of the current body per volume of the mesh."""
+
+    @property
+    @abstractmethod
+    def areas(self) -> tuple[Any, Any]:
+        """Area of the boundary of the reference and of the current body per area of the mesh."""
+
     def dV(self, integrand: Any, measure: Any = None) -> Any:
         """Integral over the reference volume, of the whole body or of what ``measure`` covers."""
+        return integrand * self.volumes[0] * (measure or self.integration.volume)
 
-    @abstractmethod
     def dv(self, integrand: Any) -> Any:
         """Integral over the current volume."""
+        return integrand * self.volumes[1] * self.integration.volume
 
-    @abstractmethod
     def dA(self, integrand: Any, region: str) -> Any:
         """Integral over the reference area of a region of the boundary."""
+        return integrand * self.areas[0] * self.integration.surface(region)
 
-    @abstractmethod
     def da(self, integrand: Any, region: str) -> Any:
         """Integral over the current area of a region of the boundary."""
+        return integrand * self.areas[1] * self.integration.surface(region)
 
     @abstractmethod
     def n_da(self, vector: Any, region: str) -> Any:
@@ -301,17 +311,13 @@ class ForwardKinematics(Kinematics):
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v)
 
-    def dV(self, integrand: Any, measure: Any = None) -> Any:
-        return integrand * (measure or self.integration.volume)
+    @property
+    def volumes(self) -> tuple[Any, Any]:
+        return 1, self.mesh_J
 
-    def dv(self, integrand: Any) -> Any:
-        return integrand * self.mesh_J * self.integration.volume
-
-    def dA(self, integrand: Any, region: str) -> Any:
-        return integrand * self.integration.surface(region)
-
-    def da(self, integrand: Any, region: str) -> Any:
-        return integrand * self._area * self.integration.surface(region)
+    @property
+    def areas(self) -> tuple[Any, Any]:
+        return 1, self._area
 
     def n_da(self, vector: Any, region: str) -> Any:
         return ufl.inner(vector, self._area_vector) * self.integration.surface(region)
@@ -358,17 +364,13 @@ class InverseKinematics(Kinematics):
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v) * self._F
 
-    def dV(self, integrand: Any, measure: Any = None) -> Any:
-        return integrand * self.mesh_J * (measure or self.integration.volume)
+    @property
+    def volumes(self) -> tuple[Any, Any]:
+        return self.mesh_J, 1
 
-    def dv(self, integrand: Any) -> Any:
-        return integrand * self.integration.volume
-
-    def dA(self, integrand: Any, region: str) -> Any:
-        return integrand * self._area * self.integration.surface(region)
-
-    def da(self, integrand: Any, region: str) -> Any:
-        return integrand * self.integration.surface(region)
+    @property
+    def areas(self) -> tuple[Any, Any]:
+        return self._area, 1
 
     def n_da(self, vector: Any, region: str) -> Any:
         return ufl.inner(vector, self.n) * self.integration.surface(region)

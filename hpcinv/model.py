@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 from hpcinv.bodyfields import BodyFields
 from hpcinv.continuation import AdaptiveSteps, FixedSteps
 from hpcinv.equilibrium import Equilibrium
+from hpcinv.errors import MeshError
 from hpcinv.fieldchecks import check_fields, shear_modulus
 from hpcinv.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.scales import Scales, power_of_two
 from hpcinv.scene import Scene
 from hpcinv.supports import Supports
 from hpcinv.unknowns import Unknowns
+from hpcinv.wellposed import check_agreement, check_held
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function
@@ -41,6 +43,9 @@ class Model:
             self.scales = Scales(body.length_scale, power_of_two(shear_modulus(job, self.fields)))
             self.unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
             self.supports = Supports(job, body, self.unknowns)
+            check_agreement(job, body, self.supports)
+            if not self._has_springs:
+                check_held(body, self.supports)
         self.quadrature_degree = job.discretisation.quadrature or default_quadrature(
             body.source.kind, job.discretisation.displacement
         )
@@ -53,7 +58,7 @@ class Model:
     def equilibrium(self, scene: Scene, stop_asked: Callable[[], bool]) -> Equilibrium:
         """The equations of a scene, and the solver that the job asks for."""
         solver = self.job.solver
-        return Equilibrium(
+        equilibrium = Equilibrium(
             scene,
             self.supports,
             self.timings,
@@ -62,6 +67,17 @@ class Model:
             reuse=0.3 if solver.reuse_tangent else 0.0,
             stop_asked=stop_asked,
         )
+        if self._has_springs:
+            try:
+                check_held(self.body, self.supports, equilibrium)
+            except MeshError:
+                equilibrium.destroy()
+                raise
+        return equilibrium
+
+    @property
+    def _has_springs(self) -> bool:
+        return any(effect.holds for effect in self.job.effects)
 
     def solution(self) -> tuple[Function, Function | None]:
         """Copies of displacement (m) and pressure (Pa; ``None`` in the displacement form) as they stand."""

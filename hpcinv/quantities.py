@@ -105,7 +105,10 @@ Force = Annotated[float, Quantity("N")]
 Stress = Annotated[float, Quantity("Pa")]
 BulkStress = Annotated[float, Quantity("Pa", infinite="incompressible")]
 Dimensionless = Annotated[float, Quantity("")]
+Size = Annotated[float, Quantity("m", above=0.0)]  # of the cells that a mesh generator makes: halved in a finer mesh
 AnyQuantity = Annotated[float, Quantity(None)]
+
+Divisions = int  # number of cells along an edge, for mesh generators: doubled in a finer mesh
 
 QUANTITIES: dict[str, Quantity] = {
     name: get_args(kind)[1]

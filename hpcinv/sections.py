@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from hpcinv.expressions import Expression, faults, faults_with_constants
-from hpcinv.generators import Value, is_generator, read_parameters
+from hpcinv.generators import Value, in_unit, is_generator, read_parameters
 from hpcinv.quantities import AnyQuantity, Length
 from hpcinv.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.spelling import did_you_mean
@@ -25,7 +25,9 @@ AXES: tuple[Axis, ...] = ("x", "y", "z")
 LENGTH = Dimension(length=1)
 COORDINATES: dict[str, Dimension | None] = dict.fromkeys(AXES, LENGTH)
 POSITIONS = COORDINATES | dict.fromkeys(("X", "Y", "Z", "ux", "uy", "uz"), LENGTH)
-
+STRESS = Dimension(length=-1, mass=1, time=-2)
+STRESSES = ("sxx", "syy", "szz", "sxy", "syz", "sxz", "p", "von_mises", "energy")
+FIELDS: dict[str, Dimension | None] = {"J": Dimension(), **dict.fromkeys(STRESSES, STRESS)}
 
 LengthUnit = Annotated[Length, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu")
@@ -45,7 +47,8 @@ class MeshFile(Spec):
     parameters: Mapping[str, Value] = {}
     """parameters of the generator, as numbers in SI or quantities"""
     unit: LengthUnit = 1.0
-    """length unit of the coordinates in a ready-made file, such as mm"""
+    """length unit of the coordinates in a ready-made file, or that a Python generator works in, such as mm: lengths
+    reach it in that unit, for bodies so small or large that gmsh's tolerances, which are absolute, do not suit metres"""
 
     @field_validator("file")
     @classmethod
@@ -74,9 +77,15 @@ class MeshFile(Spec):
         return values
 
     @model_validator(mode="after")
-    def _unit_of_a_file(self) -> Self:
-        if "unit" in self.model_fields_set and is_generator(Path(self.file)):
-            raise Problems((("unit",), "has no use with a generator, which gives its coordinates in metres"))
+    def _unit_of_a_file(self, info: ValidationInfo) -> Self:
+        if "unit" not in self.model_fields_set or not is_generator(Path(self.file)):
+            return self
+        if Path(self.file).suffix == ".geo":
+            raise Problems((("unit",), "has no use with a .geo script, which does not say which parameters are lengths"))
+        try:
+            in_unit(directory_of(info) / self.file, self.parameters, self.unit)
+        except ValueError as error:
+            raise Problems((("unit",), str(error))) from None
         return self
 
 
@@ -130,7 +139,9 @@ class Support(Spec):
 class QuantityOfInterest(Spec):
     """A number to print and keep: the displacement or a formula at a point, or a formula reduced over a region.
 
-    Formulas know the reference position X, Y, Z, the current position x, y, z and the displacement ux, uy, uz.
+    Formulas know the reference position X, Y, Z, the current position x, y, z, the displacement ux, uy, uz, the volume
+    ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, its p = -(sxx + syy + szz)/3 and von_mises, and the energy
+    stored per reference volume.
     """
 
     name: Name
@@ -140,13 +151,25 @@ class QuantityOfInterest(Spec):
     at: Triple[Length] | None = None
     """a point in the given mesh"""
     on: str | None = None
-    """a region, over whose nodes the formula is reduced"""
-    reduce: Literal["max", "min", "mean", "max_abs", "rms"] | None = None
+    """a region over which the formula is reduced: positions over its nodes, else over its cells or, without, facets"""
+    reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
     """how the values on a region become one"""
+    over: Literal["reference", "current"] | None = None
+    """body whose volume or area an integral, mean or rms is over; left out, means and rms of stresses: reference"""
 
     @property
     def is_displacement(self) -> bool:
         return self.of.source.strip() == "displacement"
+
+    @property
+    def fields(self) -> frozenset[str]:
+        """The names in the formula that only the solved scene knows."""
+        return self.of.names & FIELDS.keys()
+
+    @property
+    def by_quadrature(self) -> bool:
+        """Whether it is reduced over the volume or area of a region, rather than over its nodes."""
+        return self.on is not None and (self.over is not None or bool(self.fields))
 
     @model_validator(mode="after")
     def _is_complete(self) -> Self:
@@ -154,12 +177,16 @@ class QuantityOfInterest(Spec):
         if (self.at is None) == (self.on is None):
             problems.append(((), "needs exactly one of 'at' (a point) and 'on' (a region)"))
         elif self.on is not None and self.reduce is None:
-            problems.append((("reduce",), "is needed on a region: max, min, mean, max_abs or rms"))
+            problems.append((("reduce",), "is needed on a region: max, min, mean, max_abs, rms or integral"))
         elif self.at is not None and self.reduce is not None:
             problems.append((("reduce",), "has no use at a point"))
+        if self.over is None and self.on is not None and self.reduce == "integral":
+            problems.append((("over",), "is needed for an integral: over the 'reference' or the 'current' body"))
+        elif self.over is not None and (self.on is None or self.reduce in ("max", "min", "max_abs")):
+            problems.append((("over",), "has a use only with an integral, a mean or rms on a region"))
         if self.is_displacement and self.on is not None:
             problems.append((("of",), "is a vector; on a region take a formula, such as norm(ux, uy, uz)"))
         elif not self.is_displacement:
-            problems += faults([(("of",), self.of)], POSITIONS, None)
+            problems += faults([(("of",), self.of)], POSITIONS | FIELDS, None)
         raise_if_any(problems)
         return self

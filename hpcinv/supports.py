@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -17,9 +18,40 @@ from hpcinv.runtime import MPI
 from hpcinv.sections import AXES
 
 if TYPE_CHECKING:
+    from hpcinv.expressions import Expression
     from hpcinv.job import Job
     from hpcinv.mesh import Body
+    from hpcinv.sections import Support
     from hpcinv.unknowns import Unknowns
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """One component of the displacement on one support, as this rank knows it.
+
+    Attributes:
+        field: what prescribes it in the job, such as ``supports[2].fix``.
+        axis: number of the component.
+        dofs: its degrees of freedom among all unknowns.
+        nodes: the same in the space of ``now``, which holds that component alone.
+        full: values at full load (scaled lengths), at every node of that space, zero where nothing is prescribed.
+        now: values at the present load.
+    """
+
+    field: str
+    region: str
+    axis: int
+    case: int
+    dofs: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int32]
+    full: npt.NDArray[np.float64]
+    now: fem.Function
+
+    @property
+    def points(self) -> npt.NDArray[np.float64]:
+        """Positions of ``nodes`` in the mesh as it now lies, (n, 3) in scaled lengths."""
+        points: npt.NDArray[np.float64] = self.now.function_space.tabulate_dof_coordinates()[self.nodes]
+        return points
 
 
 class Supports:
@@ -31,40 +63,43 @@ class Supports:
 
     def __init__(self, job: Job, body: Body, unknowns: Unknowns) -> None:
         self.conditions: list[fem.DirichletBC] = []
-        self._case_count, self._cases = job.case_count, list[int]()
-        self._full: list[npt.NDArray[np.float64]] = []
-        self._now: list[fem.Function] = []
+        self.prescribed: list[Prescribed] = []
+        self._case_count = job.case_count
         for number, spec in enumerate(job.supports):
             with told_with(f"supports[{number}].region"):
                 facets = body.facets(spec.region)
-            for i, axis in enumerate(AXES):
-                if axis not in spec.held:
+            for axis, name in enumerate(AXES):
+                if name not in spec.held:
                     continue
-                formula = spec.displacement[i] if spec.displacement else None
-                part = unknowns.displacement_component(i)
+                part = unknowns.displacement_component(axis)
                 scalar, _ = part.collapse()
                 dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
                 now = fem.Function(scalar)
                 full = np.zeros_like(now.x.array)
-                held = dofs[1]
-                if formula is not None:
-                    x, y, z = scalar.tabulate_dof_coordinates().T * body.length_scale
-                    with np.errstate(all="ignore"):  # what is not finite is told below, once
-                        values = formula.evaluate(x=x[held], y=y[held], z=z[held], **spec.constants)
-                    full[held] = np.asarray(values) / body.length_scale
-                if not body.mesh.comm.allreduce(bool(np.isfinite(full).all()), op=MPI.LAND):
-                    raise MeshError(
-                        f"supports[{number}].displacement: '{formula}' is not finite somewhere on '{spec.region}'",
-                        "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
-                    )
+                if spec.displacement and (formula := spec.displacement[axis]) is not None:
+                    points = scalar.tabulate_dof_coordinates()[dofs[1]] * body.length_scale
+                    full[dofs[1]] = _values(spec, formula, points) / body.length_scale
+                    if not body.mesh.comm.allreduce(bool(np.isfinite(full).all()), op=MPI.LAND):
+                        raise MeshError(
+                            f"supports[{number}].displacement: '{formula}' is not finite somewhere on '{spec.region}'",
+                            "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
+                        )
                 self.conditions.append(fem.dirichletbc(now, dofs, part))
-                self._full.append(full)
-                self._cases.append(job.case_of(spec))
-                self._now.append(now)
-        moves = any(bool(full.any()) for full in self._full)
+                field = f"supports[{number}].{'displacement' if spec.displacement else 'fix'}"
+                self.prescribed.append(
+                    Prescribed(field, spec.region, axis, job.case_of(spec), dofs[0], dofs[1], full, now)
+                )
+        moves = any(bool(one.full.any()) for one in self.prescribed)
         self.prescribe_motion: bool = body.mesh.comm.allreduce(moves, op=MPI.LOR)
 
     def scale(self, load: float) -> None:
         """Prescribe the displacements that belong to a share of the whole load."""
-        for now, full, case in zip(self._now, self._full, self._cases, strict=True):
-            now.x.array[:] = load_factor(load, case, self._case_count) * full
+        for one in self.prescribed:
+            one.now.x.array[:] = load_factor(load, one.case, self._case_count) * one.full
+
+
+def _values(spec: Support, formula: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """What a formula of the support prescribes at ``points`` (n, 3) m, in m."""
+    x, y, z = points.T
+    with np.errstate(all="ignore"):  # what is not finite is told by the caller, once
+        return np.asarray(formula.evaluate(x=x, y=y, z=z, **spec.constants))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantities import Length
+    from hpcinv.quantities import Divisions, Length
 
 
 def build(
@@ -17,9 +17,9 @@ def build(
     lx: Length = 1.0,
     ly: Length = 1.0,
     lz: Length = 1.0,
-    nx: int = 4,
-    ny: int = 4,
-    nz: int = 4,
+    nx: Divisions = 4,
+    ny: Divisions = 4,
+    nz: Divisions = 4,
     hexahedra: bool = False,
 ) -> None:
     """Mesh the block with nx × ny × nz bricks, each left whole (``hexahedra``) or cut into six tetrahedra."""

@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantities import Length
+    from hpcinv.quantities import Length, Size
 
 
-def build(gmsh: Any, *, length: Length = 0.182, diameter: Length = 0.0085, size: Length = 0.002) -> None:
+def build(gmsh: Any, *, length: Length = 0.182, diameter: Length = 0.0085, size: Size = 0.002) -> None:
     """Mesh a cylinder of the given length and diameter with tetrahedra of the given size (m)."""
     occ = gmsh.model.occ
     beam = occ.addCylinder(0, 0, 0, length, 0, 0, diameter / 2)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantities import Length
+    from hpcinv.quantities import Divisions, Length
 
 RAYS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
@@ -20,9 +20,9 @@ def build(
     inner: Length = 0.5,
     outer: Length = 1.0,
     quarter: bool = True,
-    radial: int = 4,
-    around: int = 4,
-    along: int = 4,
+    radial: Divisions = 4,
+    around: Divisions = 4,
+    along: Divisions = 4,
     hexahedra: bool = False,
 ) -> None:
     """Mesh each quarter with radial × around × along bricks, whole (``hexahedra``) or cut into six tetrahedra."""

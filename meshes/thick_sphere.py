@@ -10,7 +10,7 @@ from math import hypot
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantities import Length
+    from hpcinv.quantities import Divisions, Length
 
 # Rays from the origin, of any length: through the middle, the axes, and between each axis and the next.
 MIDDLE = (1, 1, 1)
@@ -25,8 +25,8 @@ def build(
     *,
     inner: Length = 0.5,
     outer: Length = 1.0,
-    radial: int = 4,
-    along: int = 4,
+    radial: Divisions = 4,
+    along: Divisions = 4,
     hexahedra: bool = False,
 ) -> None:
     """Mesh the octant with radial × along × along bricks in each of three blocks, whole or cut into six tetrahedra.

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hpcinv.generators import parameters_of, read_parameters
+from hpcinv.generators import parameters_of, read_parameters, resolution_of
 
 PYTHON = """
 from hpcinv import quantities
@@ -82,3 +82,30 @@ def test_what_is_no_generator_is_refused(tmp_path: Path, text: str, message: str
     path.write_text(text)
     with pytest.raises(ValueError, match=re.escape(message)):
         parameters_of(path)
+
+
+RESOLVED = """
+def build(gmsh, *, size: Size = 0.25, near: quantities.Size = sum([1]), n: Divisions = 4, width: Length = 2.0): ...
+"""
+
+
+def test_a_generator_says_what_makes_its_mesh_finer(tmp_path: Path) -> None:
+    path = tmp_path / "m.py"
+    path.write_text(RESOLVED)
+    assert resolution_of(path, {"width": 3.0}).parameters == {"size": 0.25, "n": 4}
+    assert resolution_of(path, {"near": 0.5, "n": 3}).parameters == {"size": 0.25, "near": 0.5, "n": 3}
+    assert resolution_of(path, {}).finer(2).parameters == {"size": 0.125, "n": 8}
+    assert resolution_of(path, {"n": 3}).finer(1.5).parameters == {"n": 5, "size": 0.25 / 1.5}
+    assert resolution_of(path, {"n": 1}).finer(0.5).parameters == {"n": 1, "size": 0.5}
+    path.write_text(GEO)
+    path = path.rename(tmp_path / "m.geo")
+    assert resolution_of(path, {}).parameters == {}
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [({"n": 0}, "must be at least 1"), ({"n": 1.5}, "must be a whole number"), ({"size": 0}, "must be above 0")],
+)
+def test_resolutions_that_make_no_mesh_are_refused(tmp_path: Path, given: dict[str, object], text: str) -> None:
+    _, [(_, what)] = read(tmp_path, "m.py", RESOLVED.replace("sum([1])", "1"), given)
+    assert text in what

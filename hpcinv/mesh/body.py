@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
+from hpcinv.generators import in_unit
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.degree import of_degree
@@ -78,7 +79,8 @@ def read_source(spec: MeshSpec, path: Path) -> MeshSource:
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
         if path.suffix in GENERATORS:
-            source = GENERATORS[path.suffix](path, spec.parameters, spec.geometry_degree)
+            parameters = spec.parameters if spec.unit == 1.0 else in_unit(path, spec.parameters, spec.unit)
+            source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree).in_metres(spec.unit)
         else:
             source = FILES[path.suffix](path).in_metres(spec.unit)
     except OSError as exc:
@@ -93,8 +95,13 @@ def build_body(
     comm: MPI.Intracomm,
     *,
     resolve: Callable[[str], Path] = Path,
+    given: MeshSource | None = None,
 ) -> Body:
     """Read the mesh on rank 0, check it, partition it, and name its regions; collective.
+
+    Args:
+        resolve: path of a mesh file as one that can be opened.
+        given: on rank 0, a mesh that stands in for that of the file, such as a refined one.
 
     Raises:
         MeshError, SystemPartMissing: the same on every rank.
@@ -102,7 +109,7 @@ def build_body(
     read: list[tuple[MeshSource, FacetTable]] = []
 
     def on_rank_0() -> MeshSource:
-        source = read_source(spec, resolve(str(spec.file)))
+        source = given or read_source(spec, resolve(str(spec.file)))
         read.append((source, check(source)))
         return source.header()
 

@@ -31,18 +31,18 @@ def raised(source: MeshSource) -> MeshSource:
     Data arrays of nodes have the mean of its vertices there.
     """
     between: list[Ints] = []
-    cells = _with_room(source.kind, source.cells)
+    cells = with_room(source.kind, source.cells)
     facet_kind = FACET_KIND[source.kind]
-    facets = _with_room(facet_kind, source.facets)
+    facets = with_room(facet_kind, source.facets)
     count = len(source.points)
     for dim in (1, 2, 3):
-        dofs = _inner_dofs(source.kind, dim)
+        dofs = inner_dofs(source.kind, dim)
         if not len(dofs):
             continue
         sets, place = unique_rows(vertex_sets(source.cells, sub_entities(source.kind, dim)))
         cells[:, dofs] = count + place.reshape(-1, len(dofs))
         if dim < 3 and len(source.facets):
-            on_facet = _inner_dofs(facet_kind, dim)
+            on_facet = inner_dofs(facet_kind, dim)
             found = find_rows(vertex_sets(source.facets, sub_entities(facet_kind, dim)), sets)
             # An edge of no cell: the facet is none of the mesh, and the check of facets will say so.
             facets[:, on_facet] = np.where(found < 0, -1, count + found).reshape(-1, len(on_facet))
@@ -65,12 +65,12 @@ def raised(source: MeshSource) -> MeshSource:
     )
 
 
-def _inner_dofs(kind: str, dim: int) -> Ints:
+def inner_dofs(kind: str, dim: int) -> Ints:
     """Local numbers of the nodes that degree 2 puts inside the sub-entities of dimension ``dim``, one each or none."""
     return np.array(scalar_element(kind, 2).entity_dofs[dim], dtype=np.int64).ravel()
 
 
-def _with_room(kind: str, entities: Ints) -> Ints:
+def with_room(kind: str, entities: Ints) -> Ints:
     """The same vertices, and room for the nodes to come."""
     wide = np.full((len(entities), scalar_element(kind, 2).dim), -1, dtype=np.int64)
     wide[:, : entities.shape[1]] = entities

@@ -1,0 +1,71 @@
+"""What to try next: the cheapest discretisation that promises to be accurate enough, and its mesh."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.accuracy.forecast import AIM, Choice, Forecast, cautious, choose
+from hpcinv.accuracy.marking import Plan, plan
+from hpcinv.runtime import on_root
+
+if TYPE_CHECKING:
+    from hpcinv.accuracy.meshes import Meshes, Variant
+    from hpcinv.accuracy.trial import Trial
+
+DEEPEST = 2  # halvings of a marked cell in one step
+SECOND_MESH = 1.5  # least factor between two meshes where one alone cannot tell
+
+
+def decide(
+    meshes: Meshes, last: Trial, forecast: Forecast, limit: int, *, known: bool, may_mark: bool
+) -> tuple[Variant, int] | None:
+    """Mesh and degree to try after the ``last`` ones; ``None`` if nothing that is possible is worth it; collective.
+
+    Args:
+        limit: largest number of unknowns.
+        known: whether the present error is; else any second mesh will do.
+        may_mark: whether cells may be refined in places.
+    """
+    factors = meshes.factors(last.variant)
+    indicators = _indicators(last) if may_mark and known else None
+    planned: list[Plan] = []
+
+    def on_rank_0() -> tuple[Choice, float] | None:  # by measured times, which differ from rank to rank
+        if not known:
+            factor = min(f for f in factors if f >= SECOND_MESH)
+            choice = forecast.everywhere(factor, forecast.last.degree)
+            return (choice, factor) if choice.unknowns <= limit else None
+        if indicators is not None:
+            order = max(forecast.order(last.degree), last.degree + 1.0)
+            planned.append(plan(indicators, forecast.excess / AIM, order))
+        best = choose(forecast, factors, planned[0].places if planned else None, limit)
+        return None if best is None else (best, cautious(forecast, best, factors))
+
+    found = on_root(meshes.comm, on_rank_0)
+    if found is None:
+        return None
+    choice, factor = found
+    variant = last.variant
+    if choice.kind == "in places":
+        levels = np.minimum(planned[0].levels, DEEPEST) if planned else np.zeros(0, dtype=np.int64)
+        variant = meshes.in_places(variant, last.body, levels)
+    elif factor > 1:
+        variant = meshes.everywhere(variant, last.body, factor)
+    return variant, choice.degree
+
+
+def _indicators(trial: Trial) -> npt.NDArray[np.float64]:
+    """The estimate's share of each cell of the source on rank 0, of none elsewhere; collective."""
+    assert trial.estimate is not None
+    mesh = trial.body.mesh
+    numbers = np.asarray(mesh.topology.original_cell_index)[: mesh.topology.index_map(3).size_local]
+    gathered = mesh.comm.gather((numbers, trial.estimate.cells))
+    if gathered is None:
+        return np.zeros(0)
+    shares = np.zeros(len(trial.body.source.cells))
+    for cells, mine in gathered:
+        shares[cells] = mine
+    return shares

@@ -1,0 +1,134 @@
+"""The meshes of one body that a search goes through: made anew by their generator, or refined as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.generators import Resolution, is_generator, resolution_of
+from hpcinv.mesh.body import Body, build_body, read_source
+from hpcinv.mesh.cells import sub_entities
+from hpcinv.mesh.degree import inner_dofs
+from hpcinv.mesh.refinement import refine
+from hpcinv.mesh.source import MeshSource
+from hpcinv.runtime import MPI, on_root
+
+if TYPE_CHECKING:
+    from hpcinv.job import Job
+
+MOST = 16  # factor by which cells are made smaller, at most
+FLAT = 1e-6  # distance of a node from the middle of its edge, relative to that, which is only the generator's rounding
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One mesh of the body.
+
+    Attributes:
+        resolution: parameters of the generator that are not as in the job; empty for a mesh that was refined.
+        given: on rank 0 the mesh itself, if it was refined from another.
+        refined: whether it was.
+        size: of its cells relative to the job's own mesh; ``None`` where they were refined in places.
+        origin: how it came to be, in words.
+    """
+
+    resolution: Resolution
+    given: MeshSource | None
+    refined: bool
+    size: float | None
+    origin: str
+
+
+class Meshes:
+    """Makes them; all methods are collective."""
+
+    def __init__(self, job: Job, comm: MPI.Intracomm) -> None:
+        self.job, self.comm = job, comm
+        path, parameters = job.resolve(job.mesh.file), job.mesh.parameters
+        self.resolution = on_root(
+            comm, lambda: resolution_of(path, parameters) if is_generator(path) else Resolution({}, {})
+        )
+        self.first = Variant(self.resolution, None, False, 1.0, "as given")
+
+    def build(self, variant: Variant) -> Body:
+        """The body on one of the meshes."""
+        return build_body(
+            self.job_on(variant).mesh,
+            self.job.regions,
+            self.comm,
+            resolve=self.job.resolve,
+            given=variant.given,
+        )
+
+    def job_on(self, variant: Variant) -> Job:
+        """The job with the parameters of a mesh."""
+        parameters = {**self.job.mesh.parameters, **variant.resolution.parameters}
+        return self.job.model_copy(update={"mesh": self.job.mesh.model_copy(update={"parameters": parameters})})
+
+    def coarser(self) -> Variant | None:
+        """The job's mesh with cells twice as large, if a generator can make it."""
+        coarse = self._generated(self.first, 0.5)
+        return None if coarse.resolution == self.resolution else coarse
+
+    def factors(self, variant: Variant) -> Sequence[float]:
+        """By which its cells can be made smaller, ascending."""
+        if variant.refined or not self.resolution.parameters:
+            return [2.0**n for n in range(1, 5)]
+        if divisions := variant.resolution.divisions:
+            least = min(divisions.values())
+            return [n / least for n in range(least + 1, MOST * least + 1)]
+        return [1.25**n for n in range(1, 13)]
+
+    def everywhere(self, variant: Variant, body: Body, factor: float) -> Variant:
+        """All cells smaller by one of the `factors`."""
+        if not variant.refined and self.resolution.parameters:
+            return self._generated(variant, factor)
+        given, times = None, round(np.log2(factor))
+        if self.comm.rank == 0:
+            given = body.source
+            for _ in range(times):
+                given = refine(given).source
+        size = None if variant.size is None else variant.size / factor
+        return Variant(variant.resolution, given, True, size, f"each cell cut into {8**times}")
+
+    def in_places(self, variant: Variant, body: Body, levels: npt.NDArray[np.int64]) -> Variant:
+        """Cells of the source halved as often as ``levels`` says, which rank 0 knows."""
+        given, marked = None, self.comm.bcast(int(np.count_nonzero(levels)))
+        if self.comm.rank == 0:
+            given = body.source
+            while levels.max(initial=0) > 0:
+                refined = refine(given, np.flatnonzero(levels))
+                given, levels = refined.source, np.maximum(levels - 1, 0)[refined.parent]
+        return Variant(variant.resolution, given, True, None, f"refined in {marked} cells")
+
+    def have_one_shape(self, body: Body) -> bool:
+        """Whether finer meshes are of exactly the same body: one with flat faces only, or that of a ready-made mesh."""
+        if not self.resolution.parameters:
+            return True
+
+        def is_flat() -> bool:
+            source = body.source
+            if source.degree == 1:  # a generator puts nodes of degree 2 on the surface
+                spec = self.job.mesh.model_copy(update={"geometry_degree": 2})
+                source = read_source(spec, self.job.resolve(self.job.mesh.file))
+            return is_straight(source)
+
+        return on_root(self.comm, is_flat)
+
+    def _generated(self, variant: Variant, factor: float) -> Variant:
+        resolution = variant.resolution.finer(factor)
+        assert variant.size is not None
+        told = ", ".join(f"{name} {value:.3g}" for name, value in resolution.parameters.items())
+        return Variant(resolution, None, False, variant.size / factor, told)
+
+
+def is_straight(source: MeshSource) -> bool:
+    """Whether the edges of a mesh of degree 2 have their nodes in the middle."""
+    ends = source.points[source.cells[:, sub_entities(source.kind, 1)]]
+    middles = source.points[source.cells[:, inner_dofs(source.kind, 1)]]
+    offset = np.linalg.norm(middles - ends.mean(axis=2), axis=2)
+    return bool((offset <= FLAT * np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)).all())

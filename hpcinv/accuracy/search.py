@@ -1,0 +1,194 @@
+"""From discretisation to discretisation, until the quantities of interest are as accurate as the job demands."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hpcinv.accuracy.assessment import UNTESTED, Assessment, Finding, assess, hindsight, magnitude
+from hpcinv.accuracy.decision import decide
+from hpcinv.accuracy.forecast import Forecast, Step, Work
+from hpcinv.accuracy.memory import Memory
+from hpcinv.accuracy.meshes import Meshes, Variant
+from hpcinv.accuracy.record import Ending, Record, Row
+from hpcinv.accuracy.trial import Spent, Trial, attempt
+from hpcinv.certificate.estimate import one_degree_more
+from hpcinv.errors import Interrupted, MeshError
+from hpcinv.newton import Outcome
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+    from hpcinv.job import Job
+    from hpcinv.mesh import Body
+    from hpcinv.progress import Progress
+    from hpcinv.timings import Timings
+
+MOST_STEPS = 15
+AVERAGES = ("mean", "rms", "integral")
+TOLERANCE, FINEST = 1e-3, 1e-15  # of the solver, as a share of the demand; and no finer than rounding errors
+
+
+class Search:
+    """The way to the demands of a job; its methods are collective.
+
+    Attributes:
+        best: the discretisation with the smallest estimated error, or the last one if none reached the full load.
+    """
+
+    best: Trial
+
+    def __init__(
+        self, job: Job, comm: Intracomm, timings: Timings, progress: Progress, stop_asked: Callable[[], bool]
+    ) -> None:
+        self.job, self.comm, self.timings = job, comm, timings
+        self.progress, self.stop_asked = progress, stop_asked
+        self.memory = Memory(comm)
+        self.meshes = Meshes(job, comm)
+        self.unseen_order: float | None = None
+        self.last: Trial | None = None
+        self.findings: list[Finding] = []
+        self.assessments: list[Assessment] = []
+        self.steps: list[Step] = []
+        self.rows: list[Row] = []
+
+    def run(self) -> Record | None:
+        """Solve until the demands are met or cannot be; ``None`` if the job's own mesh did not reach the full load.
+
+        Raises:
+            MeshError: the same on every rank.
+            Interrupted: ``stop_asked`` was true on some rank.
+        """
+        begin, first = time.perf_counter(), self.meshes.first
+        body = self._build(first)
+        one_shape = self.meshes.have_one_shape(body)
+        demanded = [q for q in self.job.quantities if q.name in self.job.accuracy]
+        sampled = [q for q in demanded if q.on is not None and not (q.by_quadrature and q.reduce in AVERAGES)]
+        averaged = any(q.reduce in AVERAGES for q in sampled)  # over nodes: it counts where they are dense
+        if averaged:
+            self.unseen_order = 1.0
+        elif sampled or self.job.regions or not one_shape:
+            self.unseen_order = 2.0
+        self.may_mark = body.source.kind == "tetrahedron" and one_shape and not averaged
+        if self.unseen_order is not None and (coarser := self.meshes.coarser()) is not None:
+            with suppress(MeshError):  # it may lack what the job names
+                self._attempt(coarser, self._build(coarser), self._degree)
+        if not self._attempt(first, body, self._degree):
+            return None
+        ending = self._improve()
+        chosen = int(np.argmin([a.excess for a in self.assessments]))
+        seconds = time.perf_counter() - begin
+        return Record(self.job.accuracy, self.rows, chosen, self.assessments[chosen].bounds, ending, seconds)
+
+    def _improve(self) -> Ending:
+        while self.assessments[-1].excess > 1:
+            if len(self.rows) >= MOST_STEPS:
+                return Ending.STEPS
+            following = self._following()
+            if following is None:
+                return Ending.LIMIT
+            if not self._attempt(*following):
+                return Ending.UNSOLVED
+        return Ending.MET
+
+    def _attempt(self, variant: Variant, body: Body, degree: int) -> bool:
+        """Solve and estimate one discretisation, and take it in if it reached the full load."""
+        begin, before = time.perf_counter(), self.last
+        trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.stop_asked, before)
+        if trial.outcome is Outcome.INTERRUPTED:
+            where = f"stopped by a signal in step {len(self.rows) + 1} towards the accuracy demanded"
+            raise Interrupted(f"{where}; nothing was saved", "Run the job again.")
+        if not self.assessments:
+            self.best = trial
+        if trial.estimate is None:
+            return False
+        corrected = {name: trial.estimate.corrected[name] for name in self.job.accuracy}
+        values = {name: trial.quantities[name] for name in self.job.accuracy}
+        mesh = 0 if before is None else self.findings[-1].mesh + (before.body is not body)
+        self.findings.append(Finding(mesh, variant.size, degree, values, corrected))
+        found = assess(self.findings, self.job.accuracy, self.unseen_order)
+        if found.excess <= min((a.excess for a in self.assessments), default=math.inf):
+            self.best = trial
+        self.last = trial
+        self.assessments.append(found)
+        self.steps.append(self._step(trial))
+        self._tell(trial, time.perf_counter() - begin)
+        return True
+
+    def _step(self, trial: Trial) -> Step:
+        """What forecasts learn from a trial."""
+        assert trial.estimate is not None
+
+        def work(degree: int, unknowns: int, count: int, spent: Spent) -> Work:
+            return Work(degree, unknowns, count, spent.assembly, spent.factorization)
+
+        return Step(
+            cell=trial.body.source.kind,
+            size=trial.variant.size,
+            cells=sum(trial.body.partition.cells),
+            solve=work(trial.degree, trial.model.unknowns.size, trial.factorizations, trial.solve),
+            estimate=work(trial.degree + 1, trial.estimate.unknowns, 1, trial.estimation),
+            compilation=trial.solve.compilation + trial.estimation.compilation,
+        )
+
+    def _tell(self, trial: Trial, seconds: float) -> None:
+        step, found = self.steps[-1], self.assessments[-1]
+        seen = {name: error if math.isfinite(error) else None for name, error in found.errors.items()}
+        self.rows.append(
+            Row(
+                mesh=trial.variant.origin,
+                cells=step.cells,
+                degree=step.degree,
+                unknowns=step.unknowns,
+                values=self.findings[-1].values,
+                errors=seen,
+                excess=found.excess if math.isfinite(found.excess) else None,
+                factorizations=step.solve.count,
+                seconds=seconds,
+            )
+        )
+        self.progress.note(self.rows[-1].text)
+
+    def _following(self) -> tuple[Variant, Body, int] | None:
+        """What to try next; ``None`` if nothing within the limits is worth it."""
+        assert self.last is not None
+        limit = min(self.job.solver.maximum_unknowns, self.memory.limit(self.steps[-1].estimate.unknowns))
+        excess = self.assessments[-1].excess
+        known = math.isfinite(excess)
+        forecast = Forecast(self.steps, hindsight(self.findings, self.job.accuracy), excess if known else UNTESTED)
+        decision = decide(self.meshes, self.last, forecast, limit, known=known, may_mark=self.may_mark)
+        if decision is None:
+            return None
+        variant, degree = decision
+        body = self.last.body if variant is self.last.variant else self._build(variant)
+        return variant, body, degree
+
+    def _build(self, variant: Variant) -> Body:
+        with self.timings("mesh"):
+            return self.meshes.build(variant)
+
+    @property
+    def _degree(self) -> int:
+        return self.job.discretisation.displacement
+
+    def _job_in(self, variant: Variant, degree: int) -> Job:
+        """The job in a discretisation, its solver as exact as the demands need."""
+        job = self.meshes.job_on(variant)
+        for _ in range(degree - self._degree):
+            job = one_degree_more(job)
+        tolerance = min(job.solver.tolerance, self._tolerance())
+        return job.model_copy(update={"solver": job.solver.model_copy(update={"tolerance": tolerance})})
+
+    def _tolerance(self) -> float:
+        if self.last is None:
+            return 1.0
+        size = self.last.leg.largest_displacement
+        shares = [
+            demand / max(size, magnitude(self.findings[-1].values[name])) for name, demand in self.job.accuracy.items()
+        ]
+        return max(TOLERANCE * min(shares), FINEST)

@@ -1,0 +1,142 @@
+"""One discretisation of a job's first leg: solved, its quantities of interest evaluated, and their errors estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from hpcinv.accuracy.transfer import begin_with
+from hpcinv.certificate.estimate import Estimate, estimate
+from hpcinv.continuation import follow
+from hpcinv.interest import Value, check_points, evaluate
+from hpcinv.legs import leg_of
+from hpcinv.model import Model
+from hpcinv.newton import Outcome
+
+if TYPE_CHECKING:
+    from hpcinv.accuracy.meshes import Variant
+    from hpcinv.equilibrium import Equilibrium, Solve
+    from hpcinv.job import Job
+    from hpcinv.mesh import Body
+    from hpcinv.result import Leg
+    from hpcinv.timings import Timings
+
+
+@dataclass(frozen=True)
+class Spent:
+    """Seconds on this rank, by what they were spent on."""
+
+    assembly: float
+    factorization: float
+    compilation: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of it.
+
+    Attributes:
+        job: with the degrees and the mesh parameters of this discretisation.
+        variant, body, model: its mesh and its equations.
+        leg: the solution, with all solves that led to it, those of earlier trials too.
+        solves: those of this one.
+        quantities, estimate: values of the job's quantities of interest, and their errors; none below the full load.
+        solve, estimation: what they took.
+        unused_options: PETSc options of the job that nothing asked for.
+    """
+
+    job: Job
+    variant: Variant
+    body: Body
+    model: Model
+    leg: Leg
+    solves: tuple[Solve, ...]
+    quantities: Mapping[str, Value]
+    estimate: Estimate | None
+    solve: Spent
+    estimation: Spent
+    unused_options: list[str]
+
+    @property
+    def degree(self) -> int:
+        return self.job.discretisation.displacement
+
+    @property
+    def load(self) -> float:
+        """Load factor that was reached."""
+        return max((s.load for s in self.solves if s.outcome.accepted), default=0.0)
+
+    @property
+    def factorizations(self) -> int:
+        """Of the solves of this trial."""
+        return sum(s.factorizations for s in self.solves)
+
+    @property
+    def outcome(self) -> Outcome:
+        return self.solves[-1].outcome
+
+
+def attempt(
+    job: Job,
+    variant: Variant,
+    body: Body,
+    timings: Timings,
+    stop_asked: Callable[[], bool],
+    before: Trial | None,
+) -> Trial:
+    """Solve and estimate one discretisation, from the solution of the one ``before``; collective."""
+    with _measured(timings) as solved:
+        check_points(job.quantities, body)
+        model = Model(job, body, timings)
+        scene = model.scene(job.legs[0])
+        equilibrium = model.equilibrium(scene, stop_asked)
+        if before is not None:
+            with timings("transfer"):
+                begin_with(model, before.leg, before.body)
+        solves = tuple(_solve(model, equilibrium, near=before is not None))
+        unused = equilibrium.options.unused()
+        equilibrium.destroy()
+        leg = leg_of(model, job.legs[0], scene, (*_path(before, model), *solves))
+    reached = solves[-1].outcome.accepted and solves[-1].load == 1.0
+    quantities: Mapping[str, Value] = evaluate(job.quantities, body, leg, model) if reached else {}
+    with _measured(timings) as estimated:
+        found = estimate(model, leg, quantities) if reached else None
+    return Trial(job, variant, body, model, leg, solves, quantities, found, solved[0], estimated[0], unused)
+
+
+def _path(before: Trial | None, model: Model) -> Iterator[Solve]:
+    """What was solved on the way to a state, with the signs of tangents as they are with the unknowns of ``model``.
+
+    Each pressure is a negative eigenvalue of a stable state: with an odd number more, the sign is the opposite.
+    """
+    if before is not None:
+        odd = (model.unknowns.pressure_size - before.model.unknowns.pressure_size) % 2
+        for solve in before.leg.solves:
+            yield replace(solve, signs=tuple(-sign if odd else sign for sign in solve.signs))
+
+
+def _solve(model: Model, equilibrium: Equilibrium, *, near: bool) -> Iterator[Solve]:
+    """At the full load from the present state if that is near to the solution, else along the path of loads."""
+    tolerance = model.job.solver.tolerance
+    if near:
+        solve = equilibrium.solve(1.0, tolerance)
+        yield solve
+        if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
+            return
+    model.unknowns.state.x.array[:] = 0.0
+    yield from follow(equilibrium, model.steps, tolerance)
+
+
+@contextmanager
+def _measured(timings: Timings) -> Iterator[list[Spent]]:
+    """One entry in the list when it ends."""
+    spent: list[Spent] = []
+    before = dict(timings.seconds)
+    yield spent
+
+    def since(phase: str) -> float:
+        return timings.seconds[phase] - before.get(phase, 0.0)
+
+    spent.append(Spent(since("tangent"), since("factorization"), since("compile")))
