@@ -50,10 +50,10 @@ class Model:
             body.source.kind, job.discretisation.displacement
         )
 
-    def scene(self, direction: Direction) -> Scene:
-        """The scene in one direction, on the mesh as it now lies."""
+    def scene(self, direction: Direction, known: Function | None = None) -> Scene:
+        """The scene in one direction, on the mesh as it now lies; ``known`` as `Scene` has it."""
         kinematics = KINEMATICS[direction]
-        return Scene(self.job, self.fields, self.unknowns, kinematics, self.quadrature_degree, self.scales)
+        return Scene(self.job, self.fields, self.unknowns, kinematics, self.quadrature_degree, self.scales, known)
 
     def equilibrium(self, scene: Scene, stop_asked: Callable[[], bool]) -> Equilibrium:
         """The equations of a scene, and the solver that the job asks for."""

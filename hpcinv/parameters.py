@@ -35,7 +35,7 @@ class Parameters:
     """The load factors of the load cases, and the finite quantities of laws, effects and families of fibres.
 
     Args:
-        ingredients: what the scene is made of, by the name that messages call it.
+        ingredients: what the scene is made of, by the name that messages call it, and where its formulas are evaluated.
         cases: number of load cases.
 
     Raises:
@@ -44,18 +44,17 @@ class Parameters:
 
     def __init__(
         self,
-        ingredients: Sequence[tuple[str, Ingredient]],
-        k: Kinematics,
+        ingredients: Sequence[tuple[str, Ingredient, Kinematics]],
         fields: BodyFields,
         scales: Scales,
         cases: int,
     ) -> None:
-        self._k, self._fields, self._scales, self._cases = k, fields, scales, cases
+        self._fields, self._scales, self._cases = fields, scales, cases
         self._values = [0.0] * cases
         self._metre: int | None = None
-        places = [self._take_in(where, ingredient) for where, ingredient in ingredients]
+        places = [(self._take_in(where, ingredient), k) for where, ingredient, k in ingredients]
         self._constant = fem.Constant(fields.body.mesh, self._values)
-        self._namespaces = [SimpleNamespace(**{name: self._entry(p) for name, p in found.items()}) for found in places]
+        self._namespaces = [SimpleNamespace(**{n: self._entry(p, k) for n, p in found.items()}) for found, k in places]
 
     def load(self, case: int) -> Any:
         """Load factor of a case, from 0 to 1, as UFL sees it."""
@@ -94,16 +93,16 @@ class Parameters:
         self._values.append(value)
         return len(self._values) - 1
 
-    def _entry(self, place: Any) -> Any:
+    def _entry(self, place: Any, k: Kinematics) -> Any:
         match place:
             case int():
                 return self._constant[place]
             case list():
-                return ufl.as_vector([self._entry(p) for p in place])
+                return ufl.as_vector([self._entry(p, k) for p in place])
             case _Formula(formula, scale, constants):
                 named = {name: self._constant[i] for name, i in constants.items()}
                 assert self._metre is not None
-                return self._constant[scale] * at_position(formula, self._k, self._constant[self._metre], named)
+                return self._constant[scale] * at_position(formula, k, self._constant[self._metre], named)
             case _:
                 return place
 

@@ -32,6 +32,8 @@ from hpcinv.kinematics import Deformation, Kinematics
 from hpcinv.parameters import Parameters
 
 if TYPE_CHECKING:
+    from dolfinx import fem
+
     from hpcinv.bodyfields import BodyFields
     from hpcinv.job import Job
     from hpcinv.materials import MaterialLaw
@@ -59,6 +61,10 @@ class Part:
 class Scene:
     """Material, effects and kinematics composed into one residual.
 
+    Args:
+        known: displacement (scaled) by which what is known of the material on the current body is carried back to the
+            reference body, once and for all; left out, the unknown one.
+
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
         parameters: the load factors, and the parameters of laws, effects and fibres.
@@ -77,23 +83,28 @@ class Scene:
         kinematics: type[Kinematics],
         quadrature_degree: int,
         scales: Scales,
+        known: fem.Function | None = None,
     ) -> None:
         self.unknowns = unknowns
         self.quadrature_degree = quadrature_degree
         cells = law_cells(fields.body, job.laws)
         integration = Integration(fields.body, quadrature_degree, cells)
         self.kinematics = kin = kinematics(unknowns.u, integration)
+        material = kin if known is None else kinematics(known, integration)
         families = job.families
-        self.parameters = par = Parameters(
-            [*job.laws.items(), *job.named_effects, *families.items()], kin, fields, scales, job.case_count
-        )
+        ingredients = [
+            *((name, law, material) for name, law in job.laws.items()),
+            *((name, effect, kin) for name, effect in job.named_effects),
+            *((name, family, material) for name, family in families.items()),
+        ]
+        self.parameters = par = Parameters(ingredients, fields, scales, job.case_count)
         count = len(job.laws)
         of_effects = [
             (effect, par.load(job.case_of(effect)), par.of(count + i)) for i, effect in enumerate(job.effects)
         ]
         directions = {
-            name.removeprefix("fibres."): _unit(kin, family.given_on, par.of(count + len(of_effects) + i).direction)
-            for i, (name, family) in enumerate(families.items())
+            name.removeprefix("fibres."): _unit(material, family.given_on, par.of(i).direction)
+            for i, (name, family) in enumerate(families.items(), start=count + len(of_effects))
         }
         # UFL's running number would make the kernels of each scene's expressions new ones, and a small number of our
         # own might be that of a variable in somebody's law.

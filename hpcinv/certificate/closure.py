@@ -15,9 +15,12 @@ from hpcinv.certificate.verdict import Line, Verdict, at_most, skipped
 from hpcinv.continuation import follow
 from hpcinv.placement import placed
 from hpcinv.runtime import MPI
+from hpcinv.sections import AXES
+from hpcinv.varying import ByFormula
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
+    from hpcinv.job import Job
     from hpcinv.model import Model
     from hpcinv.result import Leg
 
@@ -74,7 +77,9 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
         return
     with placed(model.body.mesh, leg.reference_nodes / model.body.length_scale):
         model.set_solution(leg.displacement, leg.pressure)
-        equilibrium = model.equilibrium(model.scene("forward"), lambda: False)
+        # Fibres and stiffness that were seen on the loaded body stay with the material as it moves on from there.
+        known = model.unknowns.displacement() if _seen_on_the_current_body(model.job) else None
+        equilibrium = model.equilibrium(model.scene("forward", known), lambda: False)
         equilibrium.linearise(1.0)
         found = inertia(equilibrium.matrix)
         equilibrium.destroy()
@@ -83,6 +88,16 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
     else:
         yield _stability(found.negative - model.unknowns.pressure_size, found.asymmetry)
     yield _fold(leg)
+
+
+def _seen_on_the_current_body(job: Job) -> bool:
+    """Whether fibres or parameters of laws are given by what is known of the current body."""
+    if any(family.given_on == "current" for family in job.families.values()):
+        return True
+    parts = (*job.laws.values(), *job.families.values())
+    values = [value for part in parts for value, _ in part.quantities().values()]
+    flat = [v for value in values for v in (value if isinstance(value, tuple) else (value,))]
+    return any(isinstance(v, ByFormula) and not v.formula.names.isdisjoint(AXES) for v in flat)
 
 
 def _stability(unstable: int, asymmetry: float) -> Line:
