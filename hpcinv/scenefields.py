@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 _POSITIONS = ("X", "Y", "Z", "x", "y", "z", "ux", "uy", "uz")
 _STRESSES = {"sxx": (0, 0), "syy": (1, 1), "szz": (2, 2), "sxy": (0, 1), "syz": (1, 2), "sxz": (0, 2)}
 _OF_STRESSES = {"p": ("sxx", "syy", "szz"), "von_mises": tuple(_STRESSES)}
+# FFCx takes shape functions within 1e-6 of 0 and ±1 for these numbers, which points of a user may happen to have.
+_EXACT = {"table_rtol": 1e-15, "table_atol": 1e-15}
 
 
 @dataclass(frozen=True)
@@ -96,9 +98,9 @@ class SceneFields:
     def _samples(self, kind: str, shape: str, entities: LocalIndices, cells: LocalIndices) -> Samples:
         points, weights = basix.make_quadrature(basix.CellType[shape], self.quadrature_degree)
         values = self._values(kind, points, entities, cells)
-        sizes = values[..., -2:] * weights[:, None] * self._scales.length ** (3 if kind == "cells" else 2)
-        reference, current = sizes.reshape(-1, 2).T
-        return Samples(self._named(values[..., :-2].reshape(-1, values.shape[2] - 2)), reference, current)
+        values[..., -2:] *= weights[:, None] * self._scales.length ** (3 if kind == "cells" else 2)
+        flat = values.reshape(-1, values.shape[2])
+        return Samples(self._named(flat[:, :-2]), flat[:, -2], flat[:, -1])
 
     def _values(self, kind: str, points: Floats, entities: LocalIndices, cells: LocalIndices) -> Floats:
         """The fields and, of cells and facets, their sizes at reference points, (entities, points, …); collective."""
@@ -110,8 +112,13 @@ class SceneFields:
                 continue  # the law is nowhere here
             if (kind, number) not in self._compiled:
                 expressions = [field for field, _ in self._fields(number).values()] + self._sizes(kind)
-                vector = ufl.as_vector(expressions)
-                self._compiled[kind, number] = fem.Expression(vector, points, comm=comm, jit_options=JIT_OPTIONS)
+                self._compiled[kind, number] = fem.Expression(
+                    ufl.as_vector(expressions),
+                    points,
+                    comm=comm,
+                    form_compiler_options=_EXACT,
+                    jit_options=JIT_OPTIONS,
+                )
             found = self._compiled[kind, number].eval(self._body.mesh, entities[here])
             if not values.shape[2]:
                 values = np.zeros((len(cells), *found.shape[1:]))

@@ -81,7 +81,9 @@ class MeshFile(Spec):
         if "unit" not in self.model_fields_set or not is_generator(Path(self.file)):
             return self
         if Path(self.file).suffix == ".geo":
-            raise Problems((("unit",), "has no use with a .geo script, which does not say which parameters are lengths"))
+            raise Problems(
+                (("unit",), "has no use with a .geo script, which does not say which parameters are lengths")
+            )
         try:
             in_unit(directory_of(info) / self.file, self.parameters, self.unit)
         except ValueError as error:

@@ -6,7 +6,7 @@ import resource
 import subprocess
 import sys
 
-MODULES = "hpcinv.job, hpcinv.materials, hpcinv.effects"
+MODULES = "hpcinv.job, hpcinv.materials, hpcinv.effects, hpcinv.study.plan"
 HEAVY = {
     "dolfinx",
     "dolfinx_solver",

@@ -197,9 +197,7 @@ def test_touching_is_not_crossing_and_no_overlap_hides_behind_edges_on_edges(
 
 
 @pytest.mark.parametrize("hexahedra", [False, True])
-def test_two_cubes_cross_where_no_plane_separates_them(
-    hexahedra: bool, comm: MPI.Intracomm, meshes: Path
-) -> None:
+def test_two_cubes_cross_where_no_plane_separates_them(hexahedra: bool, comm: MPI.Intracomm, meshes: Path) -> None:
     """Convex bodies are apart if there is a gap along a normal of one of them, or of an edge of each."""
     cube = body_of(meshes / "box.py", comm, nx=3, ny=3, nz=3, hexahedra=hexahedra)
     surface = gather_surface(cube, cube.mesh.geometry.x * cube.length_scale - 0.5)
@@ -237,9 +235,7 @@ def test_arms_tubes_slabs_and_spheres_that_pass_through_themselves(
             assert comm.allgather(found) == [found] * comm.size
             assert moved(alone, arms) == found  # to the last digit, on any number of ranks
 
-        slab = body_of(
-            meshes / "box.py", comm, degree, lx=10.0, ly=0.1, lz=3.0, nx=20, ny=1, nz=3, hexahedra=hexahedra
-        )
+        slab = body_of(meshes / "box.py", comm, degree, lx=10.0, ly=0.1, lz=3.0, nx=20, ny=1, nz=3, hexahedra=hexahedra)
         assert moved(slab, along_arc(3.0, (4.0, 6.0))).pairs == 0
         assert moved(slab, along_arc(3.9, (4.0, 6.0))).pairs > 0  # folded, and each half through the other
         # Rolled up to a ring whose ends touch, and a little further.

@@ -84,7 +84,9 @@ def test_the_worst_cell_of_a_body_is_found_where_it_is(comm: MPI.Intracomm, mesh
             found = worst_cells(body, given, 7 * given, 4)
             assert [w.measure for w in found] == ([name] if degree == 1 else [name, "curvature"])
             assert [found[0].value, found[0].before] == pytest.approx([whole] * 2, rel=1e-10)
-            assert [w.value for w in found[1:]] == pytest.approx([1.0] * (degree - 1), abs=1e-10)  # as gmsh has its nodes
+            assert [w.value for w in found[1:]] == pytest.approx(
+                [1.0] * (degree - 1), abs=1e-10
+            )  # as gmsh has its nodes
             # One corner of the block is pushed in along the diagonal: a cube is flat there at 2/3 of it.
             at_corner = (given < 1e-6).all(axis=1)
             for depth in (0.2, 0.9):

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from hpcinv.job import Job
     from hpcinv.result import Leg
 
+
 @dataclass(frozen=True)
 class Estimate:
     """Estimated discretisation errors of one leg.

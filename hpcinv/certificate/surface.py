@@ -86,7 +86,8 @@ def gather_surface(body: Body, nodes: Floats) -> Surface | None:
     topology.create_connectivity(2, 3)
     topology.create_connectivity(3, 2)
     facets = dolfinx.mesh.exterior_facet_indices(topology)
-    cells = np.array([topology.connectivity(2, 3).links(f)[0] for f in facets], dtype=np.int64)
+    of_facet = topology.connectivity(2, 3)
+    cells = of_facet.array[of_facet.offsets[facets]].astype(np.int64)
     of_cell = topology.connectivity(3, 2).array.reshape(-1, len(sub_entities(kind, 2)))
     which = (of_cell[cells] == facets[:, None]).argmax(axis=1)
 
