@@ -204,8 +204,8 @@ def test_a_tetrahedron_ends_where_the_direct_method_does(law: str, density_in: s
         # r(X) ≈ (∂r/∂X) (X - X*): the gap tells the error to a factor of |(∂r/∂X)⁻¹|, here below 2.
         assert error <= 2 * tolerance * diagonal
         assert gaps(found)[0] > 1e6 * gap
-    assert taken["aitken"] == taken["rausch"] < taken["sellier"] / 2
-    assert taken["anderson"] < taken["sellier"] / 2
+    assert taken["aitken"] == taken["rausch"] <= taken["sellier"] / 2
+    assert taken["anderson"] <= taken["sellier"] / 2
 
 
 @pytest.mark.parallel([1, 2])
@@ -324,7 +324,7 @@ def test_too_few_iterations(comm: MPI.Intracomm) -> None:
 @pytest.mark.parallel([1, 2])
 def test_a_search_that_comes_no_closer(comm: MPI.Intracomm) -> None:
     """Pulled hard, the tetrahedron swings between two bodies; all else than the plain method finds the one between."""
-    case = tetrahedron(9.81, material=LAWS["neo-hookean"] | {"young": "1 kPa"})
+    case = tetrahedron(9.81, material=LAWS["neo-hookean"] | {"young": "2 kPa"})
     error = run_and_fail(comm, method="sellier", **case)
     assert Outcome.FIXED_POINT_DIVERGED.text in str(error)
     direct = hpcinv.run(job(**case), comm)

@@ -80,12 +80,13 @@ class FixedPoint(Method):
                 yield Solve(last.load, Outcome.FORWARD_FAILED, (), 0)
                 return
             with self.model.timings("fixed-point update"):
-                r = self._X + mesh.displacement() - mesh.given
+                X = self._X
+                r = X + mesh.displacement() - mesh.given
                 gaps.append(mesh.largest(r))
                 end = self._end(last, gaps)
-                if end is None and not self._move(self._update.step(self._X, r)):
+                if end is None and not self._move(self._update.step(X, r)):
                     end = Outcome.FIXED_POINT_DIVERGED
-                mesh.set_displacement(mesh.given - self._X)
+                mesh.correct_displacement(X - self._X - r)  # to x - X
             self.reached = 1.0 if end is not None and end.accepted else 0.0
             yield replace(last, outcome=end or last.outcome, gap=gaps[-1] * self.model.scales.length)
             if end is not None:

@@ -60,19 +60,17 @@ class MovableMesh:
         values: Floats = self._nodal.x.array.reshape(-1, 3)[self._dof_of_node]
         return values
 
-    def set_displacement(self, values: Floats) -> None:
-        """Correct the displacement of the state so that it has these values at the nodes.
+    def correct_displacement(self, change: Floats) -> None:
+        """Add to the displacement of the present state what is this at the nodes, and of the geometry's degree between.
 
-        The correction is that of the geometry's degree. Where the displacement has a higher one, what it adds to that
-        between the nodes stays as it is.
+        Where the displacement has a higher degree, what it adds to that between the nodes stays as it is.
         """
-        change = fem.Function(self.unknowns.displacement_space)
-        correction = values - self.displacement()
-        self._nodal.x.array.reshape(-1, 3)[self._dof_of_node] = correction
-        change.interpolate(self._nodal)
-        change.x.scatter_forward()
-        change.x.array[:] += self.unknowns.displacement().x.array
-        self.unknowns.set_displacement(change)
+        self._nodal.x.array.reshape(-1, 3)[self._dof_of_node] = change
+        u = fem.Function(self.unknowns.displacement_space)
+        u.interpolate(self._nodal)
+        u.x.scatter_forward()
+        u.x.array[:] += self.unknowns.displacement().x.array
+        self.unknowns.set_displacement(u)
 
     def least_volume_ratio(self, X: Floats, of: Floats | None = None) -> float:
         """Smallest volume of body ``X`` per volume of another (left out, the given one) at any quadrature point."""
