@@ -80,7 +80,6 @@ class _Run:
         self.progress, self.stop_asked = progress, stop_asked
         self.timings = Timings()
         self.legs: list[Leg] = []
-        self.reached = 0.0  # load factor of the last leg
         self.since_checkpoint = 0  # accepted steps
         self.unused_options: list[str] = []
         self.record: Record | None = None
@@ -96,8 +95,8 @@ class _Run:
         for number, direction in enumerate(job.legs):
             if number == len(self.legs):  # else the search has solved it
                 self._solve(number, direction, restart)
-            if self.reached < 1.0:
-                self._give_up(self.reached, self.legs[-1].solves[-1].outcome)
+            if self.legs[-1].load < 1.0:
+                self._give_up(self.legs[-1])
             if number == 0:
                 quantities = evaluate(job.quantities, self.body, self.legs[0], self.model)
                 self._write_shape()
@@ -113,8 +112,8 @@ class _Run:
         certificate, found = certify(self.model, self.legs, quantities, self.estimate)
         if self.record is not None:
             certificate = Certificate((*certificate.lines, *self.record.lines()))
-        result = Result(job, self.body, tuple(self.legs), quantities, errors, certificate, found, {}, self._path)
-        return self._finish(replace(result, accuracy=self.record), "converged")
+        result = Result(job, self.body, tuple(self.legs), certificate, quantities, errors, found)
+        return self._finish(result, "converged")
 
     def _prepare(self) -> Floats | None:
         """Body and model as the job gives them, and the nodes of the expected shape."""
@@ -131,7 +130,7 @@ class _Run:
         search = Search(self.job, self.comm, self.timings, self.progress, self.stop_asked)
         self.record, best = search.run(), search.best
         self.job, self.body, self.model, self.legs = best.job, best.body, best.model, [best.leg]
-        self.reached, self.estimate, self.unused_options = best.load, best.estimate, best.unused_options
+        self.estimate, self.unused_options = best.estimate, best.unused_options
 
     def _open(self, *, overwrite: bool, resume: bool) -> tuple[Checkpoints | None, Restart | None]:
         """Make or find the run directory, now that the job is known to be right."""
@@ -180,11 +179,11 @@ class _Run:
         if self.since_checkpoint and (stop or (every and load < 1.0)):
             self._checkpoint(number, load, solves)
         if stop and (load < 1.0 or number + 1 < len(self.job.legs)):
-            raise self._interrupted(number, load)
+            restartable = number > 0 or load > 0 or any(map(method.can_restart_after, solves))
+            raise self._interrupted(number, load, saved=restartable)
         scene = model.scene(direction)
         scene.parameters.set_load(load)
-        self.legs.append(leg_of(model, direction, scene, tuple(solves)))
-        self.reached = load
+        self.legs.append(leg_of(model, direction, scene, tuple(solves), load))
 
     def _take_up(self, number: int, restart: Restart) -> tuple[float, list[Solve]]:
         """Make the state of a checkpoint the model's; its load factor in this leg, and the solves that led to it."""
@@ -220,32 +219,33 @@ class _Run:
                 write_fields(self.directory.path / "fields", self.body, self.legs[0])
 
     def _finish(self, result: Result, status: str) -> Result:
+        result = replace(result, directory=self.directory.path if self.directory else None, accuracy=self.record)
         found = statistics(result, status, self.model.unknowns.size, self.unused_options, self.timings, self.comm)
         if self.directory is not None:
             write_summary(self.directory.path, found, self.comm)
         self.progress.finish(found)
         return replace(result, statistics=found)
 
-    def _give_up(self, load: float, outcome: Outcome) -> None:
+    def _give_up(self, leg: Leg) -> None:
         """Tell how far it came, and leave what was reached in the summary and the checkpoint."""
-        unreached = Certificate((Line("load factor", load, "", "must reach 1", Verdict.FAIL, outcome.text),))
-        result = Result(self.job, self.body, tuple(self.legs), {}, {}, unreached, None, {}, self._path)
-        self._finish(result, outcome.text)
-        raise SolveError(f"stopped at load factor {load:.6g} of 1: {outcome.text}", outcome.advice)
+        outcome, gaps = leg.solves[-1].outcome, [s.gap for s in leg.solves if s.gap is not None]
+        if gaps:
+            where = f"stopped {gaps[-1]:.3g} m from the given shape"
+            line = Line("distance from the given shape", gaps[-1], "m", "must vanish", Verdict.FAIL, outcome.text)
+        else:
+            where = f"stopped at load factor {leg.load:.6g} of 1"
+            line = Line("load factor", leg.load, "", "must reach 1", Verdict.FAIL, outcome.text)
+        self._finish(Result(self.job, self.body, tuple(self.legs), Certificate((line,))), outcome.text)
+        raise SolveError(f"{where}: {outcome.text}", outcome.advice)
 
-    def _interrupted(self, number: int, load: float) -> Interrupted:
+    def _interrupted(self, number: int, load: float, *, saved: bool) -> Interrupted:
         where = f"stopped by a signal in the {self.job.legs[number]} solve at load factor {load:.6g}"
         if self.directory is None or self.checkpoints is None:
             return Interrupted(f"{where}; nothing was saved")
-        saved = "what was reached is saved" if number > 0 or load > 0 else "there was nothing to save yet"
         return Interrupted(
-            f"{where}; {saved}",
+            f"{where}; {'what was reached is saved' if saved else 'there was nothing to save yet'}",
             f"Go on with: mpirun -n {self.comm.size} python -m hpcinv resume {relative(self.directory.path)}",
         )
-
-    @property
-    def _path(self) -> Path | None:
-        return self.directory.path if self.directory else None
 
 
 def _named(leg: int, u: fem.Function, p: fem.Function | None) -> dict[str, fem.Function]:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from hpcinv.scene import Scene
 
 
-def leg_of(model: Model, direction: Direction, scene: Scene, solves: tuple[Solve, ...]) -> Leg:
-    """The model's present state and what follows from it, in SI units; collective."""
+def leg_of(model: Model, direction: Direction, scene: Scene, solves: tuple[Solve, ...], load: float = 1.0) -> Leg:
+    """The model's present state, a solution at a load factor, and what follows from it, in SI units; collective."""
     body, length, stress = model.body, model.scales.length, model.scales.stress
     with model.timings("results"):
         u, p = model.solution()
@@ -41,4 +41,5 @@ def leg_of(model: Model, direction: Direction, scene: Scene, solves: tuple[Solve
             J_range=quadrature_range(scene.J, body.mesh, degree),
             strain_energy=body.mesh.comm.allreduce(energy, op=MPI.SUM) * stress * length**3,
             solves=solves,
+            load=load,
         )

@@ -38,7 +38,8 @@ class Leg:
         cauchy_stress: mean Cauchy stress of each cell in Pa, piecewise constant, (3, 3).
         J_range: smallest and largest volume ratio at any quadrature point.
         strain_energy: energy stored in the body, in J.
-        solves: every solve of the continuation, failed ones too.
+        solves: every solve of the method, failed ones too.
+        load: load factor at which it is a solution, 1 if all went well.
     """
 
     direction: Direction
@@ -51,6 +52,7 @@ class Leg:
     J_range: tuple[float, float]
     strain_energy: float
     solves: tuple[Solve, ...]
+    load: float = 1.0
 
     @property
     def sign(self) -> int:
@@ -87,10 +89,10 @@ class Result:
 
     Attributes:
         legs: one for each direction that was solved; the first is on the mesh that the job gives.
-        quantities: the job's quantities of interest by name.
         certificate: what the answer is worth.
-        estimate: estimated discretisation errors, ``None`` if they were not asked for.
+        quantities: the job's quantities of interest by name.
         errors: distances (``comparison``): from the job's expected shape, and what a round trip failed to close.
+        estimate: estimated discretisation errors, ``None`` if they were not asked for.
         statistics: what ``summary.json`` holds.
         directory: where it was written, if anywhere.
         accuracy: how the job's demands on it were met, if it has any.
@@ -99,9 +101,9 @@ class Result:
     job: Job
     body: Body
     legs: tuple[Leg, ...]
-    quantities: Mapping[str, Any]
-    errors: Mapping[str, Mapping[str, float]]
     certificate: Certificate
+    quantities: Mapping[str, Any] = field(default_factory=dict)
+    errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     estimate: Estimate | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
     directory: Path | None = None

@@ -50,7 +50,7 @@ def result(comm: MPI.Intracomm) -> Result:
     closure = {"max": 1e-12, "rms": 1e-13, "relative": 1e-12}
     certificate = Certificate((at_most("residual", np.float64(1e-9), 1e-8, 1e-6), skipped("overlap", "switched off")))
     estimate = Estimate({"volume": 0.1}, {"volume": 2.6}, 1e-4, zero(body.mesh.geometry.x[:, 0]), 300)
-    return Result(made, body, legs, quantities, {"round_trip": closure}, certificate, estimate)
+    return Result(made, body, legs, certificate, quantities, {"round_trip": closure}, estimate)
 
 
 def read(group: h5py.Group) -> dict[str, Any]:

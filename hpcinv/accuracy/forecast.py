@@ -98,11 +98,11 @@ class Forecast:
         self.last = steps[-1]
         done = [work for step in steps for work in (step.solve, step.estimate)]
         self.power, self._factorization = _fit((w.unknowns, w.factorization / max(w.count, 1)) for w in done)
-        self._assembly = [
-            work.assembly / max(work.count, 1) / (step.cells * nodes(step.cell, work.degree) ** 3)
-            for step in steps
-            for work in (step.solve, step.estimate)
-        ]
+        # Of the largest problem so far: in the smallest there is much besides.
+        largest, step = max(
+            ((work, step) for step in steps for work in (step.solve, step.estimate)), key=lambda pair: pair[0].unknowns
+        )
+        self._assembly = largest.assembly / max(largest.count, 1) / (step.cells * nodes(step.cell, largest.degree) ** 3)
 
     def order(self, degree: int) -> float:
         """``k`` of a degree, where all cells are refined."""
@@ -142,8 +142,8 @@ class Forecast:
 
     def seconds(self, degree: int, cells: float, unknowns: float) -> float:
         """Of one tangent, assembled and factorized."""
-        each = sum(self._assembly) / len(self._assembly) * nodes(self.last.cell, degree) ** 3
-        return float(each * cells + self._factorization * unknowns**self.power)
+        assembly = self._assembly * cells * nodes(self.last.cell, degree) ** 3
+        return float(assembly + self._factorization * unknowns**self.power)
 
     def _choice(self, kind: Kind, factor: float, degree: int, growth: float, excess: float) -> Choice:
         cells, unknowns = self.last.cells * growth, self.last.unknowns * growth * (degree / self.last.degree) ** 3

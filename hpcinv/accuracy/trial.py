@@ -64,11 +64,6 @@ class Trial:
         return self.job.discretisation.displacement
 
     @property
-    def load(self) -> float:
-        """Load factor that was reached."""
-        return max((s.load for s in self.solves if s.outcome.accepted), default=0.0)
-
-    @property
     def factorizations(self) -> int:
         """Of the solves of this trial."""
         return sum(s.factorizations for s in self.solves)
@@ -98,8 +93,9 @@ def attempt(
         solves = tuple(_solve(model, equilibrium, near=before is not None))
         unused = equilibrium.options.unused()
         equilibrium.destroy()
-        leg = leg_of(model, job.legs[0], scene, (*_path(before, model), *solves))
-    reached = solves[-1].outcome.accepted and solves[-1].load == 1.0
+        load = max((s.load for s in solves if s.outcome.accepted), default=0.0)
+        leg = leg_of(model, job.legs[0], scene, (*_path(before, model), *solves), load)
+    reached = load == 1.0
     quantities: Mapping[str, Value] = evaluate(job.quantities, body, leg, model) if reached else {}
     with _measured(timings) as estimated:
         found = estimate(model, leg, quantities) if reached else None
