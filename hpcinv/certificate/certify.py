@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.balance import balance
 from hpcinv.certificate.closure import gap, round_trip, stability
 from hpcinv.certificate.estimate import Estimate, estimate
 from hpcinv.certificate.shape import shape
-from hpcinv.certificate.verdict import Certificate, Line, at_least, at_most, skipped
+from hpcinv.certificate.verdict import Certificate, Line, Verdict, at_least, at_most, skipped
 from hpcinv.placement import placed
 
 if TYPE_CHECKING:
@@ -58,4 +59,8 @@ def _discretisation(leg: Leg, found: Estimate | None) -> Iterator[Line]:
         yield skipped(DISCRETISATION, "switched off: certificate.estimate")
         return
     size = leg.largest_displacement
+    if not isfinite(found.shape):
+        note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
+        yield Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
+        return
     yield at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, 0.5, note=f"{found.shape:.3g} m")
