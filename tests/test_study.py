@@ -199,6 +199,7 @@ def test_values_are_taken_from_the_same_case_of_an_earlier_ladder(tmp_path: Path
         tolerances += [task.job.solver.tolerance] if waits else []
         schedule.keep(task, good(1.0) if waits else outcomes[task.run.place.parameters["material.mu"]])
     assert tolerances == [1e-5, 1e-11]
+    assert schedule_of(schedule.plan, tmp_path).reused == 6
     why = [row.status for row in rows_of(schedule.plan, schedule) if row.place.ladder != "direct"]
     assert why[:2] == ["converged", "converged"]
     assert why[2] == "not run: 'direct', which solver.tolerance is taken from, has failed"
@@ -403,7 +404,7 @@ def test_the_table_has_every_run_with_its_value_error_and_cost(table: list[dict[
         assert float(row["unknowns"]) == 3 * 3 * 3 * (2 * n + 1)
         assert float(row["cells"]) == 6 * n
         assert float(row["factorizations"]) == alone.legs[0].factorizations
-        assert row["repetitions"] == "2"
+        assert (row["repetitions"], row["certificate"]) == ("2", alone.certificate.verdict.value)
         assert 0 < float(row["time_min"]) <= float(row["time"]) <= float(row["time_max"])
         assert float(row["solver"]) < float(row["run"]) == float(row["time"])
         assert 5e7 < float(row["memory"]) < 2e9

@@ -47,7 +47,8 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
         ladders = list(dict.fromkeys(point.ladder for point in accuracy.points))
         for i, ladder in enumerate(ladders):
             name = f"{ladder} ({varied[ladder]})" if varied[ladder] else ladder
-            _draw_ladder(axes, i, name, [point for point in points if point.ladder == ladder])
+            if of_ladder := [point for point in points if point.ladder == ladder]:
+                _draw_ladder(axes, i, name, of_ladder)
         many = "average " if any(len(point.errors) > 1 for point in points) else ""
         axes.set(xscale="log", yscale="log", xlabel=f"time / s ({seconds})", ylabel=many + _error_label(accuracy))
         axes.set_title(f"{title}: {accuracy.name}", loc="left", fontsize=10)

@@ -168,7 +168,14 @@ def _label(varied: Mapping[str, Any]) -> str:
 
 def text_of(value: Any) -> str:
     """A value as a label has it."""
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    match value:
+        case float():
+            return f"{value:.6g}"
+        case dict():
+            return " ".join(map(text_of, value.values()))
+        case list() | tuple():
+            return f"[{', '.join(map(text_of, value))}]"
+    return str(value)
 
 
 def _first_of(titles: list[str]) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.generators import resolution_of
 from hpcinv.study.keys import look_up
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ class Row:
         costs: by name, times as medians over the repetitions; ``None`` for what is not known.
         times: seconds of each repetition that counts.
         values: by what is measured.
+        certificate: its verdict; empty where a run has none.
         estimates: estimated error of each value (corrected less computed), where the certificate has one.
         size: size of the cells in any unit, ``None`` where the mesh is not what varies.
     """
@@ -41,6 +43,7 @@ class Row:
     costs: Mapping[str, float | None]
     times: tuple[float, ...]
     values: Mapping[str, float | None]
+    certificate: str
     estimates: Mapping[str, float | None]
     size: float | None
 
@@ -81,7 +84,8 @@ def _row(plan: Plan, run: Run, key: str, records: Sequence[Record], parameter: s
     values = {name: look_up(found, k) if converged else None for name, k in plan.measured.items()}
     estimates = {name: look_up(found, f"certificate.estimate.{k}") for name, k in plan.measured.items()}
     size = _size(run, costs["cells"], parameter) if _refines(run) else None
-    return Row(run.place, key, records[0].status, costs, tuple(seconds[study.time]), values, estimates, size)
+    verdict = str(found.get("certificate", {}).get("verdict", ""))
+    return Row(run.place, key, records[0].status, costs, tuple(seconds[study.time]), values, verdict, estimates, size)
 
 
 def _run_seconds(found: Mapping[str, Any]) -> float:
@@ -100,7 +104,8 @@ def _median(values: Sequence[float]) -> float | None:
 def _refines(run: Run) -> bool:
     """Whether nothing but the mesh varies along the ladder."""
     keys = run.place.varied.keys()
-    return bool(keys) and all(key.split(".")[0] in ("mesh", "expected_shape") for key in keys)
+    of_meshes = ("mesh.parameters", "expected_shape")
+    return bool(keys) and all(key in ("mesh", "mesh.file") or key.startswith(of_meshes) for key in keys)
 
 
 def _proportional(plan: Plan, ladder: str) -> str | None:
@@ -110,7 +115,7 @@ def _proportional(plan: Plan, ladder: str) -> str | None:
     names = [key.removeprefix(prefix) for key in runs[0].place.varied if key.startswith(prefix)]
     sizes = {name: [_of_parameter(run, name) for run in runs] for name in names}
     known = {name: [s for s in values if s is not None] for name, values in sizes.items()}
-    if not names or any(len(known[name]) < len(runs) for name in names):
+    if not names or any(len(values) < len(runs) for values in known.values()):
         return None
     coarsening = [[size / values[-1] for size in values] for values in known.values()]
     same = all(math.isclose(a, b) for other in coarsening for a, b in zip(coarsening[0], other, strict=True))
@@ -118,11 +123,10 @@ def _proportional(plan: Plan, ladder: str) -> str | None:
 
 
 def _of_parameter(run: Run, name: str) -> float | None:
-    """Size of the cells by a parameter of the mesh: a length, or the inverse of a number of divisions."""
-    value = run.job.mesh.parameters.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or value <= 0:
-        return None
-    return 1 / value if isinstance(value, int) else value
+    """Size of the cells by a parameter of a mesh generator that says what it is: a size, or a number of divisions."""
+    mesh = run.job.mesh
+    resolution = resolution_of(run.job.resolve(mesh.file), mesh.parameters)
+    return resolution.sizes.get(name, 1 / resolution.divisions[name] if name in resolution.divisions else None)
 
 
 def _size(run: Run, cells: float | None, parameter: str | None) -> float | None:

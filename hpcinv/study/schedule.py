@@ -36,7 +36,8 @@ class Schedule:
         self._jobs: dict[int, tuple[Job, str] | Record] = {}
         self._by_place = {(r.place.ladder, r.place.step, r.place.case): i for i, r in enumerate(plan.runs)}
         self._tasks = self._rounds()
-        self.reused = sum(len(self.records(i)) for i, run in enumerate(plan.runs) if not self._waits(run))
+        ready = {self.key(i): i for i in range(len(plan.runs)) if self._is_ready(i)}
+        self.reused = sum(len(self.records(i)) for key, i in ready.items() if key)
 
     def next(self) -> Task | None:
         """What is due, ``None`` when all is done."""
@@ -84,30 +85,38 @@ class Schedule:
 
     def _count(self) -> tuple[int, int]:
         """The number of the next execution, and of all."""
-        known = [i for i, run in enumerate(self.plan.runs) if i in self._jobs or not self._waits(run)]
-        needed = {self.key(i): (len(self.records(i)), max(self._missing(i), 0)) for i in known}
-        later = sum(self._repeat(i) for i in range(len(self.plan.runs)) if i not in known)
+        ready = {i: self._is_ready(i) for i in range(len(self.plan.runs))}
+        needed = {self.key(i): (len(self.records(i)), max(self._missing(i), 0)) for i, known in ready.items() if known}
+        needed.pop("", None)  # those that cannot begin
+        later = sum(self._repeat(i) for i, known in ready.items() if not known)
         done, missing = (sum(column) for column in zip(*needed.values(), strict=True))
         return done + 1, done + missing + later
 
-    def _waits(self, run: Run) -> bool:
-        return bool(self.plan.study.ladder(run.place.ladder).take)
+    def _is_ready(self, run: int) -> bool:
+        """Whether all that a run takes from others is known."""
+        return run in self._jobs or all(self._is_ready(i) and bool(self.records(i)) for _, i in self._sources(run))
+
+    def _sources(self, run: int) -> Iterator[tuple[str, int]]:
+        """Keys that take their value from another run, with its number."""
+        place = self.plan.runs[run].place
+        for key, taken in self.plan.study.ladder(place.ladder).take.items():
+            step = place.step if self.plan.study.ladder(taken.ladder).steps > 1 else 0
+            yield key, self._by_place[taken.ladder, step, place.case]
 
     def _job(self, run: int) -> tuple[Job, str] | Record:
         """The job of a run and its hash, or why there is none: another run, from which it takes values, has failed."""
         if run not in self._jobs:
-            job = self._completed(self.plan.runs[run])
+            job = self._completed(run)
             self._jobs[run] = job if isinstance(job, Record) else (job, content_key(job, self.ranks))
         return self._jobs[run]
 
-    def _completed(self, run: Run) -> Job | Record:
-        values = {}
-        for key, taken in self.plan.study.ladder(run.place.ladder).take.items():
-            step = run.place.step if self.plan.study.ladder(taken.ladder).steps > 1 else 0
-            source = self.records(self._by_place[taken.ladder, step, run.place.case])[0]
-            value = look_up(source.statistics, taken.key) if source.converged else None
+    def _completed(self, number: int) -> Job | Record:
+        run, values = self.plan.runs[number], {}
+        for key, source in self._sources(number):
+            taken, record = self.plan.study.ladder(run.place.ladder).take[key], self.records(source)[0]
+            value = look_up(record.statistics, taken.key) if record.converged else None
             if value is None:
-                why = "has failed" if not source.converged else f"has no number at {taken.key}"
+                why = "has failed" if not record.converged else f"has no number at {taken.key}"
                 return Record(f"not run: '{taken.ladder}', which {key} is taken from, {why}", "", False, {})
             values[key] = max(value, taken.at_least)
         try:

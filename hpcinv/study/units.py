@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hpcinv.sections import POSITIONS
+from hpcinv.sections import FIELDS, POSITIONS
 from hpcinv.units import NAMES, parse_unit
 
 if TYPE_CHECKING:
@@ -22,5 +22,7 @@ def unit_of(key: str, job: Job) -> str:
         return _IN_SUMMARY.get(key.rpartition(".")[2], "")
     if names[name].is_displacement:
         return "m"
-    dimension = names[name].of.check(POSITIONS)
+    if names[name].reduce == "integral":  # of what it is over, volume or area, only the mesh knows
+        return ""
+    dimension = names[name].of.check(POSITIONS | FIELDS)
     return next((unit for unit in NAMES if parse_unit(unit)[1] == dimension), "")
