@@ -83,7 +83,8 @@ def read_parameters(path: Path, given: Mapping[str, object]) -> tuple[dict[str, 
 def in_unit(path: Path, given: Mapping[str, Value], unit: float) -> dict[str, Value]:
     """Parameters in SI, and the defaults of others, for a generator that works in a length ``unit`` (m).
 
-    Lengths, areas and volumes are what is annotated as such.
+    Lengths, areas and volumes are what is annotated as such. They are rounded to 13 digits: a mesh may change
+    altogether with the last bit of a length, and bodies that are alike should have meshes that are.
 
     Raises:
         ValueError: a default of theirs is no number that can be read off.
@@ -96,7 +97,7 @@ def in_unit(path: Path, given: Mapping[str, Value], unit: float) -> dict[str, Va
         value = given.get(name, parameter.default)
         if not isinstance(value, float | int):
             raise ValueError(f"needs a number for {name}, whose default in {path.name} is none")
-        values[name] = value / unit**dimension.length
+        values[name] = float(f"{value / unit**dimension.length:.13g}")
     return values
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 type Faults = Iterator[tuple[Location, str]]
 
-NEARLY_INCOMPRESSIBLE = 20.0  # bulk-to-shear ratio above which displacements alone lock
+NEARLY_INCOMPRESSIBLE = 10.0  # bulk-to-shear ratio above which displacements alone lock
 
 
 def wants_pressure(laws: Mapping[str, MaterialLaw]) -> bool:

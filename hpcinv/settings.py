@@ -14,7 +14,7 @@ class Discretisation(Spec):
     """Finite-element spaces: displacement ``P_k``, and in the mixed form a continuous pressure ``P_m`` with m < k."""
 
     formulation: Literal["auto", "displacement", "mixed"] = "auto"
-    """auto takes the mixed form where the bulk modulus is more than 20 times the shear modulus"""
+    """auto takes the mixed form where the bulk modulus is more than 10 times the shear modulus"""
     displacement: Annotated[int, Field(ge=1, le=4)] = 2
     """degree of the displacement"""
     pressure: Annotated[int, Field(ge=1, le=3)] | None = None
@@ -49,17 +49,36 @@ PetscValue = Annotated[
 ]
 
 
+Rescue = Literal["bulk-modulus", "arc-length", "line-search", "anderson"]
+
+_USES: Mapping[str, tuple[str, ...]] = {
+    "steps": ("fixed",),
+    "initial_step": ("adaptive", "arc-length"),
+    "minimum_step": ("adaptive", "arc-length"),
+    "rescue": ("adaptive", "arc-length"),
+    "folds": ("arc-length",),
+    "maximum_steps": ("arc-length",),
+}
+"""The strategies with which an option has a use."""
+
+
 class Solver(Spec):
     """Continuation in the load factor, and the Newton iteration at each of its steps."""
 
-    strategy: Literal["adaptive", "fixed"] = "adaptive"
-    """adaptive finds the largest steps that converge; fixed takes equal ones"""
+    strategy: Literal["adaptive", "fixed", "arc-length"] = "adaptive"
+    """adaptive finds the largest steps that converge, fixed takes equal ones, arc-length passes turning points"""
     steps: Annotated[int, Field(ge=1)] = 10
     """number of equal steps (strategy: fixed)"""
     initial_step: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """first step in the load factor (strategy: adaptive)"""
+    """first step in the load factor (strategy: adaptive or arc-length)"""
     minimum_step: Annotated[float, Field(gt=0, le=1)] = 1e-3
-    """step below which the load counts as unreachable (strategy: adaptive)"""
+    """step below which the load counts as unreachable (adaptive), relative to the displacement (arc-length)"""
+    folds: Annotated[int, Field(ge=0)] = 0
+    """turning points of the load to pass before the state at full load counts (strategy: arc-length)"""
+    maximum_steps: Annotated[int, Field(ge=1)] = 200
+    """steps along the path after which it is given up (strategy: arc-length)"""
+    rescue: ListOf[Rescue] = ("bulk-modulus", "arc-length", "line-search", "anderson")
+    """what is tried, in this order, where the strategy fails (adaptive or arc-length); [] for nothing"""
     maximum_iterations: Annotated[int, Field(ge=1)] = 25
     """Newton iterations after which a step has failed"""
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-12
@@ -81,12 +100,10 @@ class Solver(Spec):
 
     @model_validator(mode="after")
     def _options_have_a_use(self) -> Self:
-        other, idle = {"adaptive": ("fixed", {"steps"}), "fixed": ("adaptive", {"initial_step", "minimum_step"})}[
-            self.strategy
-        ]
         raise_if_any(
-            ((key,), f"has no use with 'strategy: {self.strategy}'; remove it, or take 'strategy: {other}'")
-            for key in sorted(idle & self.model_fields_set)
+            ((key,), f"has no use with 'strategy: {self.strategy}'; remove it, or take 'strategy: {uses[0]}'")
+            for key, uses in sorted(_USES.items())
+            if key in self.model_fields_set and self.strategy not in uses
         )
         if self.minimum_step > self.initial_step:
             raise Problems((("minimum_step",), f"must not exceed initial_step, which is {self.initial_step:g}"))

@@ -48,10 +48,10 @@ class Unknowns:
             self.state = fem.Function(self.space, name="up")
             self.u, self.p = ufl.split(self.state)
             self.v, self.q = ufl.TestFunctions(self.space)
-            self.displacement_space, dofs = self.space.sub(0).collapse()
-            self._displacement_dofs = np.asarray(dofs, dtype=np.int32)
-            self._pressure_space, dofs = self.space.sub(1).collapse()
-            self._pressure_dofs = np.asarray(dofs, dtype=np.int32)
+            self.displacement_space = fem.functionspace(mesh, vector)
+            self._displacement_dofs = _dofs_in(self.space, 0, self.displacement_space)
+            self._pressure_space = fem.functionspace(mesh, scalar)
+            self._pressure_dofs = _dofs_in(self.space, 1, self._pressure_space)
 
     @property
     def size(self) -> int:
@@ -107,3 +107,18 @@ class Unknowns:
         dofmap = nodal.function_space.dofmap.list
         values[x.dofmaps[0]] = nodal.x.array.reshape(-1, 3)[dofmap]
         return values
+
+
+def _dofs_in(mixed: fem.FunctionSpace, part: int, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """For each local dof of ``space`` the one of a part of a ``mixed`` space that is the same.
+
+    Functions of a collapsed subspace are not continuous on tetrahedra from degree 3 on (DOLFINx 0.11): the dofs on an
+    edge are then in the order of the mixed space, which forms on the collapsed one do not know.
+    """
+    numbers, there = fem.Function(space), fem.Function(mixed)
+    numbers.x.array[:] = np.arange(1.0, len(numbers.x.array) + 1)
+    there.sub(part).interpolate(numbers)  # values at the nodes of both
+    place = np.flatnonzero(there.x.array)
+    dofs = np.empty(len(place), dtype=np.int32)
+    dofs[np.rint(there.x.array[place]).astype(np.int64) - 1] = place
+    return dofs

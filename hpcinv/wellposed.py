@@ -106,7 +106,8 @@ def check_held(body: Body, supports: Supports, assembly: Assembly | None = None)
         motions = _free(comm, supports, labels, part, springs)
         if motions.shape[1]:
             middle = ", ".join(f"{c:.4g}" for c in part.middle * body.length_scale)
-            what = "the body" if count == 1 else f"its part of {part.cells} cells around ({middle}) m"
+            cells = f"{part.cells} cell{'' if part.cells == 1 else 's'}"
+            what = "the body" if count == 1 else f"its part of {cells} around ({middle}) m"
             faults.append(f"{what} free to {' and to '.join(names(motions, part.frame, body.length_scale))}")
     if faults:
         more = f"; and {len(faults) - _TOLD} more of its parts" if len(faults) > _TOLD else ""

@@ -118,11 +118,11 @@ def test_young_and_poisson_stand_for_the_lame_parameters(load: Loader) -> None:
 @pytest.mark.parametrize(
     ("material", "mixed"),
     [
-        ({"law": "neo-hookean", "mu": 1.0, "lam": 19.0}, False),
-        ({"law": "neo-hookean", "mu": 1.0, "lam": 20.0}, True),
+        ({"law": "neo-hookean", "mu": 1.0, "lam": 9.0}, False),
+        ({"law": "neo-hookean", "mu": 1.0, "lam": 10.0}, True),
         ({"law": "neo-hookean", "young": 1.0, "poisson": 0.5}, True),
         ({"law": "mooney-rivlin", "c1": 1.0, "c2": 0.0, "d1": "incompressible"}, True),
-        ({"law": "mooney-rivlin", "c1": 1.0, "c2": 0.0, "d1": 19.0}, False),
+        ({"law": "mooney-rivlin", "c1": 1.0, "c2": 0.0, "d1": 9.0}, False),
     ],
 )
 def test_the_form_follows_from_the_ratio_of_moduli(load: Loader, material: dict[str, Any], mixed: bool) -> None:
