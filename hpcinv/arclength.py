@@ -7,10 +7,11 @@ from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
-from hpcinv.bordering import Bordering, Corrected, Equations, Tangent, dot, norm
+from hpcinv.bordering import Bordering, Corrected, Equations, Tangent
 from hpcinv.equilibrium import Solve
 from hpcinv.newton import Outcome
 from hpcinv.turning import Sample, locate
+from hpcinv.vectors import dot, norm
 
 if TYPE_CHECKING:
     from petsc4py import PETSc

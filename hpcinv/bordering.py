@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.vectors import dot, norm
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -95,6 +96,8 @@ class Bordering:
         g = self._g.copy()
         length = norm(g)
         sign = direction if along is None else math.copysign(1, dot(along, g))
+        if length == 0.0:  # the state does not depend on the load
+            return Tangent(g, sign * math.inf)
         g.scale(sign / length)
         return Tangent(g, sign / length)
 
@@ -112,6 +115,8 @@ class Bordering:
         signs: list[int] = []
         factorizations = 0
         self._residual(x, load, self._r)
+        if not math.isfinite(norm(self._r)):
+            outcome = Outcome.NOT_FINITE
         while outcome is None:
             if equations.interrupted():
                 outcome = Outcome.INTERRUPTED
@@ -128,7 +133,11 @@ class Bordering:
             if not equations.solve_linear(self._r, self._d):
                 outcome = Outcome.LINEAR_SOLVER
                 break
-            change = dot(t, self._d) / dot(t, self._g)
+            along = dot(t, self._g)
+            if along == 0.0:  # the tangent has grown beyond all numbers
+                outcome = Outcome.NOT_FINITE
+                break
+            change = dot(t, self._d) / along
             self._d.axpy(-change, self._g)
             size = math.hypot(norm(self._d), norm(x) * change / scale)
             taken, fault = self._admissible(x)
@@ -186,11 +195,3 @@ class Bordering:
         """Free what PETSc holds."""
         for vector in (self._r, self._r_load, self._d, self._g, self._trial):
             vector.destroy()
-
-
-def dot(a: PETSc.Vec, b: PETSc.Vec) -> float:
-    return float(a.dot(b))
-
-
-def norm(a: PETSc.Vec) -> float:
-    return float(a.norm())

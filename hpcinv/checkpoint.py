@@ -53,8 +53,8 @@ class Position:
     def from_json(cls, data: Mapping[str, Any]) -> Position:
         def solve(s: Mapping[str, Any]) -> Solve:
             iterations = tuple(NewtonIteration(**i) for i in s["iterations"])
-            signs = tuple(s["signs"])
-            return Solve(s["load"], Outcome[s["outcome"]], iterations, s["factorizations"], signs, s["gap"])
+            read = {"outcome": Outcome[s["outcome"]], "iterations": iterations, "signs": tuple(s["signs"])}
+            return Solve(**(dict(s) | read))
 
         return cls(data["leg"], data["load"], tuple(tuple(map(solve, leg)) for leg in data["solves"]))
 

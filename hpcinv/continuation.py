@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hpcinv.arclength import ArcLengthSteps, trace
 from hpcinv.newton import Outcome
 
 if TYPE_CHECKING:
@@ -59,14 +60,23 @@ class FixedSteps:
         return step if solve.outcome.accepted else 0.0
 
 
+type Steps = AdaptiveSteps | FixedSteps | ArcLengthSteps
+
+
 def follow(
-    equilibrium: Equilibrium, steps: AdaptiveSteps | FixedSteps, tolerance: float, *, load: float = 0.0
+    equilibrium: Equilibrium, steps: Steps, tolerance: float, *, load: float = 0.0, turned: int = 0
 ) -> Iterator[Solve]:
     """Yield every solve on the way from ``load``, at which the state is in equilibrium, to the full load.
 
     The state is always that of the last accepted solve. The last solve yielded is at load factor 1 and accepted, or
     says why the load was not reached.
+
+    Args:
+        turned: turning points of the load on the way to the present state.
     """
+    if isinstance(steps, ArcLengthSteps):
+        yield from trace(equilibrium, steps, tolerance, load=load, passed=turned)
+        return
     state = equilibrium.state.x
     step, has_tangent = steps.start(), False
     while load < 1.0:

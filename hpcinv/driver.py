@@ -16,6 +16,7 @@ from hpcinv.accuracy import Record, Search
 from hpcinv.certificate import Certificate, Estimate, Line, Verdict, certify
 from hpcinv.checkpoint import Checkpoints, Position, Restart, cells_digest
 from hpcinv.comparison import closure, distance, read_expected
+from hpcinv.diagnosis import diagnose
 from hpcinv.equilibrium import Solve
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.fields import write_fields
@@ -95,7 +96,7 @@ class _Run:
         for number, direction in enumerate(job.legs):
             if number == len(self.legs):  # else the search has solved it
                 self._solve(number, direction, restart)
-            if self.legs[-1].load < 1.0:
+            if self.legs[-1].load != 1.0:
                 self._give_up(self.legs[-1])
             if number == 0:
                 quantities = evaluate(job.quantities, self.body, self.legs[0], self.model)
@@ -158,6 +159,7 @@ class _Run:
         model.unknowns.state.x.array[:] = 0.0
         load, solves = self._take_up(number, restart) if restart and resumed else (0.0, list[Solve]())
         method = method_for(model, direction, self.stop_asked)
+        method.turned = sum(solve.turning_point for solve in solves)
         self.progress.leg(direction)
         stop, begin, every = False, load, self.job.checkpoint.every
         for solve in method.solves(load, resumed=resumed):
@@ -173,12 +175,12 @@ class _Run:
             if stop:
                 break
         load = method.reached
-        if begin < 1.0:  # else nothing was solved, and PETSc asked for nothing
+        if begin != 1.0:  # else nothing was solved, and PETSc asked for nothing
             self.unused_options = method.equilibrium.options.unused()
         method.equilibrium.destroy()
-        if self.since_checkpoint and (stop or (every and load < 1.0)):
+        if self.since_checkpoint and (stop or (every and load != 1.0)):
             self._checkpoint(number, load, solves)
-        if stop and (load < 1.0 or number + 1 < len(self.job.legs)):
+        if stop and (load != 1.0 or number + 1 < len(self.job.legs)):
             restartable = number > 0 or load > 0 or any(map(method.can_restart_after, solves))
             raise self._interrupted(number, load, saved=restartable)
         scene = model.scene(direction)
@@ -228,15 +230,16 @@ class _Run:
 
     def _give_up(self, leg: Leg) -> None:
         """Tell how far it came, and leave what was reached in the summary and the checkpoint."""
-        outcome, gaps = leg.solves[-1].outcome, [s.gap for s in leg.solves if s.gap is not None]
+        gaps = [s.gap for s in leg.solves if s.gap is not None]
+        why = leg.solves[-1].outcome if gaps else diagnose(leg.direction, leg.solves)
         if gaps:
             where = f"stopped {gaps[-1]:.3g} m from the given shape"
-            line = Line("distance from the given shape", gaps[-1], "m", "must vanish", Verdict.FAIL, outcome.text)
+            line = Line("distance from the given shape", gaps[-1], "m", "must vanish", Verdict.FAIL, why.text)
         else:
             where = f"stopped at load factor {leg.load:.6g} of 1"
-            line = Line("load factor", leg.load, "", "must reach 1", Verdict.FAIL, outcome.text)
-        self._finish(Result(self.job, self.body, tuple(self.legs), Certificate((line,))), outcome.text)
-        raise SolveError(f"{where}: {outcome.text}", outcome.advice)
+            line = Line("load factor", leg.load, "", "must reach 1", Verdict.FAIL, why.text)
+        self._finish(Result(self.job, self.body, tuple(self.legs), Certificate((line,))), why.text)
+        raise SolveError(f"{where}: {why.text}", why.advice)
 
     def _interrupted(self, number: int, load: float, *, saved: bool) -> Interrupted:
         where = f"stopped by a signal in the {self.job.legs[number]} solve at load factor {load:.6g}"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +13,11 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.assembly import Assembly
+from hpcinv.linearsystem import LinearSystem
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
 from hpcinv.petsc_options import SolverOptions, Value
 from hpcinv.runtime import MPI
+from hpcinv.vectors import norm
 
 if TYPE_CHECKING:
     from hpcinv.scene import Scene
@@ -54,7 +56,7 @@ class Solve:
     turning_point: bool = False
 
 
-class Equilibrium(Assembly):
+class Equilibrium(LinearSystem):
     """Newton's method for the discrete equations of one scene.
 
     The tangent is kept while corrections contract (Shamanskii); the matrix is then left untouched, so that PETSc keeps
@@ -81,15 +83,14 @@ class Equilibrium(Assembly):
         reuse: float = 0.3,
         stop_asked: Callable[[], bool] = lambda: False,
     ) -> None:
-        super().__init__(scene, supports, timings)
+        super().__init__(scene, supports, timings, options)
         self.limit, self.reuse, self.stop_asked = limit, reuse, stop_asked
         with timings("set-up"):
             # SNES iterates on a vector of its own: the state moves along with every trial of the line search.
             self._x, self._before = self.rhs.duplicate(), self.rhs.duplicate()
-            self.options = SolverOptions(options)
             self.snes = self._create_snes()
         self._monitor = self._new_monitor(1.0)
-        self._fresh, self._signs = False, list[int]()
+        self._fresh, self._judged, self._signs = False, False, list[int]()
         self._tangents = 0
         self._correction: float | None = None
         self._outcome: Outcome | None = None
@@ -98,6 +99,7 @@ class Equilibrium(Assembly):
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.comm)
         snes.setOptionsPrefix(SolverOptions.prefix)
+        snes.setKSP(self.ksp)
         snes.setFunction(self._assemble_residual, self.rhs)
         snes.setJacobian(self._assemble_tangent, self.matrix)
         snes.setConvergenceTest(self._judge)
@@ -115,7 +117,7 @@ class Equilibrium(Assembly):
         self.set_load(load)
         self._monitor = self._new_monitor(tolerance)
         self._outcome, self._fault, self._fresh, self._correction, self._tangents = None, None, False, None, 0
-        self._signs = []
+        self._signs, self._judged = [], False
         start, x = self.state.x.petsc_vec, self._x
         accepted = start.copy()
         start.copy(x)
@@ -127,13 +129,15 @@ class Equilibrium(Assembly):
                 self.timings.move("newton", event, seconds - before[event])
         reason: Any = self.snes.getConvergedReason()  # an int, whatever its stub says
         # Without an outcome of ours, PETSc ended the solve: it failed, or by a test that the user's options chose.
-        outcome = self._outcome or (
-            Outcome.CONVERGED if reason > 0 else _OUTCOMES_BY_REASON.get(reason, Outcome.DIVERGED)
-        )
+        # Where our test is asked, it alone says what has converged: PETSc takes a line search that failed with a tiny
+        # step for convergence.
+        outcome = self._outcome or _OUTCOMES_BY_REASON.get(reason, Outcome.DIVERGED)
+        if reason > 0 and self._outcome is None:
+            outcome = Outcome.LINE_SEARCH if self._judged else Outcome.CONVERGED
         if outcome in (Outcome.ITERATION_LIMIT, Outcome.DIVERGED):
             outcome = self._fault or outcome  # what kept the last correction short is why
         if outcome is Outcome.LINEAR_SOLVER:
-            self.snes.ksp.pc.reset()  # MUMPS cannot go on after a factorization that failed
+            self.forget_factors()
         self.set_state(x)
         if outcome.accepted:
             outcome = self.fault_of_solution() or outcome
@@ -151,44 +155,25 @@ class Equilibrium(Assembly):
         self.set_load(load)
         self._assemble_residual(self.snes, start, self.rhs)
         with self.timings("linear solve"):
-            self.snes.ksp.solve(self.rhs, x)
+            self.ksp.solve(self.rhs, x)
         x.aypx(-1.0, start)
         self.set_state(x)
-        if not np.isfinite(_norm(x)) or self.fault():
+        if not np.isfinite(norm(x)) or self.fault():
             self.set_state(start)
         start.destroy()
 
-    def linearise(self, load: float) -> None:
-        """Assemble the tangent at the present state and a load factor."""
-        self.set_load(load)
-        self.tangent()
-
-    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """``x = K⁻¹ b`` with the tangent that was last assembled, factorized if need be; false if that failed."""
-        ksp = self.snes.ksp
-        with self.timings("factorization"):
-            ksp.setOperators(self.matrix)
-            ksp.setUp()
-        with self.timings("linear solve"):
-            ksp.solve(b, x)
-        solved = bool(ksp.getConvergedReason() >= 0 and np.isfinite(_norm(x)))
-        if not solved:
-            ksp.pc.reset()  # MUMPS cannot go on after a factorization that failed
-        return solved
-
-    def correct(self, load: float) -> None:
-        """Add one full Newton correction to the present state, whatever it does to the elements."""
-        start = self.state.x.petsc_vec.copy()
-        self.linearise(load)
-        self.residual(self.rhs)
-        self.solve_linear(self.rhs, self._x)
-        self._x.aypx(-1.0, start)
-        self.set_state(self._x)
-        start.destroy()
-
-    def position(self) -> PETSc.Vec:
-        """A copy of the present state."""
-        return self.state.x.petsc_vec.copy()
+    @contextmanager
+    def newton(self, line_search: str) -> Iterator[None]:
+        """Within this context every iteration has a new tangent, and another line search (a type of PETSc's)."""
+        search = self.snes.getLineSearch()
+        kept, reuse = search.getType(), self.reuse
+        search.setType(line_search)
+        self.reuse = 0.0
+        try:
+            yield
+        finally:
+            search.setType(kept)
+            self.reuse = reuse
 
     def interrupted(self) -> bool:
         """Whether a signal has asked any rank to stop; collective."""
@@ -196,9 +181,9 @@ class Equilibrium(Assembly):
 
     def destroy(self) -> None:
         """Free what PETSc holds."""
-        self.options.remove()
-        for part in (self.snes, self.matrix, self.rhs, self._x, self._before):
+        for part in (self.snes, self._x, self._before):
             part.destroy()
+        super().destroy()
 
     def _new_monitor(self, tolerance: float) -> NewtonMonitor:
         return NewtonMonitor(tolerance, self.limit, self.reuse)
@@ -214,17 +199,9 @@ class Equilibrium(Assembly):
             self.set_state(x)
             self.tangent()
 
-    def sign_of_determinant(self) -> int:
-        """Of the tangent whose factors are at hand; 0 if the linear solver does not tell."""
-        pc = self.snes.ksp.pc
-        if pc.getType() != PETSc.PC.Type.LU or pc.getFactorSolverType() != "mumps":
-            return 0
-        mantissa = pc.getFactorMatrix().getMumpsRinfog(12)
-        return (mantissa > 0) - (mantissa < 0)
-
     def _judge(self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]) -> int:
         """PETSc's convergence test."""
-        residual = norms[2]
+        residual, self._judged = norms[2], True
         if self.interrupted():
             self._outcome = Outcome.INTERRUPTED
             return _GIVEN_UP
@@ -241,9 +218,9 @@ class Equilibrium(Assembly):
             self._signs.append(sign)
         if self._correction is None:  # no line search: a trust region, say
             self._before.aypx(-1.0, x)
-            self._correction = _norm(self._before)
+            self._correction = norm(self._before)
             x.copy(self._before)
-        iteration = NewtonIteration(self._correction, _norm(x), residual, self._fresh)
+        iteration = NewtonIteration(self._correction, norm(x), residual, self._fresh)
         self._outcome = self._monitor.judge(iteration)
         if self._outcome is None:
             return 0
@@ -252,7 +229,7 @@ class Equilibrium(Assembly):
     def _back_off(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
         """Halve the correction ``-y`` until the state is admissible, at most ten times."""
         # The whole correction is what measures the error: a damped one is small even far from the solution.
-        self._correction = _norm(y)
+        self._correction = norm(y)
         trial = x.duplicate()
         shortened = False
         with self.timings("admissibility check"):
@@ -268,12 +245,6 @@ class Equilibrium(Assembly):
                 shortened = True
         trial.destroy()
         return shortened
-
-
-def _norm(x: PETSc.Vec) -> float:
-    norm = x.norm()
-    assert isinstance(norm, float)  # PETSc gives two for NORM_1_AND_2 only
-    return norm
 
 
 def _logged_seconds() -> dict[str, float]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from hpcinv.arclength import ArcLengthSteps
 from hpcinv.bodyfields import BodyFields
-from hpcinv.continuation import AdaptiveSteps, FixedSteps
+from hpcinv.continuation import AdaptiveSteps, FixedSteps, Steps
 from hpcinv.equilibrium import Equilibrium
 from hpcinv.errors import MeshError
 from hpcinv.fieldchecks import check_fields, shear_modulus
@@ -44,7 +45,9 @@ class Model:
             self.unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
             self.supports = Supports(job, body, self.unknowns)
             check_agreement(job, body, self.supports)
-            if not self._has_springs:
+            # Springs are part of the scene: with them the check has to wait for its equations.
+            self._is_held = not any(effect.holds for effect in job.effects)
+            if self._is_held:
                 check_held(body, self.supports)
         self.quadrature_degree = job.discretisation.quadrature or default_quadrature(
             body.source.kind, job.discretisation.displacement
@@ -67,17 +70,14 @@ class Model:
             reuse=0.3 if solver.reuse_tangent else 0.0,
             stop_asked=stop_asked,
         )
-        if self._has_springs:
+        if not self._is_held:
             try:
                 check_held(self.body, self.supports, equilibrium)
             except MeshError:
                 equilibrium.destroy()
                 raise
+            self._is_held = True
         return equilibrium
-
-    @property
-    def _has_springs(self) -> bool:
-        return any(effect.holds for effect in self.job.effects)
 
     def solution(self) -> tuple[Function, Function | None]:
         """Copies of displacement (m) and pressure (Pa; ``None`` in the displacement form) as they stand."""
@@ -97,12 +97,15 @@ class Model:
             self.unknowns.set_pressure(p)
 
     @property
-    def steps(self) -> AdaptiveSteps | FixedSteps:
+    def steps(self) -> Steps:
         """The continuation that the job asks for."""
-        solver = self.job.solver
+        solver, cases = self.job.solver, self.job.case_count
         if solver.strategy == "fixed":
-            return FixedSteps(solver.steps, solver.tolerance, cases=self.job.case_count)
-        return AdaptiveSteps(solver.initial_step, solver.minimum_step, cases=self.job.case_count)
+            return FixedSteps(solver.steps, solver.tolerance, cases=cases)
+        first, least = solver.initial_step, solver.minimum_step
+        if solver.strategy == "arc-length":
+            return ArcLengthSteps(first, least, solver.folds, solver.maximum_steps, cases=cases)
+        return AdaptiveSteps(first, least, cases=cases)
 
 
 def default_quadrature(kind: str, displacement: int) -> int:

@@ -68,16 +68,16 @@ class Outcome(enum.Enum):
         " rounding errors?",
     )
     FOLD = (
-        "the load has a turning point here: this branch of solutions goes no higher",
-        "Lower the load; or, to go past the turning point, set 'solver: {strategy: arc-length, folds: 1}' or more.",
+        "the load turns back here",
+        "Lower the load; to go past the turning point, set 'solver: {strategy: arc-length, folds: 1}', or more folds.",
     )
     ANOTHER_PATH = (
-        "the solution found does not belong to the path from the unloaded body",
+        "the solution found there does not belong to the path from the unloaded body",
         "Try a smaller solver.initial_step.",
     )
     STEP_LIMIT = (
-        "the path took too many steps",
-        "Raise solver.maximum_steps.",
+        "the path was followed for as many steps as it may",
+        "With 'strategy: arc-length' raise solver.maximum_steps.",
     )
     INTERRUPTED = "interrupted by a signal", ""
 

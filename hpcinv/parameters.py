@@ -53,6 +53,7 @@ class Parameters:
         self._values = [0.0] * cases
         self._metre: int | None = None
         places = [(self._take_in(where, ingredient), k) for where, ingredient, k in ingredients]
+        self._places = [found for found, _ in places]
         self._constant = fem.Constant(fields.body.mesh, self._values)
         self._namespaces = [SimpleNamespace(**{n: self._entry(p, k) for n, p in found.items()}) for found, k in places]
 
@@ -67,6 +68,17 @@ class Parameters:
     def of(self, index: int) -> Any:
         """The quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
         return self._namespaces[index]
+
+    def scale(self, index: int, name: str, factor: float) -> None:
+        """Make a quantity of the ``index``-th ingredient, one number everywhere, ``factor`` times what the job gives.
+
+        Raises:
+            TypeError: if it varies over the body.
+        """
+        place = self._places[index][name]
+        if not isinstance(place, int):
+            raise TypeError(f"{name} is not one number")
+        self._constant.value[place] = factor * self._values[place]
 
     def _take_in(self, where: str, ingredient: Ingredient) -> dict[str, Any]:
         return {

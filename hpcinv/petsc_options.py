@@ -38,7 +38,9 @@ class SolverOptions:
     def unused(self) -> list[str]:
         """Options of the job that nothing in PETSc has asked for so far: misspelt, or without effect here."""
         everything = PETSc.Options()  # with a prefix of its own, `used` looks for the wrong name
-        return [name for name in self._names if not everything.used(self.prefix + name)]
+        # Those that another solver has taken back may have been used.
+        there = [name for name in self._names if self._database.hasName(name)]
+        return [name for name in there if not everything.used(self.prefix + name)]
 
     def remove(self) -> None:
         """Take the options back, so that PETSc does not report the unused ones a second time at its end."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hpcinv.bordering import Corrected, dot, norm
+from hpcinv.vectors import dot, norm
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from hpcinv.bordering import Bordering
+    from hpcinv.bordering import Bordering, Corrected
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,11 @@ def locate(
         tangent = bordering.tangent(found.x, found.load, t)
         if tangent is None:  # nothing is more singular than the turning point itself
             return found, spent
-        sample = Sample(found.x, s, found.load, tangent.slope / dot(t, tangent.direction))
+        slope = tangent.slope / dot(t, tangent.direction)
+        sample = Sample(found.x, s, found.load, slope)
         if abs(s - last.s) <= tolerance * norm(found.x) or spent > _ENOUGH:
             return found, spent
-        rises = sample.slope * direction > 0
+        rises = slope * direction > 0
         trial = _secant(last, sample) if last.slope is not None else None
         low, high = (sample, high) if rises else (low, sample)
         if trial is None or not low.s < trial < high.s:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hpcinv.generators import parameters_of, read_parameters, resolution_of
+from hpcinv.generators import in_unit, parameters_of, read_parameters, resolution_of
 
 PYTHON = """
 from hpcinv import quantities
@@ -109,3 +109,16 @@ def test_a_generator_says_what_makes_its_mesh_finer(tmp_path: Path) -> None:
 def test_resolutions_that_make_no_mesh_are_refused(tmp_path: Path, given: dict[str, object], text: str) -> None:
     _, [(_, what)] = read(tmp_path, "m.py", RESOLVED.replace("sum([1])", "1"), given)
     assert text in what
+
+
+def test_lengths_reach_a_generator_in_the_unit_it_works_in(tmp_path: Path) -> None:
+    """Defaults too, and neither a default of its own kind nor what is no length."""
+    path = tmp_path / "body.py"
+    path.write_text(
+        "def build(gmsh, *, length: Length, size: Size = 2e-6, side: Area = 4e-12, mu: Stress = 1e3, n: int = 2): ..."
+    )
+    found = in_unit(path, {"length": 1.82e-6, "mu": 5.0}, 1e-6)
+    assert found == {"length": 1.82, "size": 2.0, "side": 4.0, "mu": 5.0}
+    path.write_text("def build(gmsh, *, length: Length = HALF): ...")
+    with pytest.raises(ValueError, match="needs a number for length"):
+        in_unit(path, {}, 1e-6)

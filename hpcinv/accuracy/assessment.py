@@ -15,8 +15,8 @@ from dataclasses import dataclass
 type Value = float | list[float]
 
 UNTESTED, LEAST, MOST = 2.0, 1.5, 10.0  # safety factors: of an estimate not yet put to the test; and their bounds
+FASTEST = 4.0  # order with which what an estimate cannot see is believed to fall, at most
 SLOWEST = 0.75  # share of the error that is presumed to remain at each step to a finer mesh, at most
-FASTEST = 4  # order with which what an estimate cannot see is believed to fall, at most
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,16 @@ class Assessment:
         return max(bound / self.demands[name] for name, bound in self.bounds.items())
 
 
-def assess(findings: Sequence[Finding], demands: Mapping[str, float], unseen_order: float | None) -> Assessment:
+def assess(
+    findings: Sequence[Finding],
+    demands: Mapping[str, float],
+    unseen_order: float | None,
+    previous: Assessment | None = None,
+) -> Assessment:
     """Judge the last of the ``findings``.
 
     Args:
+        previous: what was said of the last but one.
         unseen_order: power of the cells' size with which falls what an estimate on one mesh cannot see; ``None`` where
             there is nothing of that kind.
     """
@@ -74,7 +80,7 @@ def assess(findings: Sequence[Finding], demands: Mapping[str, float], unseen_ord
     for name, demand in demands.items():
         last = findings[-1]
         errors[name] = distance(last.corrected[name], last.values[name]) + _unseen(findings, name, unseen_order)
-        safety[name] = _safety(findings, name, demand)
+        safety[name] = _safety(findings, name, demand, previous)
     return Assessment(errors, safety, demands)
 
 
@@ -93,28 +99,42 @@ def _unseen(findings: Sequence[Finding], name: str, order: float | None) -> floa
     if order is None and after is not findings[-1]:
         return 0.0  # a degree more on the same mesh makes the corrected values better too
     differences = [distance(g.corrected[name], f.corrected[name]) for f, g in pairs]
-    if before.size is None or after.size is None:  # refined in places
+    sizes = [f.size for f, _ in pairs] + [after.size]
+    if sizes[-2] is None or sizes[-1] is None:  # refined in places
         foreseen, found = (distance(f.corrected[name], f.values[name]) for f in (before, after))
-        left = min(max(found / foreseen, 0.25), SLOWEST) if foreseen > 0 else SLOWEST
+        left = max(found / foreseen, 0.25) if foreseen > 0 else SLOWEST
     else:
-        ratio = after.size / before.size
-        left = ratio ** (after.degree + 1 if order is None else order)
-        if len(pairs) > 1 and differences[-2] > 0:  # seen twice, it shows how fast it falls
-            left = min(left, max(differences[-1] / differences[-2], ratio**FASTEST))
-        left = min(left, SLOWEST)
+        power = after.degree + 1.0 if order is None else order
+        if len(pairs) > 1 and sizes[-3] is not None:
+            seen = _order_seen((sizes[-3], sizes[-2], sizes[-1]), differences[-2], differences[-1])
+            power = max(seen, power / 2)
+        left = (sizes[-1] / sizes[-2]) ** power
+    left = min(left, SLOWEST)
     return differences[-1] * left / (1 - left)
 
 
-def _safety(findings: Sequence[Finding], name: str, demand: float) -> float:
-    """The larger, the less of the error of the last but one the estimate had seen."""
-    if len(findings) < 2:
+def _order_seen(sizes: tuple[float, float, float], earlier: float, later: float) -> float:
+    """The ``k`` of errors ``h^k`` that differ by so much on meshes of these ``sizes``, from the first to the last."""
+    low, high = 0.0, FASTEST
+    for _ in range(40):
+        k = (low + high) / 2
+        coarse, middle, fine = (size**k for size in sizes)
+        if abs(middle - fine) * earlier > later * abs(coarse - middle):
+            low = k
+        else:
+            high = k
+    return low
+
+
+def _safety(findings: Sequence[Finding], name: str, demand: float, previous: Assessment | None) -> float:
+    """The larger, the less had been said of the error of the last but one that is known of it now."""
+    if previous is None or not math.isfinite(said := previous.errors[name]):
         return UNTESTED
     before, after = findings[-2:]
-    foreseen = distance(before.corrected[name], before.values[name])
     found = distance(after.corrected[name], before.values[name])
-    if max(foreseen, found) < 0.01 * demand:
+    if max(said, found) < 0.01 * demand:
         return UNTESTED
-    return min(max(LEAST, LEAST * found / foreseen), MOST) if foreseen > 0 else MOST
+    return min(max(LEAST, LEAST * found / said), MOST) if said > 0 else MOST
 
 
 def distance(one: Value, other: Value) -> float:

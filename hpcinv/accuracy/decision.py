@@ -20,12 +20,13 @@ SECOND_MESH = 1.5  # least factor between two meshes where one alone cannot tell
 
 
 def decide(
-    meshes: Meshes, last: Trial, forecast: Forecast, limit: int, *, known: bool, may_mark: bool
+    meshes: Meshes, last: Trial, forecast: Forecast, *, limit: int, highest: int, known: bool, may_mark: bool
 ) -> tuple[Variant, int] | None:
     """Mesh and degree to try after the ``last`` ones; ``None`` if nothing that is possible is worth it; collective.
 
     Args:
         limit: largest number of unknowns.
+        highest: degree to which that may be raised.
         known: whether the present error is; else any second mesh will do.
         may_mark: whether cells may be refined in places.
     """
@@ -41,7 +42,8 @@ def decide(
         if indicators is not None:
             order = max(forecast.order(last.degree), last.degree + 1.0)
             planned.append(plan(indicators, forecast.excess / AIM, order))
-        best = choose(forecast, factors, planned[0].places if planned else None, limit)
+        places = planned[0].places if planned else None
+        best = choose(forecast, factors, places, limit=limit, highest=highest)
         return None if best is None else (best, cautious(forecast, best, factors))
 
     found = on_root(meshes.comm, on_rank_0)

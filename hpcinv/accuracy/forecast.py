@@ -7,6 +7,7 @@ be compared; until then ``k`` is one more than the degree.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ CAREFUL, BOLD = 2.0, 4.0  # by which cells are made smaller at once, at most: be
 WORTHWHILE = 0.8  # of the error that must be left at most, for a step that does not meet the demand to be taken
 HIGHEST_DEGREE = 3  # that is chosen: its estimate is made with one more
 COMPILATION = 10.0  # seconds that are presumed, at least, for kernels of a degree that the run has not used
+POWER, SHORTEST = 1.5, 0.01  # ``q`` as long as no factorization has taken so many seconds
 SHAMANSKII = 1.5  # factorizations of a solve that begins at the solution of a coarser mesh
 
 type Kind = Literal["everywhere", "in places"]
@@ -106,16 +108,18 @@ class Forecast:
 
     def order(self, degree: int) -> float:
         """``k`` of a degree, where all cells are refined."""
-        fitted = self._fitted(degree)
-        if fitted is not None:
-            return fitted
-        others = [found for other in range(1, 5) if (found := self._fitted(other)) is not None and found < other + 0.5]
+        slopes = self._slopes(degree)
+        if len(slopes) > 1:
+            return slopes[-1]
+        if slopes:  # the coarsest mesh of all may tell little
+            return (slopes[0] + degree + 1) / 2
         # What limits the order of one degree, a corner or an edge, limits that of the next.
-        return min([degree + 1.0, *others])
+        limits = [self.order(lower) for lower in range(1, degree) if self._slopes(lower)]
+        return min([degree + 1.0, *(k for k in limits if k < degree)])
 
-    def is_fitted(self, degree: int) -> bool:
-        """Whether the order of a degree was seen, not presumed."""
-        return self._fitted(degree) is not None
+    def is_known(self, degree: int) -> bool:
+        """Whether the order of a degree was seen twice, and so is more than presumed."""
+        return len(self._slopes(degree)) > 1
 
     def gain(self, degree: int) -> float:
         """What one degree more leaves of the error on the same mesh."""
@@ -153,18 +157,18 @@ class Forecast:
             seconds += max(COMPILATION, *(step.compilation for step in self.steps))
         return Choice(kind, factor, degree, round(unknowns), excess, seconds)
 
-    def _fitted(self, degree: int) -> float | None:
-        """``k`` between the last two steps of this degree on meshes refined everywhere."""
+    def _slopes(self, degree: int) -> list[float]:
+        """``k`` from each mesh refined everywhere to the next, of the steps of one degree."""
         errors = {
             step.size: error
             for step, error in zip(self.steps, self.errors, strict=True)
             if step.degree == degree and step.size is not None and error > 0
         }
-        if len(errors) < 2:
-            return None
-        fine, coarse = sorted(errors)[:2]
-        slope = math.log(errors[coarse] / errors[fine]) / math.log(coarse / fine)
-        return min(max(slope, 0.5), 2.0 * degree + 1)
+        slopes = [
+            math.log(errors[coarse] / errors[fine]) / math.log(coarse / fine)
+            for coarse, fine in itertools.pairwise(sorted(errors, reverse=True))
+        ]
+        return [min(max(slope, 0.5), 2.0 * degree + 1) for slope in slopes]
 
 
 def nodes(cell: str, degree: int) -> int:
@@ -173,28 +177,32 @@ def nodes(cell: str, degree: int) -> int:
 
 
 def _fit(points: Iterable[tuple[float, float]]) -> tuple[float, float]:
-    """``q`` and ``c`` of ``c N^q`` seconds, by least squares in logarithms."""
-    logs = [(math.log(n), math.log(max(t, 1e-6))) for n, t in points]
-    mean_n, mean_t = (sum(values) / len(logs) for values in zip(*logs, strict=True))
-    spread = sum((n - mean_n) ** 2 for n, _ in logs)
-    slope = sum((n - mean_n) * (t - mean_t) for n, t in logs) / spread if spread > 0 else 1.5
+    """``q`` and ``c`` of ``c N^q`` seconds, by least squares in logarithms through the times that tell something."""
+    logs = sorted((math.log(n), math.log(max(t, SHORTEST))) for n, t in points)
+    told = [(n, t) for n, t in logs if t > math.log(SHORTEST)] or logs[-1:]
+    mean_n, mean_t = (sum(values) / len(told) for values in zip(*told, strict=True))
+    spread = sum((n - mean_n) ** 2 for n, _ in told)
+    slope = sum((n - mean_n) * (t - mean_t) for n, t in told) / spread if spread > 0 else POWER
     power = min(max(slope, 1.0), 2.2)
     return power, math.exp(mean_t - power * mean_n)
 
 
-def choose(forecast: Forecast, factors: Sequence[float], places: Places | None, limit: int) -> Choice | None:
+def choose(
+    forecast: Forecast, factors: Sequence[float], places: Places | None, *, limit: int, highest: int
+) -> Choice | None:
     """The cheapest discretisation that meets the demand, else the one that gets nearest to it.
 
     Args:
         factors: by which all cells can be made smaller, ascending.
         places: what refining in places would do if it went on to the end; ``None`` where it is not possible.
         limit: largest number of unknowns.
+        highest: degree to which that may be raised.
 
     ``None`` if nothing that is possible makes the error much smaller.
     """
     last = forecast.last
     choices = [] if places is None else [forecast.in_places(places)]
-    for degree in {last.degree, min(last.degree + 1, max(HIGHEST_DEGREE, last.degree))}:
+    for degree in (last.degree, last.degree + 1)[: 1 + (last.degree < highest)]:
         needed = forecast.needed(degree)
         possible = [
             choice
@@ -211,7 +219,7 @@ def choose(forecast: Forecast, factors: Sequence[float], places: Places | None, 
 
 def cautious(forecast: Forecast, choice: Choice, factors: Sequence[float]) -> float:
     """The factor to take now: orders that were only presumed, and long ways, are not to be trusted too far."""
-    bound = BOLD if forecast.is_fitted(choice.degree) else CAREFUL
+    bound = BOLD if forecast.is_known(choice.degree) else CAREFUL
     if choice.factor <= bound:
         return choice.factor
     return max((f for f in factors if f <= bound), default=factors[0])

@@ -8,11 +8,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hpcinv.accuracy.assessment import UNTESTED, Assessment, Finding, assess, hindsight, magnitude
 from hpcinv.accuracy.decision import decide
-from hpcinv.accuracy.forecast import Forecast, Step, Work
+from hpcinv.accuracy.forecast import HIGHEST_DEGREE, Forecast, Step, Work
 from hpcinv.accuracy.memory import Memory
 from hpcinv.accuracy.meshes import Meshes, Variant
 from hpcinv.accuracy.record import Ending, Record, Row
@@ -39,9 +37,12 @@ class Search:
 
     Attributes:
         best: the discretisation with the smallest estimated error, or the last one if none reached the full load.
+        promise, chosen: what is known of its error, and its row.
     """
 
     best: Trial
+    promise: Assessment
+    chosen: int
 
     def __init__(
         self, job: Job, comm: Intracomm, timings: Timings, progress: Progress, stop_asked: Callable[[], bool]
@@ -51,6 +52,7 @@ class Search:
         self.memory = Memory(comm)
         self.meshes = Meshes(job, comm)
         self.unseen_order: float | None = None
+        self.highest = max(HIGHEST_DEGREE, job.discretisation.displacement)
         self.last: Trial | None = None
         self.findings: list[Finding] = []
         self.assessments: list[Assessment] = []
@@ -81,9 +83,8 @@ class Search:
         if not self._attempt(first, body, self._degree):
             return None
         ending = self._improve()
-        chosen = int(np.argmin([a.excess for a in self.assessments]))
         seconds = time.perf_counter() - begin
-        return Record(self.job.accuracy, self.rows, chosen, self.assessments[chosen].bounds, ending, seconds)
+        return Record(self.job.accuracy, self.rows, self.chosen, self.promise.bounds, ending, seconds)
 
     def _improve(self) -> Ending:
         while self.assessments[-1].excess > 1:
@@ -92,9 +93,19 @@ class Search:
             following = self._following()
             if following is None:
                 return Ending.LIMIT
+            before = self.last
             if not self._attempt(*following):
                 return Ending.UNSOLVED
+            self._judge_degree(before)
         return Ending.MET
+
+    def _judge_degree(self, before: Trial | None) -> None:
+        """Go back if a degree more has not helped: some meshes do not suit it, those of the estimate least of all."""
+        (*_, earlier, last), (*_, lower, higher) = self.assessments, self.steps
+        if higher.degree > lower.degree and last.excess > earlier.excess:
+            self.highest, self.last = lower.degree, before
+            for known in (self.findings, self.assessments, self.steps):
+                known.pop()
 
     def _attempt(self, variant: Variant, body: Body, degree: int) -> bool:
         """Solve and estimate one discretisation, and take it in if it reached the full load."""
@@ -111,13 +122,14 @@ class Search:
         values = {name: trial.quantities[name] for name in self.job.accuracy}
         mesh = 0 if before is None else self.findings[-1].mesh + (before.body is not body)
         self.findings.append(Finding(mesh, variant.size, degree, values, corrected))
-        found = assess(self.findings, self.job.accuracy, self.unseen_order)
-        if found.excess <= min((a.excess for a in self.assessments), default=math.inf):
-            self.best = trial
+        previous = self.assessments[-1] if self.assessments else None
+        found = assess(self.findings, self.job.accuracy, self.unseen_order, previous)
         self.last = trial
         self.assessments.append(found)
         self.steps.append(self._step(trial))
         self._tell(trial, time.perf_counter() - begin)
+        if len(self.assessments) == 1 or found.excess <= self.promise.excess:
+            self.best, self.promise, self.chosen = trial, found, len(self.rows) - 1
         return True
 
     def _step(self, trial: Trial) -> Step:
@@ -161,7 +173,9 @@ class Search:
         excess = self.assessments[-1].excess
         known = math.isfinite(excess)
         forecast = Forecast(self.steps, hindsight(self.findings, self.job.accuracy), excess if known else UNTESTED)
-        decision = decide(self.meshes, self.last, forecast, limit, known=known, may_mark=self.may_mark)
+        decision = decide(
+            self.meshes, self.last, forecast, limit=limit, highest=self.highest, known=known, may_mark=self.may_mark
+        )
         if decision is None:
             return None
         variant, degree = decision

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hpcinv.continuation import follow
+from hpcinv.arclength import ArcLengthSteps
+from hpcinv.methods.cascade import Problem, reach
 from hpcinv.methods.method import Method
 
 if TYPE_CHECKING:
@@ -18,12 +20,15 @@ class Direct(Method):
     """Forward and inverse problems alike (doi:10.1007/s00366-021-01597-z)."""
 
     def __init__(self, model: Model, direction: Direction, stop_asked: Callable[[], bool]) -> None:
-        self.model = model
         self.equilibrium = model.equilibrium(model.scene(direction), stop_asked)
+        self.problem = Problem(model, direction, self.equilibrium, stop_asked)
+        self.steps = model.steps
+        if isinstance(self.steps, ArcLengthSteps) and direction != model.job.legs[0]:
+            self.steps = replace(self.steps, folds=0)  # the body that the first leg found has one way back
 
     def solves(self, load: float, *, resumed: bool) -> Iterator[Solve]:
         self.reached = load
-        for solve in follow(self.equilibrium, self.model.steps, self.model.job.solver.tolerance, load=load):
+        for solve in reach(self.problem, self.steps, load=load, turned=self.turned):
             if solve.outcome.accepted:
                 self.reached = solve.load
             yield solve

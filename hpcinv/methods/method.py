@@ -15,11 +15,13 @@ class Method(ABC):
 
     Attributes:
         equilibrium: the equations that it solves.
-        reached: share of the load under which the state now is a solution of the leg; 1 at the end.
+        reached: share of the load under which the state now is a solution of the leg; 1 at the end, and only there.
+        turned: turning points of the load on the way to the state that it begins with.
     """
 
     equilibrium: Equilibrium
     reached: float = 0.0
+    turned: int = 0
 
     @abstractmethod
     def solves(self, load: float, *, resumed: bool) -> Iterator[Solve]:

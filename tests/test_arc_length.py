@@ -1,0 +1,364 @@
+"""Arc-length continuation: turning points of the load, and the states beyond them, against closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from closed_forms import LAM, MU, NEO_HOOKEAN, root
+from paths import INNER, J_LIMIT, LIMIT, OCTANT, OUTER, SPHERE, cube, tension
+from petsc4py import PETSc
+from verification import box, job
+
+import hpcinv
+from hpcinv.arclength import ArcLengthSteps, trace
+from hpcinv.equilibrium import Solve
+from hpcinv.errors import Interrupted, JobError, SolveError
+from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.progress import Progress
+from hpcinv.result import Result
+from hpcinv.runtime import MPI, on_root
+
+# Small systems of equations, without finite elements.
+
+
+class SmallSystem:
+    """Equations of a few unknowns in numpy arrays, which Newton's method solves at fixed loads."""
+
+    limit, reuse = 25, 0.3
+
+    def __init__(
+        self,
+        size: int,
+        residual: Callable[[np.ndarray, float], np.ndarray],
+        tangent: Callable[[np.ndarray], np.ndarray],
+    ) -> None:
+        self.x, self.load = PETSc.Vec().createSeq(size), 0.0
+        self._residual, self._tangent, self.K = residual, tangent, np.eye(size)
+
+    def position(self) -> PETSc.Vec:
+        return self.x.copy()
+
+    def set_state(self, x: PETSc.Vec) -> None:
+        x.copy(self.x)
+
+    def set_load(self, load: float) -> None:
+        self.load = load
+
+    def residual(self, b: PETSc.Vec) -> None:
+        b.array[:] = self._residual(self.x.array, self.load)
+
+    def tangent(self) -> None:
+        self.K = self._tangent(self.x.array)
+
+    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        if np.linalg.det(self.K) == 0:
+            return False
+        x.array[:] = np.linalg.solve(self.K, b.array)
+        return True
+
+    def sign_of_determinant(self) -> int:
+        return int(np.sign(np.linalg.det(self.K)))
+
+    def fault(self) -> Outcome | None:
+        return None
+
+    fault_of_solution = fault
+
+    def interrupted(self) -> bool:
+        return False
+
+    def solve(self, load: float, tolerance: float) -> Solve:
+        monitor, start, outcome, signs = NewtonMonitor(tolerance, 25, 0.0), self.position(), None, []
+        b, d = self.position(), self.position()
+        self.load = load
+        while outcome is None:
+            self.residual(b)
+            self.tangent()
+            signs.append(self.sign_of_determinant())
+            self.solve_linear(b, d)
+            self.x.axpy(-1.0, d)
+            outcome = monitor.judge(NewtonIteration(d.norm(), self.x.norm(), b.norm(), True))
+        if not outcome.accepted:
+            self.set_state(start)
+        return Solve(load, outcome, tuple(monitor.history), len(signs), tuple(signs))
+
+
+def force(w: float) -> float:
+    """Of a shallow truss: it turns at ``w = 1 ∓ 1/√3``, where it is ±`TOP`."""
+    return w * (w - 1) * (w - 2)
+
+
+TOP, TURNS = 2 / 3**1.5, (1 - 3**-0.5, 1 + 3**-0.5)
+
+
+def truss(full: float) -> SmallSystem:
+    """``λ full = force(w)``."""
+    return SmallSystem(
+        1,
+        lambda x, load: np.array([force(x[0]) - load * full]),
+        lambda x: np.array([[3 * x[0] ** 2 - 6 * x[0] + 2]]),
+    )
+
+
+def truss_and_spring(full: float, k: float) -> SmallSystem:
+    """The truss pushed through a spring: with a soft one its other end goes back as well (snap-back)."""
+    return SmallSystem(
+        2,
+        lambda x, load: np.array([force(x[0]) - k * (x[1] - x[0]), k * (x[1] - x[0]) - load * full]),
+        lambda x: np.array([[3 * x[0] ** 2 - 6 * x[0] + 2 + k, -k], [-k, k]]),
+    )
+
+
+def test_the_first_state_at_full_load_is_the_answer_if_the_load_does_not_turn_before() -> None:
+    system = truss(0.9 * TOP)
+    *_, last = trace(system, ArcLengthSteps(), 1e-12)
+    assert (last.outcome, last.load, last.strategy) == (Outcome.CONVERGED, 1.0, "arc-length")
+    assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - 0.9 * TOP, 0.0, TURNS[0]), rel=1e-10)
+
+
+@pytest.mark.parametrize("first", [1.0, 0.3, 0.05])
+def test_the_turning_point_is_found_and_ends_the_path(first: float) -> None:
+    system = truss(1.5 * TOP)
+    solves = list(trace(system, ArcLengthSteps(first), 1e-12))
+    assert [s.turning_point for s in solves[-2:]] == [True, False]
+    assert solves[-1].outcome is Outcome.FOLD
+    assert solves[-1].load * 1.5 == pytest.approx(1.0, abs=1e-8)
+    assert system.x.array[0] == pytest.approx(TURNS[0], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("share", "folds", "low", "high"), [(0.9, 1, TURNS[0], 1.0), (0.9, 2, 2.0, 3.0), (1.5, 2, 2.0, 3.0)]
+)
+def test_states_beyond_turning_points_are_found_in_order(share: float, folds: int, low: float, high: float) -> None:
+    system = truss(share * TOP)
+    solves = list(trace(system, ArcLengthSteps(folds=folds), 1e-12))
+    assert sum(s.turning_point for s in solves) == folds
+    assert (solves[-1].outcome, solves[-1].load) == (Outcome.CONVERGED, 1.0)
+    assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - share * TOP, low, high), rel=1e-10)
+
+
+def test_a_branch_that_ends_in_one_more_turning_point_than_allowed_says_so() -> None:
+    """Beyond the maximum the load falls to its minimum at -TOP, and never meets the full load on the way."""
+    system = truss(1.5 * TOP)
+    solves = list(trace(system, ArcLengthSteps(folds=1), 1e-12))
+    assert [s.load * 1.5 for s in solves if s.turning_point] == pytest.approx([1.0, -1.0], abs=1e-7)
+    assert solves[-1].outcome is Outcome.FOLD
+
+
+def test_snap_back_is_followed() -> None:
+    k = 0.2  # the whole path goes back where force'(w) < -k
+    system = truss_and_spring(1.5 * TOP, k)
+    ends = []
+    solves = []
+    for solve in trace(system, ArcLengthSteps(folds=2), 1e-12):
+        solves.append(solve)
+        ends.append(system.x.array[1])
+    w = root(lambda w: force(w) - 1.5 * TOP, 2.0, 3.0)
+    assert system.x.array == pytest.approx([w, w + 1.5 * TOP / k], rel=1e-10)
+    assert solves[-1].outcome.accepted
+    assert min(np.diff(ends)) < 0  # the loaded end has moved against its load
+
+
+def test_the_search_is_bounded() -> None:
+    """A load that nears its limit for ever: ``λ = 1 - exp(-x)``."""
+    system = SmallSystem(
+        1, lambda x, load: np.array([1 - np.exp(-x[0]) - 2 * load]), lambda x: np.array([[np.exp(-x[0])]])
+    )
+    solves = list(trace(system, ArcLengthSteps(most=12, easy=0, first=0.2), 1e-12))
+    assert solves[-1].outcome is Outcome.STEP_LIMIT
+    assert len(solves) <= 13
+
+
+# A cube under tension from all sides.
+
+
+@pytest.mark.parametrize("analysis", ["inverse", "forward"])
+@pytest.mark.parallel([2])
+def test_two_shapes_carry_the_same_tension(analysis: str, comm: MPI.Intracomm) -> None:
+    for folds, low, high in ((0, 1.0, J_LIMIT), (1, J_LIMIT, 20.0)):
+        result = hpcinv.run(cube(0.9, analysis, folds=folds), comm)
+        J = root(lambda J: tension(J) - 0.9 * LIMIT, low, high)
+        found = result.legs[0].J.x.array
+        print(f"{analysis}, {folds} turning points: J = {found[0]:.10f}, closed form {J:.10f}")
+        assert np.abs(found - J).max() < 1e-9 * J
+        assert sum(s.turning_point for s in result.legs[0].solves) == folds
+
+
+@pytest.mark.parametrize("analysis", ["inverse", "forward"])
+def test_the_largest_tension_is_told(analysis: str, comm: MPI.Intracomm, run_directory: Path) -> None:
+    with pytest.raises(SolveError, match=r"the load turns back here \(fold\)") as caught:
+        hpcinv.run(cube(1.25, analysis), comm)
+    reached = float(str(caught.value).split("load factor ")[1].split(" of")[0])
+    assert reached == pytest.approx(0.8, abs=1e-5)
+
+
+@pytest.mark.parallel([2])
+def test_a_run_interrupted_beyond_the_turning_point_goes_on_there(comm: MPI.Intracomm, run_directory: Path) -> None:
+    file = run_directory / "cube.yaml"
+    on_root(comm, lambda: file.write_text(cube(0.9, folds=1).model_dump_json()))
+    job, solves = hpcinv.load(file), list[Solve]()
+
+    class Listener(Progress):
+        def solve(self, solve: Solve, largest_displacement: float, min_mesh_J: float) -> None:
+            solves.append(solve)
+
+    def beyond() -> bool:
+        return any(solve.turning_point for solve in solves)
+
+    with pytest.raises(Interrupted):
+        hpcinv.run(job, comm, directory=run_directory / "run", progress=Listener(comm, None), stop_asked=beyond)
+    result = hpcinv.run(job, comm, directory=run_directory / "run", resume=True)
+    J = root(lambda J: tension(J) - 0.9 * LIMIT, J_LIMIT, 20.0)
+    assert np.abs(result.legs[0].J.x.array - J).max() < 1e-9 * J
+    assert sum(s.turning_point for s in result.legs[0].solves) == 1
+
+
+# A thick balloon, incompressible: its pressure has a maximum.
+
+
+def pressure(a: float) -> float:
+    """Of a neo-Hookean balloon (μ = 1 Pa) with the undeformed radii, inflated to the inner radius ``a``."""
+
+    def g(stretch: float) -> float:
+        return 0.5 * (4 / stretch + stretch**-4)
+
+    return g((OUTER**3 - INNER**3 + a**3) ** (1 / 3) / OUTER) - g(a / INNER)
+
+
+A_LIMIT = root(lambda a: pressure(a + 1e-5) - pressure(a - 1e-5), 1.2, 2.5)
+
+
+def balloon(comm: MPI.Intracomm, share: float, **solver: Any) -> Result:
+    return hpcinv.run(
+        job(
+            analysis="forward",
+            mesh=SPHERE,
+            material={"law": "mooney-rivlin", "c1": 0.5, "c2": 0.0, "d1": "incompressible"},
+            effects=[{"effect": "pressure", "region": "inner", "pressure": share * pressure(A_LIMIT)}],
+            supports=OCTANT,
+            solver={"strategy": "arc-length"} | solver,
+            quantities=[{"name": "radius", "of": "norm(x, y, z)", "on": "inner", "reduce": "mean"}],
+        ),
+        comm,
+    )
+
+
+@pytest.mark.parametrize(("folds", "low", "high"), [(0, 1.0, A_LIMIT), (1, A_LIMIT, 6.0)])
+def test_balloon_before_and_beyond_its_largest_pressure(
+    folds: int, low: float, high: float, comm: MPI.Intracomm
+) -> None:
+    a = root(lambda a: pressure(a) - 0.9 * pressure(A_LIMIT), low, high)
+    result = balloon(comm, 0.9, folds=folds)
+    found = result.quantities["radius"]
+    print(f"{folds} turning points: inner radius {found:.6f}, closed form {a:.6f}")
+    assert found == pytest.approx(a, rel=1e-3)
+    for solve in result.legs[0].solves:
+        if solve.turning_point:
+            print(f"largest pressure: {0.9 * solve.load:.6f} of the closed form's")
+            assert 0.9 * solve.load == pytest.approx(1.0, abs=3e-4)
+
+
+# A thick sphere, compressible: how large was it, before a pressure made it as large as the balloon?
+
+
+def radius_before(p: float, steps: int = 50) -> float:
+    """Inner radius at rest of the neo-Hookean sphere that now has the radii `INNER` and `OUTER`.
+
+    ``dσ_r/dr = 2 (σ_θ - σ_r)/r``, ``dR/dr = 1/λ_r``, ``λ_θ = r/R``, ``σ_r(INNER) = -p``, ``σ_r(OUTER) = 0``: by
+    shooting with Runge and Kutta's method.
+    """
+
+    def slope(r: float, y: np.ndarray) -> np.ndarray:
+        R, radial = y
+        hoop = r / R
+
+        def stress(stretch: float) -> float:
+            J = stretch * hoop**2
+            return float((MU * (stretch**2 - 1) + LAM * np.log(J)) / J)
+
+        along = root(lambda stretch: stress(stretch) - radial, 0.05, 3.0)
+        J = along * hoop**2
+        return np.array([1 / along, 2 * MU * (hoop**2 - along**2) / (J * r)])
+
+    def outside(A: float) -> float:
+        y, h = np.array([A, -p]), (OUTER - INNER) / steps
+        for r in INNER + np.arange(steps) * h:
+            a = slope(r, y)
+            b = slope(r + h / 2, y + h / 2 * a)
+            c = slope(r + h / 2, y + h / 2 * b)
+            y = y + h / 6 * (a + 2 * b + 2 * c + slope(r + h, y + h * c))
+        return float(y[1])
+
+    low, high = 0.5, 1.0
+    for _ in range(24):  # to 1e-7
+        middle = (low + high) / 2
+        low, high = (low, middle) if outside(middle) < 0 else (middle, high)
+    return low
+
+
+def test_a_compressible_sphere_at_rest(comm: MPI.Intracomm) -> None:
+    p = 0.5 * MU
+    result = hpcinv.run(
+        job(
+            mesh=SPHERE | {"parameters": SPHERE["parameters"] | {"radial": 3, "along": 3}},
+            material=NEO_HOOKEAN,
+            effects=[{"effect": "pressure", "region": "inner", "pressure": p}],
+            supports=OCTANT,
+            solver={"strategy": "arc-length", "initial_step": 0.3},
+            quantities=[{"name": "radius", "of": "norm(X, Y, Z)", "on": "inner", "reduce": "mean"}],
+        ),
+        comm,
+    )
+    A = radius_before(p)
+    print(f"inner radius at rest {result.quantities['radius']:.6f}, by quadrature {A:.6f}")
+    assert result.quantities["radius"] == pytest.approx(A, rel=1e-4)
+    assert len(result.legs[0].solves) > 2
+
+
+# The rest
+
+
+def test_load_cases_and_prescribed_displacements(comm: MPI.Intracomm) -> None:
+    """The same state as by load steps, with the path's corners at the ends of the cases."""
+
+    def pushed(**solver: Any) -> Result:
+        return hpcinv.run(
+            job(
+                analysis="forward",
+                mesh=box((2, 1, 1), hexahedra=True),
+                material=NEO_HOOKEAN,
+                load_cases=["push", "weight", "pull"],
+                effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 300, "case": "weight"}],
+                supports=[
+                    {"region": "x0", "fix": ["x", "y", "z"]},
+                    {"region": "x1", "displacement": ["-0.2 m", None, None], "case": "push"},
+                    {"region": "z1", "displacement": [None, "0.1*x", None], "case": "pull"},
+                ],
+                solver=solver,
+            ),
+            comm,
+        )
+
+    arc = pushed(strategy="arc-length", initial_step=0.4)
+    assert {1 / 3, 2 / 3} < {s.load for s in arc.legs[0].solves}
+    assert np.abs(arc.shape - pushed().shape).max() < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("solver", "complaint"),
+    [
+        ({"folds": 1}, "solver.folds: has no use with 'strategy: adaptive'; remove it, or take 'strategy: arc-length'"),
+        ({"strategy": "fixed", "rescue": []}, "solver.rescue: has no use with 'strategy: fixed'"),
+        ({"strategy": "arc-length", "steps": 3}, "solver.steps: has no use with 'strategy: arc-length'"),
+        ({"strategy": "arc-length", "folds": -1}, "solver.folds: "),
+        ({"rescue": ["prayer"]}, "solver.rescue"),
+    ],
+)
+def test_options_without_use_are_refused(solver: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(JobError) as caught:
+        job(mesh=box(), material=NEO_HOOKEAN, supports=[{"region": "x0", "fix": ["x", "y", "z"]}], solver=solver)
+    assert complaint in str(caught.value)
