@@ -28,7 +28,7 @@ class ArcLengthSteps:
         smallest: shortest step, relative to the state; where it fails, the path counts as ended.
         folds: turning points of the load to pass before the state at full load counts.
         most: steps after which the search is given up.
-        path_tolerance: relative error of the points that only lead the way.
+        path_tolerance: relative error of the points that only lead the way; near a limit of the load it tells.
         easy: iterations up to which the next step is twice as long.
         cases: number of load cases; no step goes beyond the end of one.
     """
@@ -37,7 +37,7 @@ class ArcLengthSteps:
     smallest: float = 1e-3
     folds: int = 0
     most: int = 200
-    path_tolerance: float = 1e-4
+    path_tolerance: float = 1e-8
     easy: int = 6
     cases: int = 1
 
@@ -175,8 +175,8 @@ class _Path:
             yield self._report(found.load, found.outcome, found)
             self.ended = found.outcome is Outcome.INTERRUPTED
             return None
-        if (found.load - point.load) * self.direction < 0:
-            return (yield from self._turn(point, found))
+        if (found.load - point.load) * self.direction < 0 and (beyond := self._slope_beyond(point, found)) is not None:
+            return (yield from self._turn(point, found, beyond))
         if end is not None and (found.load - end) * self.direction > 0:
             self.spent += found.factorizations
             share = (end - point.load) / (found.load - point.load)
@@ -201,7 +201,16 @@ class _Path:
         tolerance = self.steps.path_tolerance
         return self.bordering.correct(x, load, t, tolerance, direction=self.direction, scale=scale)
 
-    def _turn(self, point: _Point, found: Corrected) -> Moves:
+    def _slope_beyond(self, point: _Point, found: Corrected) -> Tangent | None:
+        """The tangent at a point with less load than the one before, if the load does fall there.
+
+        A load that nears a limit for ever may seem to fall, by the error of the points.
+        """
+        self.spent += 1
+        tangent = self.bordering.tangent(found.x, found.load, point.tangent.direction)
+        return tangent if tangent is not None and tangent.slope * self.direction < 0 else None
+
+    def _turn(self, point: _Point, found: Corrected, beyond: Tangent) -> Moves:
         """Find where the load turns before a point at which it has, and go on from there if it may."""
         fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
         self.spent += 1 + found.factorizations
@@ -211,7 +220,8 @@ class _Path:
             return None
         if fresh.slope * self.direction > 0:
             t = fresh.direction
-            low, high = Sample(point.x, 0.0, point.load, fresh.slope), _along(t, point, found.x, found.load, None)
+            low = Sample(point.x, 0.0, point.load, fresh.slope)
+            high = _along(t, point, found.x, found.load, beyond.slope / dot(t, beyond.direction))
         elif self.before is not None:
             before, t = self.before, self.before.tangent.direction
             low = Sample(before.x, 0.0, before.load, before.tangent.slope)
@@ -247,7 +257,7 @@ class _Path:
         return replace(solve, strategy="arc-length", factorizations=solve.factorizations + spent)
 
 
-def _along(t: PETSc.Vec, origin: _Point, x: PETSc.Vec, load: float, slope: float | None) -> Sample:
+def _along(t: PETSc.Vec, origin: _Point, x: PETSc.Vec, load: float, slope: float) -> Sample:
     step = x.copy()
     step.axpy(-1.0, origin.x)
     return Sample(x, dot(t, step), load, slope)

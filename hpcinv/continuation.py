@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from hpcinv.arclength import ArcLengthSteps, trace
@@ -60,11 +60,35 @@ class FixedSteps:
         return step if solve.outcome.accepted else 0.0
 
 
+@dataclass
+class FoldAhead:
+    """Signs of a turning point of the load: the state changes ever faster, and Newton's method fails beyond a load.
+
+    ``rates`` are those of the state by the load at accepted solutions, ``failures`` where solves began and should have
+    ended. A load, or more than that, must have failed from three solutions: large steps fail for other reasons, too.
+    """
+
+    rates: list[float] = field(default_factory=list)
+    failures: list[tuple[float, float]] = field(default_factory=list)
+
+    def seen_from(self, load: float) -> bool:
+        """Whether there are these signs after the last failure, of a solve that began at ``load``."""
+        ceiling = self.failures[-1][1]
+        starts = {begin for begin, end in self.failures if load < end <= ceiling}
+        return len(starts) >= 3 and len(self.rates) >= 2 and self.rates[-1] > self.rates[-2]
+
+
 type Steps = AdaptiveSteps | FixedSteps | ArcLengthSteps
 
 
 def follow(
-    equilibrium: Equilibrium, steps: Steps, tolerance: float, *, load: float = 0.0, turned: int = 0
+    equilibrium: Equilibrium,
+    steps: Steps,
+    tolerance: float,
+    *,
+    load: float = 0.0,
+    turned: int = 0,
+    patient: bool = True,
 ) -> Iterator[Solve]:
     """Yield every solve on the way from ``load``, at which the state is in equilibrium, to the full load.
 
@@ -73,26 +97,30 @@ def follow(
 
     Args:
         turned: turning points of the load on the way to the present state.
+        patient: go on to the smallest step also where a turning point of the load seems to lie ahead.
     """
     if isinstance(steps, ArcLengthSteps):
         yield from trace(equilibrium, steps, tolerance, load=load, passed=turned)
         return
     state = equilibrium.state.x
-    step, has_tangent = steps.start(), False
+    step, has_tangent, ahead = steps.start(), False, FoldAhead()
     while load < 1.0:
         target = _target(load, step, steps.cases)
         accepted = state.array.copy()
         if has_tangent:
-            equilibrium.predict(target)
+            ahead.rates.append(equilibrium.predict(target) / (target - load))
         solve = equilibrium.solve(target, tolerance if target == 1.0 else steps.path_tolerance)
         step = steps.after(solve, target - load)
         if solve.outcome.accepted:
             load, has_tangent = target, True
         else:
             state.array[:] = accepted
+            ahead.failures.append((load, target))
             has_tangent = False  # the factors at hand are of a state that was given up
         yield solve
-        if not solve.outcome.accepted and (step < steps.least or solve.outcome is Outcome.INTERRUPTED):
+        if not solve.outcome.accepted and (
+            step < steps.least or solve.outcome is Outcome.INTERRUPTED or (not patient and ahead.seen_from(load))
+        ):
             return
 
 

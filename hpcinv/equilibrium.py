@@ -146,21 +146,26 @@ class Equilibrium(LinearSystem):
         accepted.destroy()
         return Solve(load, outcome, tuple(self._monitor.history), self._tangents, tuple(self._signs))
 
-    def predict(self, load: float) -> None:
+    def predict(self, load: float) -> float:
         """Move the state along the tangent of the solution path to another load factor, with the factors at hand.
 
         A step that would turn an element inside out is not taken.
+
+        Returns:
+            The length of the step, taken or not.
         """
         start, x = self.state.x.petsc_vec.copy(), self._x
         self.set_load(load)
         self._assemble_residual(self.snes, start, self.rhs)
         with self.timings("linear solve"):
             self.ksp.solve(self.rhs, x)
+        length = norm(x)
         x.aypx(-1.0, start)
         self.set_state(x)
-        if not np.isfinite(norm(x)) or self.fault():
+        if not np.isfinite(length) or self.fault():
             self.set_state(start)
         start.destroy()
+        return length
 
     @contextmanager
     def newton(self, line_search: str) -> Iterator[None]:

@@ -39,7 +39,7 @@ class SolverOptions:
         """Options of the job that nothing in PETSc has asked for so far: misspelt, or without effect here."""
         everything = PETSc.Options()  # with a prefix of its own, `used` looks for the wrong name
         # Those that another solver has taken back may have been used.
-        there = [name for name in self._names if self._database.hasName(name)]
+        there = [name for name in self._names if name in self._database.getAll()]
         return [name for name in there if not everything.used(self.prefix + name)]
 
     def remove(self) -> None:

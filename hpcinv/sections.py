@@ -48,7 +48,7 @@ class MeshFile(Spec):
     """parameters of the generator, as numbers in SI or quantities"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a ready-made file, or that a Python generator works in, such as mm: lengths
-    reach it in that unit, for bodies so small or large that gmsh's tolerances, which are absolute, do not suit metres"""
+    reach it in that unit, for bodies so small or large that gmsh's absolute tolerances do not suit metres"""
 
     @field_validator("file")
     @classmethod

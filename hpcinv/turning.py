@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,12 +16,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sample:
-    """A point of the path: its distance along a direction, its load, and ``dλ/ds`` along that, if it is known."""
+    """A point of the path: its distance along a direction, its load, and ``dλ/ds`` along that."""
 
     x: PETSc.Vec
     s: float
     load: float
-    slope: float | None
+    slope: float
 
 
 def locate(
@@ -33,14 +34,14 @@ def locate(
 
     Args:
         t: unit vector along which both points were reached.
-        low: the point before it, with its slope.
+        low: the point before it.
         high: the point after it.
         direction: 1 where the load has a maximum, -1 where it has a minimum.
         tolerance: of the state, relative to its norm.
     """
     scale = max(abs(low.load), abs(high.load))
     last, spent = low, 0
-    s = stationary(low, high)
+    s = _between(low, high)
     while True:
         share = (s - low.s) / (high.s - low.s)
         guess = low.x.copy()
@@ -61,29 +62,21 @@ def locate(
         if abs(s - last.s) <= tolerance * norm(found.x) or spent > _ENOUGH:
             return found, spent
         rises = slope * direction > 0
-        trial = _secant(last, sample) if last.slope is not None else None
+        trial = _secant(last, sample)
         low, high = (sample, high) if rises else (low, sample)
-        if trial is None or not low.s < trial < high.s:
-            trial = stationary(low, high)
-        last, s = sample, trial
+        last, s = sample, trial if low.s < trial < high.s else _between(low, high)
 
 
-_TOLERANCE = 1e-6
+_TOLERANCE = 1e-8
 _ENOUGH = 40
 
 
-def stationary(low: Sample, high: Sample) -> float:
-    """Where the slope vanishes between two points: from both slopes, or from the lower one and both loads."""
-    width = high.s - low.s
-    assert low.slope is not None
-    if high.slope is not None:
-        share = low.slope / (low.slope - high.slope)
-    else:
-        share = low.slope * width / (2 * (low.slope * width - (high.load - low.load)))
-    return low.s + width * min(max(share, 0.05), 0.95)
+def _secant(one: Sample, other: Sample) -> float:
+    """Where the slope vanishes, if it is linear."""
+    return other.s - other.slope * (other.s - one.s) / ((other.slope - one.slope) or math.inf)
 
 
-def _secant(one: Sample, other: Sample) -> float | None:
-    if one.slope is None or other.slope is None or one.slope == other.slope:
-        return None
-    return other.s - other.slope * (other.s - one.s) / (other.slope - one.slope)
+def _between(low: Sample, high: Sample) -> float:
+    """The same, well between two points."""
+    share = (_secant(low, high) - low.s) / (high.s - low.s)
+    return low.s + (high.s - low.s) * min(max(share, 0.05), 0.95)

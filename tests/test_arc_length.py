@@ -199,7 +199,7 @@ def test_the_largest_tension_is_told(analysis: str, comm: MPI.Intracomm, run_dir
 @pytest.mark.parallel([2])
 def test_a_run_interrupted_beyond_the_turning_point_goes_on_there(comm: MPI.Intracomm, run_directory: Path) -> None:
     file = run_directory / "cube.yaml"
-    on_root(comm, lambda: file.write_text(cube(0.9, folds=1).model_dump_json()))
+    on_root(comm, lambda: file.write_text(cube(0.9, folds=1).model_dump_json(exclude_unset=True)))
     job, solves = hpcinv.load(file), list[Solve]()
 
     class Listener(Progress):

@@ -1,4 +1,4 @@
-"""What is tried where the job's strategy fails: who wins, with which answer and at what cost; where nothing is tried."""
+"""What is tried where the job's strategy fails: who wins, with which answer and at what cost."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from hpcinv.runtime import MPI
 MU, B = 1.0, 10.0  # Fung–Demiray
 
 
-def sphere(pressure: float, analysis: str = "forward", **solver: Any) -> Job:
+def sphere(pressure: float, analysis: str = "forward", *, radial: int = 2, **solver: Any) -> Job:
     """A thick sphere of an incompressible material that stiffens exponentially."""
     return job(
         analysis=analysis,
-        mesh=SPHERE,
+        mesh=SPHERE | {"parameters": SPHERE["parameters"] | {"radial": radial}},
         material={"law": "fung-demiray", "mu": MU, "b": B, "kappa": "incompressible"},
         effects=[{"effect": "pressure", "region": "inner", "pressure": pressure}],
         supports=OCTANT,
@@ -54,15 +54,15 @@ def winners(result: Result) -> list[str]:
 
 
 def test_arc_length_reaches_a_load_of_which_the_smallest_step_is_too_large(comm: MPI.Intracomm) -> None:
-    result = hpcinv.run(sphere(1000.0), comm)
-    found, exact = result.quantities["radius"], root(lambda a: carried(a) - 1000.0, 1.01, 2.0)
+    result = hpcinv.run(sphere(30.0, radial=4, minimum_step=0.02), comm)
+    found, exact = result.quantities["radius"], root(lambda a: carried(a) - 30.0, 1.01, 2.0)
     failed, won = attempts(result.legs[0].solves)
     print(f"inner radius {found:.5f}, closed form {exact:.5f}; {failed}, {won}")
-    assert found == pytest.approx(exact, rel=2e-3)
+    assert found == pytest.approx(exact, rel=1e-3)
     assert (failed.strategy, failed.load, won.strategy, won.load) == ("load steps", None, "arc-length", 1.0)
     assert won.outcome.accepted
     assert failed.factorizations + won.factorizations == result.legs[0].factorizations
-    assert won.factorizations < cascade.EFFORT
+    assert won.factorizations < cascade.EFFORT["arc-length"]
 
 
 @pytest.mark.parametrize("rescue", ["arc-length", "line-search"])
@@ -73,10 +73,9 @@ def test_every_rescue_finds_what_small_steps_find(rescue: str, comm: MPI.Intraco
     assert winners(one_step) == ["load steps", rescue]
     assert np.abs(one_step.shape - small.shape).max() < 1e-9
     exact = root(lambda a: carried(a) - 1.0, 1.01, 2.0)
-    assert one_step.quantities["radius"] == pytest.approx(exact, rel=2e-3)
+    assert one_step.quantities["radius"] == pytest.approx(exact, rel=1e-3)
 
 
-@pytest.mark.parallel([2])
 def test_a_bulk_modulus_that_grows_reaches_a_load_that_steps_do_not(comm: MPI.Intracomm) -> None:
     """Bent in the displacement form; with a moderate bulk modulus small steps reach the load as well."""
 
@@ -96,12 +95,11 @@ def test_a_bulk_modulus_that_grows_reaches_a_load_that_steps_do_not(comm: MPI.In
 
     small, grown = bent(100.0), bent(100.0, minimum_step=0.9)
     assert (winners(small), winners(grown)) == (["load steps"], ["load steps", "bulk-modulus"])
-    assert comm.allreduce(np.abs(grown.shape - small.shape).max(), op=MPI.MAX) < 1e-9
-    stiff = bent(1e4)
-    print(f"{comm.size} rank(s): {attempts(stiff.legs[0].solves)}")
+    assert np.abs(grown.shape - small.shape).max() < 1e-9
+    stiff = bent(1e4, minimum_step=0.1)
+    print(attempts(stiff.legs[0].solves))
     assert winners(stiff) == ["load steps", "bulk-modulus"]
-    volume = comm.allreduce(float(np.abs(stiff.legs[0].J.x.array - 1).max()), op=MPI.MAX)
-    assert volume < 1e-3  # the material is as stiff as it was given
+    assert np.abs(stiff.legs[0].J.x.array - 1).max() < 1e-3  # the material is as stiff as it was given
 
 
 def failing(*_: Any, **__: Any) -> Iterator[Solve]:
@@ -121,7 +119,7 @@ def test_a_fixed_point_leads_to_the_direct_solution(comm: MPI.Intracomm, monkeyp
 def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cascade, "EFFORT", 5)
+    monkeypatch.setattr(cascade, "EFFORT", dict.fromkeys(cascade.EFFORT, 5))
     found = attempts(tried(sphere(1000.0), comm))
     print(found)
     assert [attempt.strategy for attempt in found] == ["load steps", "arc-length", "line-search"]

@@ -107,7 +107,7 @@ def _unseen(findings: Sequence[Finding], name: str, order: float | None) -> floa
         power = after.degree + 1.0 if order is None else order
         if len(pairs) > 1 and sizes[-3] is not None:
             seen = _order_seen((sizes[-3], sizes[-2], sizes[-1]), differences[-2], differences[-1])
-            power = max(seen, power / 2)
+            power = max(seen, power)
         left = (sizes[-1] / sizes[-2]) ** power
     left = min(left, SLOWEST)
     return differences[-1] * left / (1 - left)

@@ -114,8 +114,8 @@ class Forecast:
         if slopes:  # the coarsest mesh of all may tell little
             return (slopes[0] + degree + 1) / 2
         # What limits the order of one degree, a corner or an edge, limits that of the next.
-        limits = [self.order(lower) for lower in range(1, degree) if self._slopes(lower)]
-        return min([degree + 1.0, *(k for k in limits if k < degree)])
+        seen = {lower: self.order(lower) for lower in range(1, degree) if self._slopes(lower)}
+        return min([degree + 1.0, *(k for lower, k in seen.items() if k < lower + 0.5)])
 
     def is_known(self, degree: int) -> bool:
         """Whether the order of a degree was seen twice, and so is more than presumed."""

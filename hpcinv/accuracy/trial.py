@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 
 from hpcinv.accuracy.transfer import begin_with
 from hpcinv.certificate.estimate import Estimate, estimate
-from hpcinv.continuation import follow
 from hpcinv.interest import Value, check_points, evaluate
 from hpcinv.legs import leg_of
+from hpcinv.methods import method_for
 from hpcinv.model import Model
 from hpcinv.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.accuracy.meshes import Variant
-    from hpcinv.equilibrium import Equilibrium, Solve
+    from hpcinv.equilibrium import Solve
     from hpcinv.job import Job
     from hpcinv.mesh import Body
+    from hpcinv.methods import Method
     from hpcinv.result import Leg
     from hpcinv.timings import Timings
 
@@ -85,17 +86,17 @@ def attempt(
     with _measured(timings) as solved:
         check_points(job.quantities, body)
         model = Model(job, body, timings)
-        scene = model.scene(job.legs[0])
-        equilibrium = model.equilibrium(scene, stop_asked)
+        method = method_for(model, job.legs[0], stop_asked)
         if before is not None:
             with timings("transfer"):
                 begin_with(model, before.leg, before.body)
-        solves = tuple(_solve(model, equilibrium, near=before is not None))
-        unused = equilibrium.options.unused()
-        equilibrium.destroy()
-        load = max((s.load for s in solves if s.outcome.accepted), default=0.0)
-        leg = leg_of(model, job.legs[0], scene, (*_path(before, model), *solves), load)
-    reached = load == 1.0
+        solves = tuple(_solve(model, method, near=before is not None))
+        unused = method.equilibrium.options.unused()
+        method.equilibrium.destroy()
+        scene = model.scene(job.legs[0])
+        scene.parameters.set_load(method.reached)
+        leg = leg_of(model, job.legs[0], scene, (*_path(before, model), *solves), method.reached)
+    reached = method.reached == 1.0
     quantities: Mapping[str, Value] = evaluate(job.quantities, body, leg, model) if reached else {}
     with _measured(timings) as estimated:
         found = estimate(model, leg, quantities) if reached else None
@@ -113,16 +114,17 @@ def _path(before: Trial | None, model: Model) -> Iterator[Solve]:
             yield replace(solve, signs=tuple(-sign if odd else sign for sign in solve.signs))
 
 
-def _solve(model: Model, equilibrium: Equilibrium, *, near: bool) -> Iterator[Solve]:
-    """At the full load from the present state if that is near to the solution, else along the path of loads."""
-    tolerance = model.job.solver.tolerance
+def _solve(model: Model, method: Method, *, near: bool) -> Iterator[Solve]:
+    """At the full load from the present state if that is near to the solution, else from no load."""
     if near:
-        solve = equilibrium.solve(1.0, tolerance)
+        solve = method.equilibrium.solve(1.0, model.job.solver.tolerance)
         yield solve
+        if solve.outcome.accepted:
+            method.reached = 1.0
         if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
             return
     model.unknowns.state.x.array[:] = 0.0
-    yield from follow(equilibrium, model.steps, tolerance)
+    yield from method.solves(0.0, resumed=False)
 
 
 @contextmanager

@@ -9,8 +9,9 @@ line-search   a new tangent and PETSc's l2 line search in each of Newton's itera
 anderson      for inverse problems: a fixed point of forward solves, from which Newton's method ends
 ============  =========================================================================================================
 
-Each may take `EFFORT` factorizations. Nothing is tried where it would be in vain: where the load has a turning point,
-where the first tangent is singular, and where the discrete equations have a solution that no body can be in.
+Each may take `EFFORT` factorizations. Where a turning point of the load seems to lie ahead, arc-length continuation is
+tried before small steps are. Nothing is tried where it would be in vain: where the load has a turning point, where the
+first tangent is singular, and where the discrete equations have a solution that no body can be in.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from hpcinv.equilibrium import Equilibrium
     from hpcinv.model import Model
 
-EFFORT = 150
+EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
 
 type Solves = Generator[Solve, None, None]
 
@@ -57,19 +58,28 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, turned: int = 0)
         turned: turning points of the load on the way to it.
     """
     solver, last = problem.model.job.solver, None
-    for last in follow(problem.equilibrium, steps, solver.tolerance, load=load, turned=turned):
+    patient = "arc-length" not in solver.rescue
+    for last in follow(problem.equilibrium, steps, solver.tolerance, load=load, turned=turned, patient=patient):
         load = last.load if last.outcome.accepted else load
         turned += last.turning_point
         yield last
-    if isinstance(steps, FixedSteps):
+    if isinstance(steps, FixedSteps) or last is None:
         return
-    for name in solver.rescue:
-        if last is None or last.outcome.accepted or turned or _in_vain(last.outcome, load):
+    early = not patient and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least
+    for name in _order(solver.rescue, early=early):
+        if last.outcome.accepted or turned or _in_vain(last.outcome, load):
             return
-        for last in _limited(RESCUES[name](problem, steps, load)):
+        for last in _limited(RESCUES[name](problem, steps, load), EFFORT[name]):
             load = last.load if last.outcome.accepted else load
             turned += last.turning_point
             yield replace(last, strategy=name)
+
+
+def _order(rescue: Sequence[str], *, early: bool) -> Sequence[str]:
+    """What to try; where load steps ended early, at signs of a turning point, that is looked for first."""
+    if not early:
+        return rescue
+    return ["arc-length", "load steps", *(name for name in rescue if name != "arc-length")]
 
 
 def _in_vain(outcome: Outcome, load: float) -> bool:
@@ -87,6 +97,13 @@ def _arc_length(problem: Problem, steps: Steps, load: float) -> Solves:
         yield from follow(problem.equilibrium, arcs, problem.model.job.solver.tolerance, load=load)
 
 
+def _load_steps(problem: Problem, steps: Steps, load: float) -> Solves:
+    """Those of the job, from small ones on."""
+    if isinstance(steps, AdaptiveSteps):
+        small = replace(steps, first=min(16 * steps.smallest, 1.0))
+        yield from follow(problem.equilibrium, small, problem.model.job.solver.tolerance, load=load)
+
+
 def _line_search(problem: Problem, steps: Steps, load: float) -> Solves:
     solver = problem.model.job.solver
     chosen = "basic" if solver.petsc.get("snes_linesearch_type") == "l2" else "l2"
@@ -99,12 +116,12 @@ def _line_search(problem: Problem, steps: Steps, load: float) -> Solves:
 def _bulk_modulus(problem: Problem, steps: Steps, load: float) -> Solves:
     rescue = BulkModulus(problem.model, problem.equilibrium)
     if rescue.suits:
-        yield from _as_one(problem, rescue.solves())
+        yield from _as_one(problem, rescue.solves(), EFFORT["bulk-modulus"])
 
 
 def _anderson(problem: Problem, steps: Steps, load: float) -> Solves:
     if problem.direction == "inverse":
-        yield from _as_one(problem, _fixed_point(problem))
+        yield from _as_one(problem, _fixed_point(problem), EFFORT["anderson"])
 
 
 def _fixed_point(problem: Problem) -> Solves:
@@ -127,27 +144,28 @@ def _fixed_point(problem: Problem) -> Solves:
 RESCUES: Mapping[str, Callable[[Problem, Steps, float], Solves]] = {
     "bulk-modulus": _bulk_modulus,
     "arc-length": _arc_length,
+    "load steps": _load_steps,
     "line-search": _line_search,
     "anderson": _anderson,
 }
 
 
-def _limited(solves: Solves) -> Solves:
+def _limited(solves: Solves, effort: int) -> Solves:
     """Solves until they have taken too many factorizations."""
     spent = 0
     with closing(solves):
         for solve in solves:
             yield solve
             spent += solve.factorizations
-            if spent > EFFORT and not (solve.outcome.accepted and solve.load == 1.0):
+            if spent > effort and not (solve.outcome.accepted and solve.load == 1.0):
                 yield Solve(solve.load, Outcome.STEP_LIMIT, (), 0)
                 return
 
 
-def _as_one(problem: Problem, solves: Solves) -> Solves:
+def _as_one(problem: Problem, solves: Solves, effort: int) -> Solves:
     """The solves of a way on which no state but the last is a solution of the problem, reported as one."""
     start = problem.equilibrium.position()
-    taken = list(_limited(solves))
+    taken = list(_limited(solves, effort))
     last = taken[-1]
     if not last.outcome.accepted:
         problem.equilibrium.set_state(start)

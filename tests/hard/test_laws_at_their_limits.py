@@ -59,7 +59,7 @@ def test_gent_beyond_its_limit_is_told(comm: MPI.Intracomm, run_directory: Path)
     assert Outcome.OUTSIDE_LAW.text in text
     reached = float(text.split("load factor ")[1].split(" of")[0])
     limit = (LIMIT - 1) / 0.5
-    assert 0.98 * limit < reached < limit
+    assert 0.98 * limit < reached < limit + 1e-6  # as it is printed
 
 
 def fibres(stretch: float, k2: float) -> float:
