@@ -9,15 +9,32 @@ from contextlib import contextmanager
 
 
 class Timings:
-    """Seconds spent in named phases; phases may nest, an inner one's time is not counted in the outer one's."""
+    """Seconds spent in named phases; phases may nest, an inner one's time is not counted in the outer one's.
+
+    Within `as_one` all is counted in the one phase that is named there.
+    """
 
     def __init__(self) -> None:
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self.begin = time.perf_counter()
         self._stack: list[list[float]] = []
+        self._absorbed = False
+
+    @contextmanager
+    def as_one(self, phase: str) -> Iterator[None]:
+        """A phase with all that is in it."""
+        with self(phase):
+            before, self._absorbed = self._absorbed, True
+            try:
+                yield
+            finally:
+                self._absorbed = before
 
     @contextmanager
     def __call__(self, phase: str) -> Iterator[None]:
+        if self._absorbed:
+            yield
+            return
         started, inner = time.perf_counter(), [0.0]
         self._stack.append(inner)
         try:
@@ -31,6 +48,8 @@ class Timings:
 
     def move(self, source: str, target: str, seconds: float) -> None:
         """Count seconds that were measured elsewhere, such as by PETSc's log, in a phase of their own."""
+        if self._absorbed:
+            return
         self.seconds[source] -= seconds
         self.seconds[target] += seconds
 

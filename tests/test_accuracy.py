@@ -16,7 +16,7 @@ from mesh_cases import spec
 from verification import box, job
 
 import hpcinv as package
-from hpcinv.accuracy.decision import _indicators
+from hpcinv.accuracy.decision import indicators_of
 from hpcinv.accuracy.marking import plan
 from hpcinv.accuracy.meshes import Meshes, is_straight
 from hpcinv.accuracy.transfer import begin_with
@@ -58,7 +58,7 @@ def test_the_promise_holds_in_at_least_19_of_20(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.parallel([2, 3])
 def test_the_promise_holds_on_more_ranks(comm: MPI.Intracomm) -> None:
-    names = ("sphere of tetrahedra", "cylinder, forward", "column, density of the body at rest")
+    names = ("cylinder of tetrahedra", "column, density of the body at rest")
     for case in cases():
         if case.name in names:
             found = package.run(case.job(), comm)
@@ -120,7 +120,7 @@ def test_refinement_in_places_pays_there(comm: MPI.Intracomm) -> None:
     first, _ = solved(coarse, meshes.build(coarse), None)
     even = meshes.everywhere(coarse, first.body, 2.0)
     everywhere, error = solved(even, meshes.build(even), first)
-    marked = plan(_indicators(first), 6.0, 3.0)
+    marked = plan(indicators_of(first), 6.0, 3.0)
     local = meshes.in_places(coarse, first.body, np.minimum(marked.levels, 2))
     in_places, smaller = solved(local, meshes.build(local), first)
     sizes = [t.model.unknowns.size for t in (everywhere, in_places)]
@@ -177,9 +177,9 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
         return Model(its, body, Timings())
 
     cases: Sequence[tuple[str, int, dict[str, Any], float]] = (
-        ("box.py", 1, {}, 1e-14),
-        ("pdms_beam.py", 1, {"length": 0.02, "size": 0.004}, 1e-2),
-        ("pdms_beam.py", 2, {"length": 0.02, "size": 0.004}, 1e-2),
+        ("box.py", 1, {}, 1e-13),
+        ("pdms_beam.py", 1, {"length": 0.02, "size": 0.004}, 1e-13),
+        ("pdms_beam.py", 2, {"length": 0.02, "size": 0.004}, 1e-5),
     )
     for file, degree, coarse, tolerance in cases:
         finer = {"nx": 7, "ny": 5, "nz": 6} if file == "box.py" else coarse | {"size": 0.0025}

@@ -261,3 +261,13 @@ def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
     assert found["verdict"] == verdict
     assert f"certificate: {verdict}" in ended.stdout
     assert found["lines"][0].keys() == {"name", "value", "unit", "rule", "verdict", "note"}
+
+
+def test_what_a_certificate_costs_stands_apart() -> None:
+    timings = Timings()
+    with timings.as_one("certificate"), timings("tangent"):
+        timings.move("tangent", "factorization", 1.0)
+    with timings("residual"):
+        pass
+    assert timings.seconds.keys() == {"certificate", "residual"}
+    assert timings.seconds["certificate"] >= 0

@@ -31,7 +31,7 @@ def decide(
         may_mark: whether cells may be refined in places.
     """
     factors = meshes.factors(last.variant)
-    indicators = _indicators(last) if may_mark and known else None
+    indicators = indicators_of(last) if may_mark and known else None
     planned: list[Plan] = []
 
     def on_rank_0() -> tuple[Choice, float] | None:  # by measured times, which differ from rank to rank
@@ -59,7 +59,7 @@ def decide(
     return variant, choice.degree
 
 
-def _indicators(trial: Trial) -> npt.NDArray[np.float64]:
+def indicators_of(trial: Trial) -> npt.NDArray[np.float64]:
     """The estimate's share of each cell of the source on rank 0, of none elsewhere; collective."""
     assert trial.estimate is not None
     mesh = trial.body.mesh

@@ -32,7 +32,7 @@ def certify(
         known: the estimate of the first leg, if it has been made before.
     """
     leg, lines, found = legs[0], list[Line](), known
-    with model.timings("certificate"):
+    with model.timings.as_one("certificate"):
         with placed(model.body.mesh, leg.mesh_nodes / model.body.length_scale):
             lines += _of_the_solution(model, leg)
             if found is None and model.job.certificate.estimate:

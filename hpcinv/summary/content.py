@@ -134,12 +134,12 @@ def _solve(solve: Solve) -> dict[str, Any]:
 
 
 def _timings(timings: Timings, comm: MPI.Intracomm) -> dict[str, Any]:
-    """Seconds by phase over the ranks, and the share of the wall time that is not `WORK`."""
+    """Seconds by phase over the ranks, and the share of the wall time without the certificate that is not `WORK`."""
     total, mine = timings.total, dict(timings.seconds)
     mine["other"] = total - sum(mine.values())
     every = comm.allgather(mine)
     phases = {phase: [seconds.get(phase, 0.0) for seconds in every] for phase in sorted(set().union(*every))}
-    overhead = 1 - sum(mine.get(phase, 0.0) for phase in WORK) / total
+    overhead = 1 - sum(mine.get(phase, 0.0) for phase in WORK) / (total - mine.get("certificate", 0.0))
     return {
         "total": comm.allreduce(total, op=MPI.MAX),
         "phases": {phase: {"min": min(seconds), "max": max(seconds)} for phase, seconds in phases.items()},
