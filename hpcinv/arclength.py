@@ -140,8 +140,10 @@ class _Path:
         x = self.equations.position()
         tangent = self.bordering.tangent(x, load, None, self.direction)
         self.spent += 1
+        if tangent is None:
+            return None
         self.before, self.sign = None, self.equations.sign_of_determinant()
-        return None if tangent is None else _Point(x, load, tangent)
+        return _Point(x, load, tangent)
 
     def _land(self, point: _Point, end: float, predicted: PETSc.Vec, step: float) -> Moves:
         """Solve at a fixed load near a predicted state; one found elsewhere may belong to another path."""
@@ -175,8 +177,10 @@ class _Path:
             yield self._report(found.load, found.outcome, found)
             self.ended = found.outcome is Outcome.INTERRUPTED
             return None
-        if (found.load - point.load) * self.direction < 0 and (beyond := self._slope_beyond(point, found)) is not None:
-            return (yield from self._turn(point, found, beyond))
+        if (found.load - point.load) * self.direction < 0:
+            beyond = self._slope_beyond(point, found)
+            if beyond is not None or t.slope * self.direction < 0:
+                return (yield from self._turn(point, found, beyond))
         if end is not None and (found.load - end) * self.direction > 0:
             self.spent += found.factorizations
             share = (end - point.load) / (found.load - point.load)
@@ -210,7 +214,7 @@ class _Path:
         tangent = self.bordering.tangent(found.x, found.load, point.tangent.direction)
         return tangent if tangent is not None and tangent.slope * self.direction < 0 else None
 
-    def _turn(self, point: _Point, found: Corrected, beyond: Tangent) -> Moves:
+    def _turn(self, point: _Point, found: Corrected, beyond: Tangent | None) -> Moves:
         """Find where the load turns before a point at which it has, and go on from there if it may."""
         fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
         self.spent += 1 + found.factorizations
@@ -219,6 +223,9 @@ class _Path:
         if fresh is None:
             return None
         if fresh.slope * self.direction > 0:
+            if beyond is None:  # it has turned twice, or not at all
+                yield self._report(found.load, Outcome.ANOTHER_PATH)
+                return None
             t = fresh.direction
             low = Sample(point.x, 0.0, point.load, fresh.slope)
             high = _along(t, point, found.x, found.load, beyond.slope / dot(t, beyond.direction))

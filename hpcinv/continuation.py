@@ -24,7 +24,7 @@ class AdaptiveSteps:
 
     first: float = 1.0
     smallest: float = 1e-3
-    path_tolerance: float = 1e-4
+    path_tolerance: float = 1e-6  # of the displacement: the stretch of a slender body must be right as well
     easy: int = 6  # Newton iterations up to which the next step is twice as long
     cases: int = 1
 

@@ -67,7 +67,7 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, turned: int = 0)
         return
     early = not patient and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least
     for name in _order(solver.rescue, early=early):
-        if last.outcome.accepted or turned or _in_vain(last.outcome, load):
+        if last.outcome.accepted or turned or _in_vain(last, load):
             return
         for last in _limited(RESCUES[name](problem, steps, load), EFFORT[name]):
             load = last.load if last.outcome.accepted else load
@@ -82,12 +82,14 @@ def _order(rescue: Sequence[str], *, early: bool) -> Sequence[str]:
     return ["arc-length", "load steps", *(name for name in rescue if name != "arc-length")]
 
 
-def _in_vain(outcome: Outcome, load: float) -> bool:
-    if outcome is Outcome.VOLUME_CHANGED:
+def _in_vain(solve: Solve, load: float) -> bool:
+    if solve.outcome is Outcome.VOLUME_CHANGED:
         return load > 0
-    if outcome is Outcome.LINEAR_SOLVER:
+    if solve.outcome is Outcome.LINEAR_SOLVER:
         return load == 0
-    return outcome in (Outcome.INTERRUPTED, Outcome.FOLD)
+    if solve.outcome is Outcome.NOT_FINITE:  # a load that exceeds all numbers
+        return load == 0 and not solve.iterations
+    return solve.outcome in (Outcome.INTERRUPTED, Outcome.FOLD)
 
 
 def _arc_length(problem: Problem, steps: Steps, load: float) -> Solves:
