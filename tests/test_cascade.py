@@ -120,7 +120,7 @@ def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cascade, "EFFORT", dict.fromkeys(cascade.EFFORT, 5))
-    found = attempts(tried(sphere(1000.0), comm))
+    found = attempts(tried(sphere(30.0, radial=4, minimum_step=0.02), comm))
     print(found)
     assert [attempt.strategy for attempt in found] == ["load steps", "arc-length", "line-search"]
     assert found[1].outcome is Outcome.STEP_LIMIT

@@ -343,7 +343,7 @@ def test_a_given_body_that_cannot_carry_its_load_once_more(comm: MPI.Intracomm) 
     weight = {"effect": "gravity", "acceleration": [0, 9.81, 0], "density": 1000, "density_in": "current"}
     case = tetrahedron(material=LAWS["neo-hookean"] | {"young": "3 kPa"}, effects=[weight])
     error = run_and_fail(comm, method="anderson", **case)
-    assert Outcome.FORWARD_FAILED.text in str(error)
+    assert "the fixed-point method did not find the shape" in str(error)
     assert "method: direct" in error.advice
     assert largest(hpcinv.run(job(**case), comm).legs[0].u, comm) > 0.2
 
