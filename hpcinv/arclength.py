@@ -85,6 +85,7 @@ class _Point:
     x: PETSc.Vec
     load: float
     tangent: Tangent
+    sign: int  # of the determinant of K, 0 if not known
 
     def ahead(self, s: float) -> PETSc.Vec:
         """The state predicted at a distance."""
@@ -100,7 +101,6 @@ class _Path:
             equations, equations.position(), limit=equations.limit, reuse=equations.reuse, cases=steps.cases
         )
         self.before: _Point | None = None  # the last point of this part of the path, on which the load has not turned
-        self.sign = 0  # of the tangent's determinant on this part, 0 if not known
         self.spent = 0  # factorizations that no solve has been charged with yet
         self.ended, self.easy = False, False
 
@@ -142,8 +142,8 @@ class _Path:
         self.spent += 1
         if tangent is None:
             return None
-        self.before, self.sign = None, self.equations.sign_of_determinant()
-        return _Point(x, load, tangent)
+        self.before = None
+        return _Point(x, load, tangent, self.equations.sign_of_determinant())
 
     def _land(self, point: _Point, end: float, predicted: PETSc.Vec, step: float) -> Moves:
         """Solve at a fixed load near a predicted state; one found elsewhere may belong to another path."""
@@ -154,7 +154,7 @@ class _Path:
         solve = equations.solve(end, self.tolerance if end == 1.0 else self.steps.path_tolerance)
         if solve.outcome.accepted:
             predicted.axpy(-1.0, equations.position())
-            crossed = bool(solve.signs and self.sign and solve.signs[-1] != self.sign)
+            crossed = bool(solve.signs and point.sign and solve.signs[-1] != point.sign)
             if crossed or norm(predicted) > step:
                 solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         if not solve.outcome.accepted:
@@ -190,9 +190,9 @@ class _Path:
         along = found.x.copy()
         along.axpy(-1.0, point.x)
         self.easy = len(found.iterations) <= self.steps.easy
-        self.sign = found.signs[-1] if found.signs else self.sign
         self.before = point
-        after = _Point(found.x, found.load, self.bordering.present_tangent(along))
+        sign = found.signs[-1] if found.signs else point.sign
+        after = _Point(found.x, found.load, self.bordering.present_tangent(along), sign)
         self.equations.set_state(found.x)
         yield self._report(found.load, found.outcome, found)
         return after
@@ -226,11 +226,11 @@ class _Path:
             if beyond is None:  # it has turned twice, or not at all
                 yield self._report(found.load, Outcome.ANOTHER_PATH)
                 return None
-            t = fresh.direction
+            t, sign = fresh.direction, point.sign
             low = Sample(point.x, 0.0, point.load, fresh.slope)
             high = _along(t, point, found.x, found.load, beyond.slope / dot(t, beyond.direction))
         elif self.before is not None:
-            before, t = self.before, self.before.tangent.direction
+            before, t, sign = self.before, self.before.tangent.direction, self.before.sign
             low = Sample(before.x, 0.0, before.load, before.tangent.slope)
             high = _along(t, before, point.x, point.load, fresh.slope / dot(t, fresh.direction))
         else:
@@ -250,8 +250,9 @@ class _Path:
             self.ended = True
             return None
         self.passed += 1
-        self.before, self.sign = None, 0
-        return _Point(turning.x, turning.load, Tangent(tangent.direction, self.direction * abs(tangent.slope)))
+        self.before = None
+        onward = Tangent(tangent.direction, self.direction * abs(tangent.slope))
+        return _Point(turning.x, turning.load, onward, -sign)  # one eigenvalue of K has changed its sign
 
     def _report(self, load: float, outcome: Outcome, found: Corrected | None = None) -> Solve:
         if found is None:
