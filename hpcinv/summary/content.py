@@ -60,7 +60,7 @@ def statistics(
         "quantities": dict(result.quantities),
         "errors": dict(result.errors),
         "certificate": result.certificate.as_data() | {"estimate": result.estimate and result.estimate.as_data()},
-        "accuracy": result.accuracy and result.accuracy.as_data(),
+        "accuracy": comm.bcast(result.accuracy and result.accuracy.as_data()),  # with the seconds of rank 0
         "timings": _timings(timings, comm),
         "peak_memory": comm.allgather(_peak_memory()),
     }
