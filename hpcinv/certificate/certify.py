@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from hpcinv.certificate.balance import balance
 from hpcinv.certificate.closure import gap, round_trip, stability
 from hpcinv.certificate.estimate import Estimate, estimate
+from hpcinv.certificate.idle import idle_loads
 from hpcinv.certificate.shape import shape
 from hpcinv.certificate.verdict import Certificate, Line, Verdict, at_least, at_most, skipped
 from hpcinv.placement import placed
@@ -41,6 +42,7 @@ def certify(
         lines += shape(model, leg)
         lines += round_trip(model, leg) if len(legs) == 1 else [gap(model, leg, legs[1].u)]
         lines += stability(model, leg)
+        lines += idle_loads(model)
     return Certificate(tuple(lines)), found
 
 
