@@ -25,32 +25,37 @@ type Cells = npt.NDArray[np.int32]
 _CHUNK = 10_000  # cells at a time, so that values at quadrature points take little memory
 
 
-def cell_means(expressions: Sequence[tuple[Any, Cells | None]], mesh: Mesh, quadrature_degree: int) -> fem.Function:
-    """Mean ``∫ e dV / ∫ dV`` over the volume of each cell of what UFL expressions give there, piecewise constant.
+class CellMeans:
+    """Means ``∫ e dV / ∫ dV`` over the volume of each cell of what UFL expressions give there.
 
     Args:
         expressions: scalars, vectors or tensors ``e`` of one shape, each with the cells it holds in (``None`` for all).
         mesh: the mesh that it lives on.
         quadrature_degree: of the rule; the mean of a polynomial of this degree on straight cells is exact.
     """
-    shape = expressions[0][0].ufl_shape
-    means = fem.Function(fem.functionspace(mesh, ("DG", 0, shape) if shape else ("DG", 0)))
-    values = means.x.array.reshape(-1, int(np.prod(shape)))
-    dofs = means.function_space.dofmap.list[:, 0]
-    volume = abs(ufl.JacobianDeterminant(mesh))
-    _, weights = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
-    for expression, of in expressions:
-        parts = [expression[i] for i in np.ndindex(shape)] if shape else [expression]
-        for cells, at_points in QuadratureValues(volume * ufl.as_vector([*parts, 1]), mesh, quadrature_degree, of):
-            sums = np.einsum("q,cqi->ci", weights, at_points)
-            values[dofs[cells]] = sums[:, :-1] / sums[:, -1:]
-    means.x.scatter_forward()
-    return means
 
+    def __init__(self, expressions: Sequence[tuple[Any, Cells | None]], mesh: Mesh, quadrature_degree: int) -> None:
+        self._mesh, self._shape = mesh, expressions[0][0].ufl_shape
+        volume = abs(ufl.JacobianDeterminant(mesh))
+        _, self._weights = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
+        self._values = []
+        for expression, of in expressions:
+            parts = [expression[i] for i in np.ndindex(self._shape)] if self._shape else [expression]
+            weighted = volume * ufl.as_vector([*parts, 1])
+            self._values.append(QuadratureValues(weighted, mesh, quadrature_degree, of))
 
-def quadrature_range(expression: Any, mesh: Mesh, quadrature_degree: int) -> tuple[float, float]:
-    """Smallest and largest value of a scalar UFL expression at any quadrature point of any rank."""
-    return QuadratureValues(expression, mesh, quadrature_degree).range()
+    def __call__(self) -> fem.Function:
+        """The means as they now are, piecewise constant."""
+        shape = self._shape
+        means = fem.Function(fem.functionspace(self._mesh, ("DG", 0, shape) if shape else ("DG", 0)))
+        values = means.x.array.reshape(-1, int(np.prod(shape)))
+        dofs = means.function_space.dofmap.list[:, 0]
+        for of_part in self._values:
+            for cells, at_points in of_part:
+                sums = np.einsum("q,cqi->ci", self._weights, at_points)
+                values[dofs[cells]] = sums[:, :-1] / sums[:, -1:]
+        means.x.scatter_forward()
+        return means
 
 
 class QuadratureValues:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,16 +24,18 @@ from hpcinv.errors import Interrupted, SolveError
 from hpcinv.fields import write_fields
 from hpcinv.interest import check_points, evaluate
 from hpcinv.legs import leg_of
-from hpcinv.mesh import build_body, write_mesh
+from hpcinv.mesh import write_mesh
 from hpcinv.methods import method_for
-from hpcinv.model import Model
+from hpcinv.methods.guess import Guess
 from hpcinv.newton import Outcome
 from hpcinv.progress import Progress
 from hpcinv.result import Leg, Result
 from hpcinv.rundirectory import RunDirectory, relative
 from hpcinv.runtime import MPI, compilation_explained, on_root
+from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
 from hpcinv.summary import statistics, write_summary
 from hpcinv.timings import Timings
+from hpcinv.workspace import Workspace
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
@@ -43,11 +47,13 @@ def run(
     job: Job,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     *,
-    directory: Path | None = None,
+    directory: Path | RunDirectory | None = None,
     overwrite: bool = False,
     resume: bool = False,
     progress: Progress | None = None,
     stop_asked: Callable[[], bool] = lambda: False,
+    workspace: Workspace | None = None,
+    guess: Guess | None = None,
 ) -> Result:
     """Solve a job on all ranks of ``comm``; collective.
 
@@ -56,15 +62,18 @@ def run(
         overwrite: whether results of another run may be replaced.
         resume: go on from the last checkpoint in ``directory``, if there is one.
         stop_asked: asked on every rank before each Newton iteration; true saves a checkpoint and ends the run.
+        workspace: what earlier runs on ``comm`` have left to use again, and this one will.
+        guess: where to begin the first leg, at full load; without, or where that fails, with the unloaded body.
 
     Raises:
         MeshError, OutputError, CheckpointError, SystemPartMissing: the same on every rank.
         SolveError: the load was not reached; the diagnosis is in the message and in ``summary.json``.
         Interrupted: ``stop_asked`` was true on some rank.
     """
-    where = RunDirectory(directory) if directory else None
-    started = _Run(job, comm, where, progress or Progress(comm, None), stop_asked)
-    with compilation_explained(comm):
+    where = RunDirectory(directory) if isinstance(directory, Path) else directory
+    with ExitStack() as own, compilation_explained(comm):
+        workspace = workspace or own.enter_context(Workspace(comm))
+        started = _Run(job, comm, where, progress or Progress(comm, None), stop_asked, workspace, guess)
         return started.go(overwrite=overwrite, resume=resume)
 
 
@@ -76,12 +85,15 @@ class _Run:
         directory: RunDirectory | None,
         progress: Progress,
         stop_asked: Callable[[], bool],
+        workspace: Workspace,
+        guess: Guess | None,
     ) -> None:
         self.job, self.comm, self.directory = job, comm, directory
         self.progress, self.stop_asked = progress, stop_asked
+        self.workspace, self.guess = workspace, guess
         self.timings = Timings()
         self.legs: list[Leg] = []
-        self.since_checkpoint = 0  # accepted steps
+        self.since_checkpoint, self.last_checkpoint = 0, time.monotonic()  # accepted steps; rank 0's time
         self.unused_options: list[str] = []
         self.record: Record | None = None
         self.estimate: Estimate | None = None
@@ -100,7 +112,8 @@ class _Run:
                 self._give_up(self.legs[-1])
             if number == 0:
                 quantities = evaluate(job.quantities, self.body, self.legs[0], self.model)
-                self._write_shape()
+                slopes = sensitivities(self.model, self.legs[0])
+                self._write_shape(slopes)
             if number + 1 < len(job.legs):
                 # The next leg is solved on the body that was just found.
                 self.body.mesh.geometry.x[:] = self.legs[-1].other_nodes / self.body.length_scale
@@ -113,17 +126,17 @@ class _Run:
         certificate, found = certify(self.model, self.legs, quantities, self.estimate)
         if self.record is not None:
             certificate = Certificate((*certificate.lines, *self.record.lines()))
-        result = Result(job, self.body, tuple(self.legs), certificate, quantities, errors, found)
+        result = Result(job, self.body, tuple(self.legs), certificate, quantities, errors, found, slopes)
         return self._finish(result, "converged")
 
     def _prepare(self) -> Floats | None:
         """Body and model as the job gives them, and the nodes of the expected shape."""
         job = self.job
         with self.timings("mesh"):
-            self.body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve)
+            self.body = self.workspace.body(job)
             expected = read_expected(job, self.body)
             check_points(job.quantities, self.body)
-        self.model = Model(job, self.body, self.timings)
+        self.model = self.workspace.model(job, self.timings)
         return expected
 
     def _search(self) -> None:
@@ -160,6 +173,7 @@ class _Run:
         load, solves = self._take_up(number, restart) if restart and resumed else (0.0, list[Solve]())
         method = method_for(model, direction, self.stop_asked)
         method.turned = sum(solve.turning_point for solve in solves)
+        method.guess = None if number or resumed else self.guess
         self.progress.leg(direction)
         stop, begin, every = False, load, self.job.checkpoint.every
         for solve in method.solves(load, resumed=resumed):
@@ -169,7 +183,7 @@ class _Run:
                 solves.append(solve)
             if method.can_restart_after(solve):
                 self.since_checkpoint += 1
-            if every and self.since_checkpoint >= every:
+            if every and self.since_checkpoint >= every and self._checkpoint_is_due():
                 self._checkpoint(number, method.reached, solves)
             stop = self.comm.allreduce(self.stop_asked() or interrupted, op=MPI.LOR)
             if stop:
@@ -177,7 +191,7 @@ class _Run:
         load = method.reached
         if begin != 1.0:  # else nothing was solved, and PETSc asked for nothing
             self.unused_options = method.equilibrium.options.unused()
-        method.equilibrium.destroy()
+        model.release(method.equilibrium)
         if self.since_checkpoint and (stop or (every and load != 1.0)):
             self._checkpoint(number, load, solves)
         if stop and (load != 1.0 or number + 1 < len(self.job.legs)):
@@ -196,8 +210,13 @@ class _Run:
         load = restart.position.load if restart.position.leg == number else 1.0
         return load, list(restart.position.solves[number])
 
+    def _checkpoint_is_due(self) -> bool:
+        """Whether the last one is long enough ago, by the clock of rank 0."""
+        least = self.job.checkpoint.seconds
+        return not least or bool(self.comm.bcast(time.monotonic() - self.last_checkpoint >= least))
+
     def _checkpoint(self, number: int, load: float, solves: list[Solve]) -> None:
-        self.since_checkpoint = 0
+        self.since_checkpoint, self.last_checkpoint = 0, time.monotonic()
         if self.checkpoints is None:
             return
         with self.timings("checkpoint"):
@@ -211,14 +230,14 @@ class _Run:
         largest = float((u**2).sum(axis=1).max(initial=0.0)) ** 0.5 * self.model.scales.length
         return float(self.comm.allreduce(largest, op=MPI.MAX))
 
-    def _write_shape(self) -> None:
+    def _write_shape(self, slopes: Sensitivities | None) -> None:
         if self.directory is None:
             return
         with self.timings("output"):
             for suffix in self.job.output.mesh:
                 write_mesh(self.directory.path / f"shape.{suffix}", self.body, self.legs[0].other_nodes)
             if self.job.output.fields:
-                write_fields(self.directory.path / "fields", self.body, self.legs[0])
+                write_fields(self.directory.path / "fields", self.body, self.legs[0], slopes.fields() if slopes else ())
 
     def _finish(self, result: Result, status: str) -> Result:
         result = replace(result, directory=self.directory.path if self.directory else None, accuracy=self.record)

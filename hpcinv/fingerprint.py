@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +17,21 @@ _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects"
 _MESH = {"parameters", "unit", "geometry_degree"}  # not its path: a moved file is the same mesh
 
 
-def fingerprint(job: Job) -> dict[str, Any]:
-    """The physics of a job as JSON data, with open choices filled in and files by their SHA-256."""
+def file_digest(path: Path) -> str:
+    """SHA-256 of a mesh file and of the HDF5 files that an XDMF file keeps its numbers in."""
+    digest = hashlib.sha256()
+    content = path.read_bytes()
+    digest.update(content)
+    if path.suffix == ".xdmf":
+        for name in sorted(set(re.findall(rb">\s*([^<>:]+\.h5):", content))):
+            digest.update((path.parent / name.decode()).read_bytes())
+    return digest.hexdigest()
+
+
+def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
+    """The physics of a job as JSON data, with open choices filled in and files by their SHA-256 (``digest``)."""
     mesh = job.mesh.model_dump(mode="json", include=_MESH, exclude_none=True) | {
-        "sha256": file_digest(job.resolve(job.mesh.file))
+        "sha256": digest(job.resolve(job.mesh.file))
     }
     discretisation = {
         "formulation": "mixed" if job.is_mixed else "displacement",
@@ -30,7 +41,7 @@ def fingerprint(job: Job) -> dict[str, Any]:
     }
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True)
     if job.plugins:
-        physics["plugins"] = [file_digest(job.resolve(plugin)) for plugin in job.plugins]
+        physics["plugins"] = [digest(job.resolve(plugin)) for plugin in job.plugins]
     return physics | {"legs": list(job.legs), "mesh": mesh, "discretisation": discretisation}
 
 
@@ -56,14 +67,3 @@ def _leaves(data: Any, where: Location) -> Iterator[tuple[Location, Any]]:
             yield from _leaves(value, (*where, i))
     else:
         yield where, data
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a mesh file and of the HDF5 files that an XDMF file keeps its numbers in."""
-    digest = hashlib.sha256()
-    content = path.read_bytes()
-    digest.update(content)
-    if path.suffix == ".xdmf":
-        for name in sorted(set(re.findall(rb">\s*([^<>:]+\.h5):", content))):
-            digest.update((path.parent / name.decode()).read_bytes())
-    return digest.hexdigest()

@@ -64,6 +64,7 @@ class LinearSystem(Assembly):
 
     def forget_factors(self) -> None:
         """Begin anew after a factorization that failed: MUMPS cannot go on."""
+        self.options.restore()
         self.ksp.pc.reset()
 
     def sign_of_determinant(self) -> int:

@@ -30,7 +30,10 @@ KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinema
 
 
 class Model:
-    """What the legs of an analysis share.
+    """What the legs of an analysis share, and the analyses of other jobs of the same structure (`structure_of`).
+
+    Scenes and the equations on them are made once and used again: that keeps the compiled kernels, the pattern of the
+    matrix and its symbolic factorization.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
@@ -38,10 +41,12 @@ class Model:
 
     def __init__(self, job: Job, body: Body, timings: Timings) -> None:
         self.job, self.body, self.timings = job, body, timings
+        self._scenes: dict[Direction, Scene] = {}
+        self._idle: dict[int, Equilibrium] = {}  # by the scene
         with timings("set-up"):
             self.fields = BodyFields(body)
             check_fields(job, self.fields)
-            self.scales = Scales(body.length_scale, power_of_two(shear_modulus(job, self.fields)))
+            self.scales = self._scales()
             self.unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
             self.supports = Supports(job, body, self.unknowns)
             check_agreement(job, body, self.supports)
@@ -53,23 +58,50 @@ class Model:
             body.source.kind, job.discretisation.displacement
         )
 
+    def adopt(self, job: Job, timings: Timings) -> None:
+        """Go over to another job of the same structure; the mesh must lie as it is given.
+
+        Raises:
+            MeshError: as the constructor; the model is then of no use any more.
+        """
+        self.job, self.timings = job, timings
+        with timings("set-up"):
+            check_fields(job, self.fields)
+            self.scales = self._scales()
+            self.supports.adopt(job)
+            check_agreement(job, self.body, self.supports)
+            self._is_held = not any(effect.holds for effect in job.effects)
+            for scene in self._scenes.values():
+                scene.adopt(job, self.scales)
+
+    def _scales(self) -> Scales:
+        return Scales(self.body.length_scale, power_of_two(shear_modulus(self.job, self.fields)))
+
     def scene(self, direction: Direction, known: Function | None = None) -> Scene:
-        """The scene in one direction, on the mesh as it now lies; ``known`` as `Scene` has it."""
+        """The scene in one direction, on the mesh as it lies when it is used; ``known`` as `Scene` has it."""
+        if known is None and direction in self._scenes:
+            return self._scenes[direction]
         kinematics = KINEMATICS[direction]
-        return Scene(self.job, self.fields, self.unknowns, kinematics, self.quadrature_degree, self.scales, known)
+        scene = Scene(self.job, self.fields, self.unknowns, kinematics, self.quadrature_degree, self.scales, known)
+        if known is None:
+            self._scenes[direction] = scene
+        return scene
 
     def equilibrium(self, scene: Scene, stop_asked: Callable[[], bool]) -> Equilibrium:
         """The equations of a scene, and the solver that the job asks for."""
-        solver = self.job.solver
-        equilibrium = Equilibrium(
-            scene,
-            self.supports,
-            self.timings,
-            options=solver.petsc,
-            limit=solver.maximum_iterations,
-            reuse=0.3 if solver.reuse_tangent else 0.0,
-            stop_asked=stop_asked,
-        )
+        equilibrium = self._idle.pop(id(scene), None)
+        if equilibrium is None:
+            solver = self.job.solver
+            equilibrium = Equilibrium(
+                scene,
+                self.supports,
+                self.timings,
+                options=solver.petsc,
+                limit=solver.maximum_iterations,
+                reuse=0.3 if solver.reuse_tangent else 0.0,
+            )
+        equilibrium.options.restore()
+        equilibrium.timings, equilibrium.stop_asked = self.timings, stop_asked
         if not self._is_held:
             try:
                 check_held(self.body, self.supports, equilibrium)
@@ -78,6 +110,20 @@ class Model:
                 raise
             self._is_held = True
         return equilibrium
+
+    def release(self, equilibrium: Equilibrium) -> None:
+        """Take equations back that were asked for, to be used again; those of a scene of its own end here."""
+        scene = equilibrium.scene
+        if any(scene is kept for kept in self._scenes.values()) and id(scene) not in self._idle:
+            self._idle[id(scene)] = equilibrium
+        else:
+            equilibrium.destroy()
+
+    def destroy(self) -> None:
+        """Free what PETSc holds of it."""
+        for equilibrium in self._idle.values():
+            equilibrium.destroy()
+        self._idle.clear()
 
     def solution(self) -> tuple[Function, Function | None]:
         """Copies of displacement (m) and pressure (Pa; ``None`` in the displacement form) as they stand."""

@@ -8,7 +8,8 @@ between the 9th and the 10th, and the same form would be compiled anew.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
@@ -52,8 +55,10 @@ class Parameters:
         self._fields, self._scales, self._cases = fields, scales, cases
         self._values = [0.0] * cases
         self._metre: int | None = None
+        self._functions: dict[str, tuple[fem.Function, Dimension]] = {}
         places = [(self._take_in(where, ingredient), k) for where, ingredient, k in ingredients]
         self._places = [found for found, _ in places]
+        self._numbers = {where: number for number, (where, _, _) in enumerate(ingredients)}
         self._constant = fem.Constant(fields.body.mesh, self._values)
         self._namespaces = [SimpleNamespace(**{n: self._entry(p, k) for n, p in found.items()}) for found, k in places]
 
@@ -69,6 +74,17 @@ class Parameters:
         """The quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
         return self._namespaces[index]
 
+    def adopt(self, ingredients: Sequence[tuple[str, Ingredient]], scales: Scales) -> None:
+        """Take the numbers of other ingredients, of a job of the same structure, in scales of their own."""
+        for function, dimension in self._functions.values():
+            function.x.array[:] *= self._scales.of(dimension) / scales.of(dimension)
+        self._scales, count = scales, len(self._values)
+        self._values, self._metre = [0.0] * self._cases, None
+        for where, ingredient in ingredients:
+            self._take_in(where, ingredient)
+        assert len(self._values) == count
+        self._constant.value[:] = self._values
+
     def scale(self, index: int, name: str, factor: float) -> None:
         """Make a quantity of the ``index``-th ingredient, one number everywhere, ``factor`` times what the job gives.
 
@@ -80,6 +96,48 @@ class Parameters:
             raise TypeError(f"{name} is not one number")
         self._constant.value[place] = factor * self._values[place]
 
+    @property
+    def constant(self) -> fem.Constant:
+        """The one constant of the forms, whose first entries are the load factors."""
+        return self._constant
+
+    @property
+    def functions(self) -> tuple[fem.Function, ...]:
+        """The functions of the forms that are quantities."""
+        return tuple(function for function, _ in self._functions.values())
+
+    def direction(self, where: str, rates: Mapping[str, tuple[Any, Dimension]]) -> Direction:
+        """How the parameters change where quantities of an ingredient do, at rates (SI) of the form that they have."""
+        entries = np.zeros(len(self._values))
+        functions: list[tuple[fem.Function, fem.Function]] = []
+
+        def follow(place: Any, rate: Any, dimension: Dimension, name: str) -> None:
+            match place:
+                case int():
+                    entries[place] = rate / self._scales.of(dimension)
+                case list():
+                    for i, (p, r) in enumerate(zip(place, rate, strict=True)):
+                        follow(p, r, dimension, f"{name}[{i}]")
+                case fem.Function() if isinstance(rate, ByRegion):
+                    functions.append((place, self._fields.function(rate, self._scales.of(dimension), name)))
+
+        for name, (rate, dimension) in rates.items():
+            follow(self._places[self._numbers[where]][name], rate, dimension, f"{where}.{name}")
+        return Direction(entries, tuple(functions))
+
+    @contextmanager
+    def moved(self, along: Direction, step: float) -> Iterator[None]:
+        """The parameters a step along a direction, and back to the last bit."""
+        vectors = [(self._constant.value, along.entries), *((f.x.array, rate.x.array) for f, rate in along.functions)]
+        before = [values.copy() for values, _ in vectors]
+        for values, rate in vectors:
+            values += step * rate
+        try:
+            yield
+        finally:
+            for (values, _), kept in zip(vectors, before, strict=True):
+                values[:] = kept
+
     def _take_in(self, where: str, ingredient: Ingredient) -> dict[str, Any]:
         return {
             name: self._place(value, dimension, f"{where}.{name}")
@@ -90,7 +148,7 @@ class Parameters:
     def _place(self, value: Any, dimension: Dimension, where: str) -> Any:
         """Where a quantity is to be found: a place in the constant, a function, or a formula and what it needs."""
         if isinstance(value, tuple):
-            return [self._place(v, dimension, where) for v in value]
+            return [self._place(v, dimension, f"{where}[{i}]") for i, v in enumerate(value)]
         scale = self._scales.of(dimension)
         if isinstance(value, ByFormula):
             if self._metre is None:
@@ -98,7 +156,9 @@ class Parameters:
             constants = {name: self._append(constant) for name, constant in value.constants.items()}
             return _Formula(value.formula, self._append(1 / scale), constants)
         if isinstance(value, ByRegion | ByData):
-            return self._fields.function(value, scale, where)
+            if where not in self._functions:
+                self._functions[where] = self._fields.function(value, scale, where), dimension
+            return self._functions[where][0]
         return self._append(value / scale)
 
     def _append(self, value: float) -> int:
@@ -117,6 +177,14 @@ class Parameters:
                 return self._constant[scale] * at_position(formula, k, self._constant[self._metre], named)
             case _:
                 return place
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Rates of change of the scaled parameters: of the entries of the constant, and of functions, beside each."""
+
+    entries: npt.NDArray[np.float64]
+    functions: tuple[tuple[fem.Function, fem.Function], ...]
 
 
 @dataclass(frozen=True)

@@ -30,16 +30,24 @@ class SolverOptions:
     prefix = "hpcinv_"
 
     def __init__(self, of_the_job: Mapping[str, Value]) -> None:
-        self._names = tuple(of_the_job)
+        self._values, self._names = {**DEFAULTS, **of_the_job}, set(of_the_job)
         self._database = PETSc.Options(self.prefix)
-        for name, value in {**DEFAULTS, **of_the_job}.items():
+        for name, value in self._values.items():
             self._database.setValue(name, value)
+
+    def restore(self) -> None:
+        """Put back what another solver has removed: the linear solver may ask again."""
+        there = self._database.getAll()
+        for name, value in self._values.items():
+            if name not in there:
+                self._database.setValue(name, value)
+                self._names.discard(name)  # it may have been used before
 
     def unused(self) -> list[str]:
         """Options of the job that nothing in PETSc has asked for so far: misspelt, or without effect here."""
         everything = PETSc.Options()  # with a prefix of its own, `used` looks for the wrong name
         # Those that another solver has taken back may have been used.
-        there = [name for name in self._names if name in self._database.getAll()]
+        there = [name for name in sorted(self._names) if name in self._database.getAll()]
         return [name for name in there if not everything.used(self.prefix + name)]
 
     def remove(self) -> None:

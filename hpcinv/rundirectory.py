@@ -18,9 +18,14 @@ _CONTENT = (_JOB, _ORIGIN, "checkpoints", "fields", "shape.*", "summary.*", ".*.
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``."""
+    """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``.
+
+    Attributes:
+        text: what stands in ``job.yaml``; left out, what is in the file that the job was read from.
+    """
 
     path: Path
+    text: str | None = None
 
     @property
     def checkpoints(self) -> Path:
@@ -56,14 +61,14 @@ class RunDirectory:
         """
         self.check_free(overwrite=overwrite)
         try:
-            text = job.path.read_bytes() if job.path else None  # first: it may be among what goes
+            text = self._text(job)  # first: its file may be among what goes
             for old in (p for pattern in _CONTENT for p in self.path.glob(pattern)):
                 shutil.rmtree(old) if old.is_dir() else old.unlink()
             self.path.mkdir(parents=True, exist_ok=True)
             with (self.path / _ORIGIN).open("x") as file:  # of two runs that start together one gets it
                 json.dump({"job": str(job.path.resolve()) if job.path else None}, file)
             if text is not None:
-                (self.path / _JOB).write_bytes(text)
+                (self.path / _JOB).write_text(text)
         except FileExistsError as exc:
             raise OutputError(f"{self.path}: another run has just taken it", "Choose another --output.") from exc
         except OSError as exc:
@@ -79,7 +84,7 @@ class RunDirectory:
             return
         try:
             for name, text in {
-                _JOB: job.path.read_text(),
+                _JOB: self._text(job) or "",
                 _ORIGIN: json.dumps({"job": str(job.path.resolve())}),
             }.items():
                 partial = self.path / f".{name}.partial"
@@ -87,6 +92,11 @@ class RunDirectory:
                 partial.replace(self.path / name)
         except OSError as exc:
             raise OutputError(f"{self.path}: cannot be written: {exc.strerror}") from exc
+
+    def _text(self, job: Job) -> str | None:
+        if self.text is not None or job.path is None:
+            return self.text
+        return job.path.read_text()
 
     def job(self, changed: Path | None) -> Job:
         """The job to resume: the one that was run, or a ``changed`` file.

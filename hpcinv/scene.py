@@ -16,6 +16,7 @@ carries this to the mesh, so that the inverse problem is the exact discrete inve
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -27,14 +28,18 @@ import ufl
 from ufl.classes import Label, Variable
 
 from hpcinv.bodyfields import law_cells
+from hpcinv.effects import Effect
 from hpcinv.integration import Integration
 from hpcinv.kinematics import Deformation, Kinematics
 from hpcinv.parameters import Parameters
+from hpcinv.scenemeans import SceneMeans
+from hpcinv.sensitivity.derivative import ParameterDerivative
 
 if TYPE_CHECKING:
     from dolfinx import fem
 
     from hpcinv.bodyfields import BodyFields
+    from hpcinv.ingredient import Ingredient
     from hpcinv.job import Job
     from hpcinv.materials import MaterialLaw
     from hpcinv.scales import Scales
@@ -91,12 +96,7 @@ class Scene:
         integration = Integration(fields.body, quadrature_degree, cells)
         self.kinematics = kin = kinematics(unknowns.u, integration)
         material = kin if known is None else kinematics(known, integration)
-        families = job.families
-        ingredients = [
-            *((name, law, material) for name, law in job.laws.items()),
-            *((name, effect, kin) for name, effect in job.named_effects),
-            *((name, family, material) for name, family in families.items()),
-        ]
+        ingredients = [(n, part, kin if isinstance(part, Effect) else material) for n, part in _ingredients(job)]
         self.parameters = par = Parameters(ingredients, fields, scales, job.case_count)
         count = len(job.laws)
         of_effects = [
@@ -104,7 +104,7 @@ class Scene:
         ]
         directions = {
             name.removeprefix("fibres."): _unit(material, family.given_on, par.of(i).direction)
-            for i, (name, family) in enumerate(families.items(), start=count + len(of_effects))
+            for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))
         }
         # UFL's running number would make the kernels of each scene's expressions new ones, and a small number of our
         # own might be that of a variable in somebody's law.
@@ -147,11 +147,30 @@ class Scene:
         self.J = total.J
         self.mesh_J = kin.mesh_J
 
+    def adopt(self, job: Job, scales: Scales) -> None:
+        """Take the numbers of another job of the same structure."""
+        self.parameters.adopt(_ingredients(job), scales)
+
+    @cached_property
+    def means(self) -> SceneMeans:
+        """What a leg reports of the scene."""
+        return SceneMeans(self)
+
+    @cached_property
+    def parameter_derivative(self) -> ParameterDerivative:
+        """How the residual changes with the parameters."""
+        return ParameterDerivative(self)
+
     @property
     def cauchy_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
         """``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3), of each part and the cells of that part (``None`` for all)."""
         F = ufl.Identity(3) + self.kinematics.H
         return [(part.P * F.T / self.J, part.cells) for part in self.parts]
+
+
+def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
+    """Laws, effects and families of fibres by their places in the job, in the order in which a scene knows them."""
+    return [*job.laws.items(), *job.named_effects, *job.families.items()]
 
 
 def _elastic(total: Deformation, effects: list[Any]) -> tuple[Deformation, Any]:

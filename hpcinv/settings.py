@@ -143,6 +143,8 @@ class Checkpoint(Spec):
 
     every: Annotated[int, Field(ge=0), BeforeValidator(lambda value: 0 if value is False else value)] = 1
     """accepted steps between checkpoints; 0 for none"""
+    seconds: Annotated[float, Field(ge=0)] = 0.0
+    """least time between checkpoints, for steps that take less than writing one"""
     keep: Annotated[int, Field(ge=1)] = 2
     """how many of the last ones are kept"""
 

@@ -31,6 +31,7 @@ class Prescribed:
 
     Attributes:
         field: what prescribes it in the job, such as ``supports[2].fix``.
+        support: number of that support.
         axis: number of the component.
         dofs: its degrees of freedom among all unknowns.
         nodes: the same in the space of ``now``, which holds that component alone.
@@ -39,6 +40,7 @@ class Prescribed:
     """
 
     field: str
+    support: int
     region: str
     axis: int
     case: int
@@ -64,7 +66,7 @@ class Supports:
     def __init__(self, job: Job, body: Body, unknowns: Unknowns) -> None:
         self.conditions: list[fem.DirichletBC] = []
         self.prescribed: list[Prescribed] = []
-        self._case_count = job.case_count
+        self._case_count, self._length, self._comm = job.case_count, body.length_scale, body.mesh.comm
         for number, spec in enumerate(job.supports):
             with told_with(f"supports[{number}].region"):
                 facets = body.facets(spec.region)
@@ -76,21 +78,30 @@ class Supports:
                 dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
                 now = fem.Function(scalar)
                 full = np.zeros_like(now.x.array)
-                if spec.displacement and (formula := spec.displacement[axis]) is not None:
-                    points = scalar.tabulate_dof_coordinates()[dofs[1]] * body.length_scale
-                    full[dofs[1]] = _values(spec, formula, points) / body.length_scale
-                    if not body.mesh.comm.allreduce(bool(np.isfinite(full).all()), op=MPI.LAND):
-                        raise MeshError(
-                            f"supports[{number}].displacement: '{formula}' is not finite somewhere on '{spec.region}'",
-                            "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
-                        )
                 self.conditions.append(fem.dirichletbc(now, dofs, part))
                 field = f"supports[{number}].{'displacement' if spec.displacement else 'fix'}"
                 self.prescribed.append(
-                    Prescribed(field, spec.region, axis, job.case_of(spec), dofs[0], dofs[1], full, now)
+                    Prescribed(field, number, spec.region, axis, job.case_of(spec), dofs[0], dofs[1], full, now)
                 )
+        self.adopt(job)
+
+    def adopt(self, job: Job) -> None:
+        """Prescribe what a job says, whose supports are on the same regions; the mesh must lie as it is given.
+
+        Raises:
+            MeshError: on all ranks, if a formula has no finite value somewhere.
+        """
+        for one in self.prescribed:
+            spec = job.supports[one.support]
+            if spec.displacement and (formula := spec.displacement[one.axis]) is not None:
+                one.full[one.nodes] = _values(spec, formula, one.points * self._length) / self._length
+                if not self._comm.allreduce(bool(np.isfinite(one.full).all()), op=MPI.LAND):
+                    raise MeshError(
+                        f"{one.field}: '{formula}' is not finite somewhere on '{spec.region}'",
+                        "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
+                    )
         moves = any(bool(one.full.any()) for one in self.prescribed)
-        self.prescribe_motion: bool = body.mesh.comm.allreduce(moves, op=MPI.LOR)
+        self.prescribe_motion: bool = self._comm.allreduce(moves, op=MPI.LOR)
 
     def scale(self, load: float) -> None:
         """Prescribe the displacements that belong to a share of the whole load."""

@@ -8,7 +8,7 @@ import numpy as np
 from closed_forms import MU, NEO_HOOKEAN
 from verification import Solved, box, job
 
-from hpcinv.cellwise import cell_means
+from hpcinv.cellwise import CellMeans
 from hpcinv.runtime import MPI
 
 SYMMETRY = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
@@ -31,7 +31,7 @@ def check(solved: Solved, F: np.ndarray, stress: np.ndarray, origin: tuple[float
     H = F - np.eye(3) if solved.kinematics.direction == "forward" else np.eye(3) - np.linalg.inv(F)
     displacement, length = solved.model.unknowns.displacement(), solved.body.length_scale
     u, at = displacement.x.array.reshape(-1, 3), displacement.function_space.tabulate_dof_coordinates()
-    means = cell_means(solved.scene.cauchy_stress, solved.body.mesh, solved.model.quadrature_degree)
+    means = CellMeans(solved.scene.cauchy_stress, solved.body.mesh, solved.model.quadrature_degree)()
     sigma = means.x.array.reshape(-1, 3, 3) * solved.model.scales.stress
     errors = {
         "displacement": np.abs((u - at @ H.T) * length - origin).max(),

@@ -12,7 +12,7 @@ from dolfinx import fem
 from legs import corners
 from mesh_cases import spec
 
-from hpcinv.cellwise import cell_means, quadrature_range
+from hpcinv.cellwise import CellMeans, QuadratureValues
 from hpcinv.mesh import build_body
 from hpcinv.runtime import MPI
 
@@ -25,7 +25,7 @@ def test_means_are_those_of_the_volume_and_ranges_those_of_the_points(comm: MPI.
     owned = body.mesh.topology.index_map(3).size_local
 
     # ∫ x xᵀ dV / V = (Σ vᵢ vᵢᵀ + Σvᵢ Σvᵢᵀ) / 20 on a tetrahedron with vertices vᵢ
-    means = cell_means([(ufl.outer(x, x) + ufl.as_matrix([[0, 1, 0]] + 2 * [[0, 0, 0]]), None)], body.mesh, 2)
+    means = CellMeans([(ufl.outer(x, x) + ufl.as_matrix([[0, 1, 0]] + 2 * [[0, 0, 0]]), None)], body.mesh, 2)()
     found = means.x.array.reshape(-1, 3, 3)[means.function_space.dofmap.list[:, 0]]
     total = v.sum(axis=1)
     exact = (np.einsum("cvi,cvj->cij", v, v) + np.einsum("ci,cj->cij", total, total)) / 20
@@ -36,7 +36,9 @@ def test_means_are_those_of_the_volume_and_ranges_those_of_the_points(comm: MPI.
     barycentric = np.insert(points, 0, 1 - points.sum(axis=1), axis=1)
     mine = np.einsum("qv,cv->cq", barycentric, v[..., 0] - v[..., 1])
     everywhere = np.concatenate(comm.allgather(mine))
-    assert quadrature_range(x[0] - x[1], body.mesh, 3) == pytest.approx((everywhere.min(), everywhere.max()), rel=1e-13)
+    assert QuadratureValues(x[0] - x[1], body.mesh, 3).range() == pytest.approx(
+        (everywhere.min(), everywhere.max()), rel=1e-13
+    )
 
     # Curved and distorted inside, the block as a whole is as before; degree 10 integrates x² exactly, as 8/3.
     for hexahedra in (False, True):
@@ -49,7 +51,7 @@ def test_means_are_those_of_the_volume_and_ranges_those_of_the_points(comm: MPI.
         volumes = fem.assemble_vector(
             fem.form(ufl.TestFunction(fem.functionspace(body.mesh, ("DG", 0))) * ufl.dx(degree=8))
         )
-        means = cell_means([(x[0] ** 2, None)], body.mesh, 12)
+        means = CellMeans([(x[0] ** 2, None)], body.mesh, 12)()
         integral = comm.allreduce(means.x.array @ volumes.array) * body.length_scale**3
         assert integral == pytest.approx(8 / 3, rel=1e-12)
         assert comm.allreduce(np.ptp(volumes.array) > 0.2 * volumes.array.mean(), op=MPI.LOR)  # it is distorted

@@ -50,7 +50,7 @@ def _of_the_solution(model: Model, leg: Leg) -> Iterator[Line]:
     model.set_solution(leg.displacement, leg.pressure)
     equilibrium = model.equilibrium(model.scene(leg.direction), lambda: False)
     yield from balance(model, equilibrium)
-    equilibrium.destroy()
+    model.release(equilibrium)
     smallest, largest = leg.J_range
     yield at_least("smallest volume ratio J", smallest, warn=0.1, fail=0.0)
     yield at_most("largest volume ratio J", largest, warn=10.0, fail=float("inf"))

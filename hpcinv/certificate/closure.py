@@ -47,7 +47,7 @@ def round_trip(model: Model, leg: Leg) -> Iterator[Line]:
             model.unknowns.state.x.array[:] = 0.0
             solves = list(follow(equilibrium, model.steps, tolerance))
         u = model.unknowns.at_nodes(model.solution()[0])
-        equilibrium.destroy()
+        model.release(equilibrium)
     last = solves[-1]
     if not (last.outcome.accepted and last.load == 1.0):
         note = f"no way back: stopped at load factor {last.load:.4g}: {last.outcome.text}"
@@ -82,7 +82,7 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
         equilibrium = model.equilibrium(model.scene("forward", known), lambda: False)
         equilibrium.linearise(1.0)
         found = inertia(equilibrium.matrix)
-        equilibrium.destroy()
+        model.release(equilibrium)
     if found is None:
         yield skipped(STABILITY, "the tangent could not be factorized")
     else:

@@ -7,8 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hpcinv.arclength import ArcLengthSteps
+from hpcinv.continuation import AdaptiveSteps
 from hpcinv.methods.cascade import Problem, reach
 from hpcinv.methods.method import Method
+from hpcinv.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
@@ -28,6 +30,17 @@ class Direct(Method):
 
     def solves(self, load: float, *, resumed: bool) -> Iterator[Solve]:
         self.reached = load
+        # Other strategies are asked for because of the path that they take.
+        if self.guess is not None and load == 0.0 and isinstance(self.steps, AdaptiveSteps):
+            self.guess.begin(self.problem.model)
+            solve = self.guess.follow(self.equilibrium, self.problem.model.job.solver.tolerance)
+            if solve.outcome.accepted:
+                self.reached = 1.0
+            else:
+                self.equilibrium.state.x.array[:] = 0.0
+            yield solve
+            if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
+                return
         for solve in reach(self.problem, self.steps, load=load, turned=self.turned):
             if solve.outcome.accepted:
                 self.reached = solve.load

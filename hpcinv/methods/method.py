@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from hpcinv.equilibrium import Equilibrium, Solve
+    from hpcinv.methods.guess import Guess
 
 
 class Method(ABC):
@@ -17,11 +18,13 @@ class Method(ABC):
         equilibrium: the equations that it solves.
         reached: share of the load under which the state now is a solution of the leg; 1 at the end, and only there.
         turned: turning points of the load on the way to the state that it begins with.
+        guess: where a method may begin at full load instead of without load.
     """
 
     equilibrium: Equilibrium
     reached: float = 0.0
     turned: int = 0
+    guess: Guess | None = None
 
     @abstractmethod
     def solves(self, load: float, *, resumed: bool) -> Iterator[Solve]:

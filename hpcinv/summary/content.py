@@ -58,6 +58,7 @@ def statistics(
         "legs": [_leg(leg, job.discretisation.displacement) for leg in result.legs],
         "unused_petsc_options": list(unused_options),
         "quantities": dict(result.quantities),
+        "sensitivities": result.sensitivities and result.sensitivities.as_data(),
         "errors": dict(result.errors),
         "certificate": result.certificate.as_data() | {"estimate": result.estimate and result.estimate.as_data()},
         "accuracy": comm.bcast(result.accuracy and result.accuracy.as_data()),  # with the seconds of rank 0
@@ -124,6 +125,7 @@ def _leg(leg: Leg, displacement: int) -> dict[str, Any]:
 def _solve(solve: Solve) -> dict[str, Any]:
     names = ("correction", "state", "residual", "new_tangent")
     return {
+        "strategy": solve.strategy,
         "load": solve.load,
         "outcome": solve.outcome.name,
         "factorizations": solve.factorizations,
