@@ -1,4 +1,4 @@
-"""Command line: ``python -m hpcinv run | resume | study | validate | explain | laws | effects | schema``."""
+"""Command line: ``python -m hpcinv run | resume | study | sweep | validate | explain | laws | effects | schema``."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from hpcinv.errors import HpcinvError
 from hpcinv.job import Job, json_schema, load
 from hpcinv.rundirectory import RunDirectory, choose
 from hpcinv.study.plan import is_study, load_plan
+from hpcinv.sweep.command import add_sweep
+from hpcinv.sweep.plan import is_sweep, load_sweep
 
 if TYPE_CHECKING:
     from hpcinv.ingredient import Ingredient
@@ -39,7 +41,7 @@ def _validate(options: argparse.Namespace) -> int:
     failed = 0
     for path in options.jobs:
         try:
-            (load_plan if is_study(path) else load)(path)
+            (load_plan if is_study(path) else load_sweep if is_sweep(path) else load)(path)
         except HpcinvError as error:
             print(error, file=sys.stderr)
             failed = error.exit_code
@@ -210,6 +212,8 @@ def _parser() -> argparse.ArgumentParser:
     study.add_argument("--output", type=Path, metavar="DIR", help="where it goes, and goes on (default: results/STUDY)")
     study.set_defaults(command=_study)
 
+    add_sweep(commands)
+
     for parallel in (run, resume):
         parallel.add_argument(
             "--strict", action="store_true", help="end with exit code 7 if the certificate passes with warnings"
@@ -219,8 +223,8 @@ def _parser() -> argparse.ArgumentParser:
             "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
         )
 
-    validate = commands.add_parser("validate", help="check job and study files without running them")
-    validate.add_argument("jobs", type=Path, nargs="+", metavar="job", help="job or study file (YAML)")
+    validate = commands.add_parser("validate", help="check job, study and sweep files without running them")
+    validate.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
     validate.set_defaults(command=_validate)
 
     explain = commands.add_parser("explain", help="show what a job's scene contains, and measure what each part costs")

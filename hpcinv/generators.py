@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from hpcinv.quantities import QUANTITIES
@@ -144,6 +145,7 @@ def parameters_of(path: Path) -> dict[str, Parameter]:
         raise ValueError(f"{path.name}, line {error.lineno}: {error.msg}") from None
 
 
+@cache  # many jobs have the same generator
 def _of_python(text: str) -> dict[str, Parameter]:
     functions = [n for n in ast.parse(text).body if isinstance(n, ast.FunctionDef) and n.name == "build"]
     if not functions:
@@ -177,6 +179,7 @@ def _kind(argument: ast.arg) -> str:
     raise ValueError(f"'{argument.arg}' of build() is a {kind}; a job can give {', '.join(_READERS)}")
 
 
+@cache
 def _of_geo(text: str) -> dict[str, Parameter]:
     text = re.sub(r"//[^\n]*|/\*.*?\*/", "", re.sub(r'"[^"\n]*"', '""', text), flags=re.DOTALL)
     blocks = re.findall(r"DefineConstant\s*\[(.*?)\]\s*;", text, flags=re.DOTALL)

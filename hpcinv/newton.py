@@ -117,6 +117,8 @@ class NewtonMonitor:
 
     # The first corrections may shrink by chance, far from the solution: a tangent found there must not be kept.
     near = 0.02
+    # A first correction as small as this begins next to the solution, where the tangent hardly changes.
+    next_to = 5e-3
     # Corrections smaller than this that no longer shrink are rounding errors; larger ones are not.
     round_off = 1e-8
     growths_allowed = 2
@@ -134,6 +136,8 @@ class NewtonMonitor:
         if not self.history:
             return True
         last = self.history[-1]
+        if len(self.history) == 1 and self.reuse and last.correction <= self.next_to * last.state:
+            return False
         return not (self.contraction <= self.reuse and last.correction <= self.near * last.state)
 
     def judge(self, iteration: NewtonIteration) -> Outcome | None:

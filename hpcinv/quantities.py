@@ -7,8 +7,9 @@ The dimension of a model's field stays readable (`dimension_of`), since the solv
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from pydantic_core import core_schema
@@ -118,7 +119,8 @@ QUANTITIES: dict[str, Quantity] = {
 """Quantity types by the name under which a mesh generator may annotate its parameters."""
 
 
-def quantities_of(model: type[BaseModel]) -> dict[str, Dimension]:
+@cache
+def quantities_of(model: type[BaseModel]) -> Mapping[str, Dimension]:
     """Dimension of every field of ``model`` that is a quantity, or a tuple of them."""
     found = {
         name: metadata_in(Quantity, field.annotation, *field.metadata) for name, field in model.model_fields.items()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from fractions import Fraction
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 from hpcinv.spelling import did_you_mean
@@ -120,6 +120,7 @@ def as_float(number: Fraction | float) -> float:
         return math.inf if number > 0 else -math.inf
 
 
+@lru_cache(1024)  # sweeps read the same ones again and again
 def _parse(text: str) -> tuple[Fraction, Dimension]:
     match = _QUANTITY.fullmatch(text)
     if match is None:
@@ -128,6 +129,7 @@ def _parse(text: str) -> tuple[Fraction, Dimension]:
     return Fraction(match[1]) * factor, dimension
 
 
+@cache
 def parse_unit(text: str) -> tuple[Fraction, Dimension]:
     """SI factor and dimension of a unit such as ``kg/m^3`` or ``N mm``; of empty text, one and that of a number."""
     total, exponents = Fraction(1), Dimension()

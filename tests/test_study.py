@@ -21,6 +21,7 @@ from test_study_plan import COLUMN, STUDY, plan
 
 import hpcinv as api
 from hpcinv.errors import JobError, OutputError, SolveError
+from hpcinv.identity import content_key
 from hpcinv.job import parse
 from hpcinv.runtime import MPI
 from hpcinv.study.command import conclude
@@ -30,7 +31,7 @@ from hpcinv.study.pareto import front
 from hpcinv.study.plan import Plan
 from hpcinv.study.rows import rows_of
 from hpcinv.study.schedule import Schedule, Task
-from hpcinv.study.store import Record, Store, content_key
+from hpcinv.study.store import Record, Store
 
 # Numbers
 
@@ -170,7 +171,7 @@ def test_the_hash_follows_what_result_and_time_depend_on(tmp_path: Path) -> None
 
     def key(ranks: int = 1, **changes: Any) -> str:
         data = COLUMN | {"mesh": COLUMN["mesh"] | {"file": "box.py"}} | changes
-        return content_key(parse(data, tmp_path / "job.yaml"), ranks)
+        return content_key(parse(data, tmp_path / "job.yaml"), ranks=ranks)
 
     same = [key(), key(job="other"), key(output={"fields": False}), key(checkpoint={"every": 3}, method="direct")]
     assert len(set(same)) == 1

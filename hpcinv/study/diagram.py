@@ -41,7 +41,7 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
     points = [point for point in accuracy.points if _can_be_shown(point)]
     if not points:
         return {}
-    with _figure(7.0, 4.8) as figure:
+    with new_figure(7.0, 4.8) as figure:
         axes = figure.add_subplot()
         _draw_front(axes, [point for point in points if point.on_front])
         ladders = list(dict.fromkeys(point.ladder for point in accuracy.points))
@@ -68,7 +68,7 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
             color="0.35",
             va="top",
         )
-        return _files(figure)
+        return as_files(figure)
 
 
 def over_cases(title: str, accuracy: Accuracy, rows: Sequence[Row]) -> dict[str, bytes]:
@@ -78,14 +78,14 @@ def over_cases(title: str, accuracy: Accuracy, rows: Sequence[Row]) -> dict[str,
     keys = {key: None for key in keys if len({row.place.parameters.get(key) for row, _ in shown}) > 2}
     if not keys:
         return {}
-    with _figure(3.6 * len(keys) + 1.0, 3.8) as figure:
+    with new_figure(3.6 * len(keys) + 1.0, 3.8) as figure:
         for n, (key, axes) in enumerate(zip(keys, figure.subplots(1, len(keys), squeeze=False)[0], strict=True)):
             groups = dict.fromkeys((row.place.ladder, row.place.step, row.place.label) for row, _ in shown)
             for i, group in enumerate(groups):
                 those = [(row.place.parameters.get(key), e) for row, e in shown if _group(row) == group]
                 x, y = zip(*((p, e) for p, e in those if p is not None), strict=True)
                 name = ", ".join(part for part in (group[0], group[2]) if part)
-                colour, marker, _ = _style(i)
+                colour, marker, _ = style(i)
                 axes.plot(x, y, marker, color=colour, markersize=4, label=name, gid=f"cases-{n}-{i}")
             positive = all((row.place.parameters.get(key) or 0) > 0 for row, _ in shown)
             axes.set(xscale="log" if positive else "linear", yscale="log", xlabel=key.rpartition(".")[2])
@@ -93,7 +93,7 @@ def over_cases(title: str, accuracy: Accuracy, rows: Sequence[Row]) -> dict[str,
         figure.axes[0].set(ylabel=_error_label(accuracy))
         figure.axes[0].set_title(f"{title}: {accuracy.name}", loc="left", fontsize=10)
         figure.axes[-1].legend(frameon=False, fontsize=8)
-        return _files(figure)
+        return as_files(figure)
 
 
 def _group(row: Row) -> tuple[str, int, str]:
@@ -105,7 +105,7 @@ def _can_be_shown(point: Point) -> bool:
 
 
 def _draw_ladder(axes: Axes, number: int, name: str, points: Sequence[Point]) -> None:
-    colour, marker, dashes = _style(number)
+    colour, marker, dashes = style(number)
     times = [point.costs["time"] or 0.0 for point in points]
     errors = [point.average or 0.0 for point in points]
     axes.plot(times, errors, linestyle=dashes, color=colour, linewidth=1.2, gid=f"ladder-{number}")
@@ -144,7 +144,7 @@ def _draw_front(axes: Axes, points: Sequence[Point]) -> None:
     )
 
 
-def _style(number: int) -> tuple[str, str, Any]:
+def style(number: int) -> tuple[str, str, Any]:
     """Colour, marker and dashes; where they begin again they do so in other combinations."""
     turn, i = divmod(number, len(COLOURS))
     return COLOURS[i], MARKERS[(i + turn) % len(MARKERS)], DASHES[(i + turn) % len(DASHES)]
@@ -165,12 +165,14 @@ def _origin(accuracy: Accuracy) -> str:
 
 
 @contextmanager
-def _figure(width: float, height: float) -> Iterator[Figure]:
+def new_figure(width: float, height: float) -> Iterator[Figure]:
+    """A figure of a size in inches, in the style of all diagrams for as long as the context lasts."""
     with mpl.rc_context(STYLE):
         yield Figure(figsize=(width, height), layout="constrained")
 
 
-def _files(figure: Figure) -> dict[str, bytes]:
+def as_files(figure: Figure) -> dict[str, bytes]:
+    """A figure as the contents of files by their format."""
     files = {}
     for form in FORMATS:
         content = io.BytesIO()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import re
 from collections.abc import Mapping
+from functools import cache
 from typing import Annotated, Any
 
 from pydantic import AfterValidator
@@ -17,6 +17,7 @@ _KEY = re.compile(rf"{_NAME}(?:\.{_NAME}|\[\d*\])*")
 type Part = str | int | None
 
 
+@cache
 def parse_key(text: str) -> tuple[Part, ...]:
     """Names, numbers in brackets, and ``None`` for ``[]``: all entries of a list.
 
@@ -45,26 +46,36 @@ JobKey = Annotated[str, AfterValidator(_is_key_of_a_job)]
 
 
 def assigned(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of a job's data with values at the keys of ``settings``; sections that are not there are made.
+    """A job's data with values at the keys of ``settings``; sections that are not there are made.
+
+    What changes is new, and what does not is shared: ``data`` stays as it is.
 
     Raises:
         ValueError: a key leads through something that is no section, or beyond the end of a list.
     """
-    changed = copy.deepcopy(dict(data))
+    changed: Any = dict(data)
     for key, value in settings.items():
-        *way, last = parse_key(key)
-        place: Any = changed
-        for i, part in enumerate((*way, last)):
-            if isinstance(part, str) and not isinstance(place, dict):
-                raise ValueError(f"cannot set {key}: what comes before '{part}' in the job is {shown(place)}")
-            if isinstance(part, int) and not (isinstance(place, list) and part < len(place)):
-                count = f"a list of {len(place)}" if isinstance(place, list) else "no list"
-                raise ValueError(f"cannot set {key}: [{part}] is taken of {count}")
-            if i == len(way):
-                place[part] = copy.deepcopy(value)
-            else:
-                place = place.setdefault(part, {}) if isinstance(place, dict) else place[part]
-    return changed
+        try:
+            changed = _with(changed, parse_key(key), value)
+        except ValueError as error:
+            raise ValueError(f"cannot set {key}: {error}") from None
+    found: dict[str, Any] = changed
+    return found
+
+
+def _with(place: Any, parts: tuple[Part, ...], value: Any) -> Any:
+    """A section or list with another value at a key below it."""
+    if not parts:
+        return value
+    part, rest = parts[0], parts[1:]
+    if isinstance(part, int):
+        if not isinstance(place, list) or part >= len(place):
+            count = f"a list of {len(place)}" if isinstance(place, list) else "no list"
+            raise ValueError(f"[{part}] is taken of {count}")
+        return [*place[:part], _with(place[part], rest, value), *place[part + 1 :]]
+    if not isinstance(place, dict):
+        raise ValueError(f"what comes before '{part}' in the job is {shown(place)}")
+    return {**place, part: _with(place.get(part, {}), rest, value)}
 
 
 def look_up(summary: Any, key: str) -> float | None:

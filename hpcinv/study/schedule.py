@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hpcinv.errors import JobError
+from hpcinv.identity import content_key
 from hpcinv.study.keys import look_up
-from hpcinv.study.store import Record, Store, content_key
+from hpcinv.study.store import Record, Store
 
 if TYPE_CHECKING:
     from hpcinv.job import Job
@@ -107,8 +108,12 @@ class Schedule:
         """The job of a run and its hash, or why there is none: another run, from which it takes values, has failed."""
         if run not in self._jobs:
             job = self._completed(run)
-            self._jobs[run] = job if isinstance(job, Record) else (job, content_key(job, self.ranks))
+            self._jobs[run] = job if isinstance(job, Record) else (job, self._key(job))
         return self._jobs[run]
+
+    def _key(self, job: Job) -> str:
+        """Hash of all that the result and the time of a run depend on."""
+        return content_key(job, ranks=self.ranks, partition=job.mesh.partition)
 
     def _completed(self, number: int) -> Job | Record:
         run, values = self.plan.runs[number], {}

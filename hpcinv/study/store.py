@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import itertools
 import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.errors import OutputError
-from hpcinv.fingerprint import file_digest
-
-if TYPE_CHECKING:
-    from hpcinv.job import Job
 
 _MARK, _RUNS = "study.json", "runs"
-_HOW = {"solver", "method", "fixed_point", "certificate", "quantities"}
 
 
 @dataclass(frozen=True)
@@ -41,17 +35,6 @@ class Record:
     @property
     def converged(self) -> bool:
         return self.status == "converged"
-
-
-def content_key(job: Job, ranks: int) -> str:
-    """Hash of all that the result and the time of a run depend on: physics, mesh, solver, quantities, ranks."""
-    content = job.fingerprint() | job.model_dump(mode="json", include=_HOW) | {"ranks": ranks}
-    content["partition"] = job.mesh.partition
-    if (expected := job.expected_shape) is not None:
-        content["expected_shape"] = expected.model_dump(mode="json", exclude={"file"}) | {
-            "sha256": file_digest(job.resolve(expected.file))
-        }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
 
 
 class Store:

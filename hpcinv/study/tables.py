@@ -97,7 +97,7 @@ def as_hdf5(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy], ranks: i
         units = dict(COSTS)
         for a in found:
             units |= {a.name: a.unit, f"{a.name} error": a.unit}
-        _fill(file.create_group("runs"), run_columns(plan, rows, found), units)
+        fill(file.create_group("runs"), run_columns(plan, rows, found), units)
         longest = max(len(row.times) for row in rows)
         times = np.full((len(rows), longest), np.nan)
         for row, entry in zip(rows, times, strict=True):
@@ -111,18 +111,19 @@ def as_hdf5(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy], ranks: i
             group["reference"] = [np.nan if r is None else r.value for r in references]
             group["reference"].attrs["origin"] = str(references[0].origin if references[0] else accuracy.refusal)
             group.create_group("orders").attrs.update(accuracy.fitted)
-            _fill(group.create_group("points"), point_columns(plan, accuracy), COSTS)
+            fill(group.create_group("points"), point_columns(plan, accuracy), COSTS)
     return content.getvalue()
 
 
-def _fill(group: h5py.Group, columns: Columns, units: Mapping[str, str]) -> None:
+def fill(group: h5py.Group, columns: Columns, units: Mapping[str, str]) -> None:
     """A dataset for each column: text, flags, or numbers with NaN for what is not known."""
-    for name, values in columns.items():
+    for column, values in columns.items():
+        name = column.replace("/", "|")  # HDF5 reads it as a path
         if all(isinstance(v, str) for v in values):
-            data = group.create_dataset(name.replace("/", "|"), data=values, dtype=h5py.string_dtype())
+            data = group.create_dataset(name, data=values, dtype=h5py.string_dtype())
         elif all(isinstance(v, bool | int) for v in values):
             data = group.create_dataset(name, data=np.array(values))
         else:
             data = group.create_dataset(name, data=np.array([np.nan if v is None else v for v in values], dtype=float))
-        if units.get(name):
-            data.attrs["unit"] = units[name]
+        if units.get(column):
+            data.attrs["unit"] = units[column]

@@ -1,0 +1,154 @@
+"""The axes of a sweep: values that are combined, go side by side, are sampled, or are alternatives with their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, Self
+
+from pydantic import Field, PlainValidator, field_validator, model_validator
+
+from hpcinv.schema import ListOf, Location, Name, Spec, raise_if_any
+from hpcinv.study.keys import JobKey
+from hpcinv.sweep.sampling import Distribution, Method, read_distribution
+
+LISTS = ("grid", "zip")
+SAMPLES: tuple[Method, ...] = ("random", "latin_hypercube", "sobol")
+KINDS = (*LISTS, *SAMPLES, "branches")
+
+type Sample = Mapping[JobKey, Annotated[Distribution, PlainValidator(read_distribution)]]
+
+
+class Branch(Spec):
+    """One of several alternatives: its values, and axes that only it has."""
+
+    set: Mapping[JobKey, Any] = {}
+    """values that all its cases have"""
+    axes: ListOf[Axis] = ()
+    """axes of its own"""
+
+    @field_validator("axes")
+    @classmethod
+    def _are_apart(cls, axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
+        raise_if_any(faults_between(axes))
+        return axes
+
+    @model_validator(mode="after")
+    def _sets_nothing_twice(self) -> Self:
+        inside = [(i, key) for i, axis in enumerate(self.axes) for key in axis.keys]
+        raise_if_any((("axes", i), f"{key} stands in 'set' too") for i, key in inside if key in self.set)
+        return self
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """All keys that it gives a value, and the names of branches in it."""
+        return frozenset(self.set).union(*(axis.keys for axis in self.axes))
+
+    @property
+    def count(self) -> int:
+        """Number of its points."""
+        return number_of(self.axes)
+
+
+class Axis(Spec):
+    """Values of one or several keys, of one kind: grid, zip, a sample, or branches."""
+
+    grid: Mapping[JobKey, ListOf[Any]] | None = None
+    """values by key: each combination is a point, the last key changing fastest"""
+    zip: Mapping[JobKey, ListOf[Any]] | None = None
+    """values by key: the first of each are a point, the second are, …"""
+    random: Sample | None = None
+    """distributions by key, from which values are drawn independently of each other"""
+    latin_hypercube: Sample | None = None
+    """distributions by key: each of them in as many parts as there are points, with one point in each part"""
+    sobol: Sample | None = None
+    """distributions by key, covered evenly by a scrambled Sobol sequence"""
+    count: Annotated[int, Field(ge=1)] | None = None
+    """number of points of a sample; of a Sobol sequence best a power of two"""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """the same seed gives the same sample, on any machine"""
+    branches: Mapping[str, Branch] | None = None
+    """alternatives by label"""
+    name: Name = "branch"
+    """what the labels of the branches are called in the table"""
+
+    @property
+    def kind(self) -> str:
+        return next(kind for kind in KINDS if getattr(self, kind) is not None)
+
+    @property
+    def sample(self) -> Sample:
+        """The distributions of a sample by key; nothing for the other kinds."""
+        found: Sample = getattr(self, self.kind) if self.kind in SAMPLES else {}
+        return found
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """All keys that it gives a value, and the names of branches."""
+        if self.branches is not None:
+            return frozenset([self.name]).union(*(branch.keys for branch in self.branches.values()))
+        return frozenset(getattr(self, self.kind))
+
+    @property
+    def points(self) -> int:
+        """Number of its points."""
+        match self.kind:
+            case "branches":
+                return sum(branch.count for branch in (self.branches or {}).values())
+            case "grid":
+                return _product(len(values) for values in (self.grid or {}).values())
+            case "zip":
+                return len(next(iter((self.zip or {}).values())))
+        return self.count or 0
+
+    @model_validator(mode="after")
+    def _is_of_one_kind(self) -> Self:
+        raise_if_any(self._problems())
+        return self
+
+    def _problems(self) -> Iterator[tuple[Location, str]]:
+        given = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "none of them"
+            yield (), f"must be one of {', '.join(KINDS)}, not {found}"
+            return
+        [kind] = given
+        content = getattr(self, kind)
+        if not content:
+            yield (kind,), "must have at least one entry"
+        if kind in LISTS:
+            yield from (((kind, key), "must have at least one value") for key, values in content.items() if not values)
+        if kind == "zip" and len(lengths := {len(values) for values in content.values()}) > 1:
+            yield ("zip",), f"needs as many values of each key, not {sorted(lengths)}"
+        if kind in SAMPLES and self.count is None:
+            yield ("count",), f"is needed: the number of points of '{kind}'"
+        idle = ({"name"} if kind != "branches" else set()) | ({"count", "seed"} if kind not in SAMPLES else set())
+        for key in sorted(idle & self.model_fields_set):
+            use = "branches" if key == "name" else "a sample (random, latin_hypercube, sobol)"
+            yield (key,), f"has a use only with {use}"
+        for label, branch in content.items() if kind == "branches" else ():
+            if self.name in branch.keys:
+                yield ("branches", label), f"'{self.name}' is the name of these branches too; give them another 'name'"
+
+
+def faults_between(axes: Iterable[Axis]) -> Iterator[tuple[Location, str]]:
+    """Keys and names that two axes have, which are combined with each other."""
+    taken: set[str] = set()
+    for i, axis in enumerate(axes):
+        for key in sorted(axis.keys & taken):
+            yield (i,), f"{key} is on an earlier axis too"
+        taken |= axis.keys
+
+
+def number_of(axes: Iterable[Axis]) -> int:
+    """Number of combinations of the points of axes."""
+    return _product(axis.points for axis in axes)
+
+
+def _product(numbers: Iterable[int]) -> int:
+    total = 1
+    for number in numbers:
+        total *= number
+    return total
+
+
+Branch.model_rebuild()

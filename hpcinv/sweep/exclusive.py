@@ -1,0 +1,124 @@
+"""Files that appear under their name whole or not at all, and only once: who comes second is told so.
+
+The content is written beside and flushed to the disk; then a hard link gives it the name, which fails if the name is
+taken. That is atomic on local disks, NFS and parallel file systems. Some file systems (FUSE, SMB) have no hard links:
+`create` and `publish` say what they do there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from hpcinv.errors import OutputError
+
+_NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+_GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENOTCONN}
+
+
+def create(path: Path, content: bytes) -> bool:
+    """Create a file, and tell whether it was us who did.
+
+    Without hard links it is exclusive all the same, but a crash may leave it torn: only for what may be so.
+
+    Raises:
+        OSError: it cannot be written; then nothing is left of it.
+    """
+    return _create(path, content, _write_in_place)
+
+
+def publish(path: Path, content: bytes) -> bool:
+    """As `create`, and it survives a power failure.
+
+    Without hard links it is whole all the same, but of two within the same instant the second replaces the first.
+    """
+    first = _create(path, content, _move)
+    _flush_directory(path.parent)
+    return first
+
+
+def make_directory(path: Path) -> None:
+    """Make a directory if it is not there, in one that is; it survives a power failure."""
+    if not path.is_dir():
+        path.mkdir(exist_ok=True)
+        _flush_directory(path.parent)
+
+
+def _flush_directory(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some file systems flush no directories
+            raise
+    finally:
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Turn an error of the file system into an ``OutputError`` that says what to do."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _FULL:
+            remedy = "Make room there;"
+        elif error.errno in _GONE:
+            remedy = "See whether its file system is still there;"
+        else:
+            remedy = "Make it writable, or choose another 'store';"
+        kept = "all that was finished is kept, and the same command goes on from there."
+        raise OutputError(f"{path}: {error.strerror or error}", f"{remedy} {kept}") from error
+
+
+def _create(path: Path, content: bytes, without_links: Callable[[Path, Path], None]) -> bool:
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.partial")
+    try:
+        with partial.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        return _link(partial, path, without_links)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _link(partial: Path, path: Path, without_links: Callable[[Path, Path], None]) -> bool:
+    try:
+        try:
+            os.link(partial, path)
+        except OSError as error:
+            if error.errno not in _NO_HARD_LINKS:
+                raise
+            without_links(partial, path)
+    except FileExistsError:
+        with contextlib.suppress(FileNotFoundError):  # it was taken, and has gone since
+            return path.samefile(partial)  # NFS repeats a request whose answer was lost: then it was us
+        return False
+    except FileNotFoundError:
+        path.parent.stat()  # raises if the directory is what is missing
+        return False  # who was first has tidied up meanwhile, our partial file too
+    return True
+
+
+def _write_in_place(partial: Path, path: Path) -> None:
+    content = partial.read_bytes()
+    with path.open("xb") as file:
+        try:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
+
+
+def _move(partial: Path, path: Path) -> None:
+    if path.exists():
+        raise FileExistsError
+    partial.rename(path)

@@ -1,0 +1,143 @@
+"""Where a case may begin: what the solutions of its neighbours in parameter space foretell of its own.
+
+The solution is a smooth function of the parameters, and moving least squares continue it to a new point: of the nearest
+solved cases with points ``ξ_i`` the weighted sum ``Σ c_i x_i`` is taken whose weights reproduce all polynomials of a
+degree, ``Σ c_i p(ξ_i) = p(ξ)``, and favour what is near. Degree 0 is the nearest solution alone, 1 is its continuation
+along the tangent plane through several of them; with enough neighbours the error of degree 2 is cubic in their
+distance.
+
+Source: Levin, "The approximation power of moving least-squares" (1998), doi:10.1090/S0025-5718-98-00974-0.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.methods.guess import Guess
+
+type Floats = npt.NDArray[np.float64]
+
+MOST_BYTES = 256_000_000
+"""of solutions that each rank keeps"""
+_LARGEST_WEIGHTS = 4.0  # Σ |c_i|, 1 in an interpolation: errors of the neighbours grow by it
+
+
+class Space:
+    """The numbers of the cases of one structure, as points whose distances mean something.
+
+    Numbers that are all of one sign and spread over more than a factor 10 count by their logarithm; each is scaled by
+    its range. Those that do not vary are left out.
+    """
+
+    def __init__(self, numbers: Sequence[Sequence[float]]) -> None:
+        values = np.array(numbers, dtype=np.float64).reshape(len(numbers), -1)
+        low, high = values.min(axis=0), values.max(axis=0)
+        self._varies = high > low
+        low, high = low[self._varies], high[self._varies]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._logarithmic = ((low > 0) & (high > 10 * low)) | ((high < 0) & (low < 10 * high))
+        ends = self._measured(np.stack([low, high]))
+        self._origin, self._range = ends.min(axis=0), np.ptp(ends, axis=0)
+
+    def point(self, numbers: Sequence[float]) -> Floats:
+        """A case's place, (dimensions,), within the unit cube."""
+        varying = np.array(numbers, dtype=np.float64)[self._varies]
+        found: Floats = (self._measured(varying) - self._origin) / self._range
+        return found
+
+    def _measured(self, values: Floats) -> Floats:
+        with np.errstate(divide="ignore"):
+            return np.where(self._logarithmic, np.log(np.abs(values)), values)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a converged case leaves to its neighbours: local values on this rank, as `Guess` has them."""
+
+    key: str
+    point: Floats
+    values: Guess
+
+    @property
+    def bytes(self) -> int:
+        pressure = self.values.pressure
+        return self.values.displacement.nbytes + (0 if pressure is None else pressure.nbytes)
+
+
+class Neighbours:
+    """Solutions of the cases of one structure that this group of ranks has solved; the same ones on all its ranks."""
+
+    def __init__(self) -> None:
+        self._solutions: list[Solution] = []
+
+    def __len__(self) -> int:
+        return len(self._solutions)
+
+    def add(self, solution: Solution, largest: int) -> None:
+        """Keep one more, at the cost of those that are farthest from it.
+
+        Args:
+            largest: bytes of a solution on the rank that has most.
+        """
+        self._solutions.append(solution)
+        while len(self._solutions) * largest > MOST_BYTES and len(self._solutions) > 1:
+            self._solutions.pop(int(np.argmax(self._distances(solution.point))))
+
+    def guess(self, point: Floats) -> tuple[Guess, str] | None:
+        """What to begin with at a point, and the key of the nearest case; ``None`` if nothing is known."""
+        if not self._solutions:
+            return None
+        distances = self._distances(point)
+        order = np.argsort(distances, kind="stable")
+        nearest = self._solutions[order[0]]
+        # Those on the other side of a branching point foretell another solution.
+        near = [self._solutions[i] for i in order if self._solutions[i].values.sign == nearest.values.sign]
+        weights = _weights(np.stack([s.point for s in near]) - point)
+        used = [(c, s.values) for c, s in zip(weights, near, strict=False) if c]
+        u = sum((c * v.displacement for c, v in used), np.zeros_like(nearest.values.displacement))
+        p = None
+        if nearest.values.pressure is not None:
+            p = sum((c * v.pressure for c, v in used if v.pressure is not None), np.zeros_like(nearest.values.pressure))
+        return Guess(u, p, nearest.values.sign), nearest.key
+
+    def _distances(self, point: Floats) -> Floats:
+        return np.array([math.dist(s.point, point) for s in self._solutions])
+
+
+def _weights(offsets: Floats) -> Floats:
+    """Weights of neighbours at ``offsets`` (n, dimensions), the nearest first, for the value at the origin."""
+    n, dimensions = offsets.shape
+    nearest_alone: Floats = np.eye(1, n)[0]
+    distances = np.linalg.norm(offsets, axis=1)
+    if distances[0] == 0.0 or dimensions == 0:
+        return nearest_alone
+    for degree in (2, 1):
+        size = math.comb(dimensions + degree, degree)
+        if n < size + 1:
+            continue
+        count = min(n, 2 * size + 1)
+        scale = distances[count - 1]
+        P = _monomials(offsets[:count] / scale, degree)
+        w = (scale / distances[:count]) ** (degree + 1)
+        # min Σ (c_i / w_i)²  with  Pᵀ c = (1, 0, …)
+        weighted = P * w[:, None]
+        weights = w * np.linalg.lstsq(weighted.T, np.eye(1, P.shape[1])[0], rcond=1e-10)[0]
+        reproduced = np.abs(P.T @ weights - np.eye(1, P.shape[1])[0]).max() < 1e-6
+        if reproduced and np.abs(weights).sum() <= _LARGEST_WEIGHTS:
+            return np.asarray(weights)
+    return nearest_alone
+
+
+def _monomials(points: Floats, degree: int) -> Floats:
+    """Monomials up to a degree at each point, (n, size); the first is 1."""
+    columns = [np.ones(len(points))]
+    for k in range(1, degree + 1):
+        for which in itertools.combinations_with_replacement(range(points.shape[1]), k):
+            columns.append(np.prod(points[:, which], axis=1))
+    return np.stack(columns, axis=1)

@@ -1,0 +1,189 @@
+"""How diagrams of a sweep are drawn: lines or points over one parameter, maps over two, failed cases in red."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.colors import LogNorm, Normalize
+
+from hpcinv.study.diagram import style
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    type Floats = npt.NDArray[np.float64]
+
+RED = "#C00000"
+GREEN = "#009E73"
+_CROSS: dict[str, Any] = {"linestyle": "none", "marker": "x", "markersize": 6, "markeredgewidth": 1.5}
+_BELOW: dict[str, Any] = {"frameon": False, "fontsize": 7, "loc": "upper left", "bbox_to_anchor": (0, -0.15)}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """An axis, or the colours of a map; values that are text stand at 0, 1, …, and ``ticks`` are their texts."""
+
+    label: str
+    is_log: bool = False
+    ticks: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Series:
+    """Finished cases that belong together: one line, or one map.
+
+    Attributes:
+        label: what tells them from others.
+        colour: number of its style; lines that differ in a number only may share one.
+        places: of each case along the axes.
+        values: NaN where there is none.
+        statuses: "converged", or the diagnosis.
+        is_curve: whether the points are joined.
+    """
+
+    label: str
+    colour: int
+    places: Sequence[tuple[float, ...]]
+    values: Sequence[float]
+    statuses: Sequence[str]
+    is_curve: bool
+
+    def at(self, *, converged: bool) -> tuple[list[tuple[float, ...]], list[float]]:
+        """Places and values of the cases that did, or did not, converge; of the former those that have a value."""
+        rows = zip(self.places, self.values, self.statuses, strict=True)
+        kept = [(p, v) for p, v, s in rows if (s == "converged") == converged and not (converged and math.isnan(v))]
+        return [p for p, _ in kept], [v for _, v in kept]
+
+
+def draw_lines(figure: Figure, title: str, series: Sequence[Series], x: Scale, value: Scale) -> None:
+    """The value over one parameter, a line or a cloud for each series."""
+    axes = figure.add_subplot()
+    labelled: set[str] = set()
+    crosses: list[float] = []
+    for i, s in enumerate(series):
+        colour, marker, dashes = style(s.colour)
+        places, values = s.at(converged=True)
+        ordered = sorted(zip((p[0] for p in places), values, strict=True))
+        label = None if s.label in labelled else s.label
+        labelled.add(s.label)
+        axes.plot(
+            [p for p, _ in ordered],
+            [v for _, v in ordered],
+            linestyle=dashes if s.is_curve else "none",
+            marker=marker,
+            markersize=4,
+            linewidth=1.2,
+            color=colour,
+            label=label,
+            gid=f"series-{i}",
+        )
+        crosses += [p[0] for p in s.at(converged=False)[0]]
+    if crosses:  # they have a place, but no value: they stand at the foot
+        foot = axes.get_xaxis_transform()
+        axes.plot(
+            crosses,
+            [0.02] * len(crosses),
+            transform=foot,
+            color=RED,
+            label=f"failed ({len(crosses)})",
+            gid="failed",
+            **_CROSS,
+        )
+    _finish(axes, title, x, value)
+    if crosses or any(labelled):
+        axes.legend(frameon=False, fontsize=8)
+
+
+def draw_maps(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale], value: Scale) -> None:
+    """The value as colours over two parameters, a map for each series."""
+    every = [v for s in series for v in s.at(converged=True)[1]]
+    low, high = min(every, default=0.0), max(every, default=1.0)
+    norm = LogNorm(low, high) if value.is_log else Normalize(low, high)
+    image: Any = None
+    panels = _panels(figure, len(series))
+    for i, (s, axes) in enumerate(zip(series, panels, strict=True)):
+        image = _coloured(axes, s, scales, norm, gid=f"series-{i}") or image
+        crosses, _ = s.at(converged=False)
+        if crosses:
+            label = f"failed ({len(crosses)})"
+            axes.plot(*zip(*crosses, strict=True), color=RED, label=label, gid=f"failed-{i}", **_CROSS)
+            axes.legend(**_BELOW)
+        _finish(axes, s.label or title, *scales)
+    if image is not None:
+        figure.colorbar(image, ax=panels, label=value.label)
+    if any(s.label for s in series):
+        figure.suptitle(title, x=0.01, ha="left", fontsize=10)
+
+
+def draw_outcomes(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale]) -> None:
+    """Where cases converged and where they failed, over two parameters, by their diagnosis."""
+    diagnoses = [d for d, _ in Counter(d for s in series for d in s.statuses if d != "converged").most_common()]
+    panels = _panels(figure, len(series))
+    for s, axes in zip(series, panels, strict=True):
+        for i, status in enumerate(["converged", *diagnoses]):
+            those = [p for p, found in zip(s.places, s.statuses, strict=True) if found == status]
+            if not those:
+                continue
+            look: dict[str, Any] = {"color": GREEN, "marker": ".", "markersize": 4, "alpha": 0.6}
+            if i > 0:  # red and its neighbours, and a marker of its own, for each diagnosis
+                look = {"color": (RED, "#E69F00", "#CC79A7", "#000000")[(i - 1) % 4], "marker": "xs^Dv"[(i - 1) % 5]}
+                look |= {"markersize": 5, "markerfacecolor": "none"}
+            label = f"{status} ({len(those)})"
+            axes.plot(*zip(*those, strict=True), linestyle="none", label=label, gid=f"outcome-{i}", **look)
+        _finish(axes, s.label or title, *scales)
+        axes.legend(**_BELOW)
+    if any(s.label for s in series):
+        figure.suptitle(title, x=0.01, ha="left", fontsize=10)
+
+
+def _panels(figure: Figure, number: int) -> list[Axes]:
+    across = min(number, 3)
+    grid = figure.subplots(math.ceil(number / across), across, squeeze=False, sharex=True, sharey=True)
+    for axes in grid.flat[number:]:
+        axes.set_visible(False)
+    return list(grid.flat[:number])
+
+
+def _coloured(axes: Axes, s: Series, scales: tuple[Scale, Scale], norm: Normalize, *, gid: str) -> Any:
+    """Cells where the places are a grid, else points; nothing without places."""
+    places, values = s.at(converged=True)
+    if not places:
+        return None
+    every = dict.fromkeys(s.places, math.nan)
+    x, y = (np.unique([place[i] for place in every]) for i in (0, 1))
+    if min(len(x), len(y)) > 1 and len(s.places) == len(every) == len(x) * len(y):
+        by_place = every | dict(zip(places, values, strict=True))
+        cells = [[by_place[a, b] for a in x] for b in y]
+        return axes.pcolormesh(_edges(x, scales[0]), _edges(y, scales[1]), cells, norm=norm, gid=gid)
+    across, up = zip(*places, strict=True)
+    return axes.scatter(across, up, c=values, norm=norm, s=16, gid=gid)
+
+
+def _edges(values: Floats, scale: Scale) -> Floats:
+    """Halfway between neighbours, as the scale goes, and as far beyond the first and the last one."""
+    along = np.log(values) if scale.is_log else values
+    middle = (along[1:] + along[:-1]) / 2
+    edges = np.concatenate([[2 * along[0] - middle[0]], middle, [2 * along[-1] - middle[-1]]])
+    return np.exp(edges) if scale.is_log else edges
+
+
+def _finish(axes: Axes, title: str, x: Scale, y: Scale) -> None:
+    for scale, axis in ((x, axes.xaxis), (y, axes.yaxis)):
+        if scale.ticks:
+            axis.set_ticks(range(len(scale.ticks)), labels=list(scale.ticks))
+    axes.set(xlabel=x.label, ylabel=y.label)
+    if x.is_log:
+        axes.set_xscale("log")
+    if y.is_log:
+        axes.set_yscale("log")
+    axes.set_title(title, loc="left", fontsize=9)
+    axes.grid(which="major", color="0.92", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.label_outer()

@@ -1,0 +1,83 @@
+"""The parameters of the cases of a sweep as columns of numbers in SI, or of text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.study.plan import text_of
+from hpcinv.sweep.axes import Axis
+from hpcinv.units import NAMES, Dimension, as_float, parse_quantity, parse_unit
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.plan import Plan
+
+
+def parameter_columns(plan: Plan) -> dict[str, list[Any]]:
+    """A value for each case by key or name of branches.
+
+    Numbers where all values are numbers or quantities, with ``None`` in cases that have no such parameter; else text,
+    empty there.
+    """
+    keys = dict.fromkeys(key for case in plan.cases for key in case.parameters)
+    return {key: _column([case.parameters.get(key) for case in plan.cases]) for key in keys}
+
+
+def parameter_units(plan: Plan) -> dict[str, str]:
+    """SI units of the parameters of which the file tells them."""
+    found = {}
+    for axis in _axes(plan.sweep.axes):
+        for key, distribution in axis.sample.items():
+            found[key] = distribution.dimension
+        for key, values in (axis.grid or axis.zip or {}).items():
+            dimensions = [_parsed(value)[1] for value in values]
+            found[key] = next((dimension for dimension in dimensions if dimension is not None), None)
+    return {key: unit_of_dimension(dimension) for key, dimension in found.items() if dimension is not None}
+
+
+def log_uniform(plan: Plan) -> set[str]:
+    """The keys that are sampled evenly in their logarithm."""
+    return {k for axis in _axes(plan.sweep.axes) for k, d in axis.sample.items() if d.kind == "log-uniform"}
+
+
+def sampled(plan: Plan) -> set[str]:
+    """The keys that are sampled."""
+    return {key for axis in _axes(plan.sweep.axes) for key in axis.sample}
+
+
+def _axes(axes: Sequence[Axis]) -> Iterator[Axis]:
+    """All of them, also those in branches."""
+    for axis in axes:
+        yield axis
+        for branch in (axis.branches or {}).values():
+            yield from _axes(branch.axes)
+
+
+def _column(values: list[Any]) -> list[Any]:
+    numbers = [_parsed(value)[0] for value in values]
+    if all(n is not None for n, value in zip(numbers, values, strict=True) if value is not None):
+        return numbers
+    return ["" if value is None else text_of(value) for value in values]
+
+
+def _parsed(value: Any) -> tuple[float | None, Dimension | None]:
+    """The number (SI) that a value is, if it is one, and its dimension where it has a unit."""
+    if isinstance(value, str):
+        try:
+            number, dimension = parse_quantity(value)
+        except ValueError:
+            return None, None
+        return number, dimension
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None, None
+    return (value if isinstance(value, float) else as_float(value) if abs(value) > 2**53 else value), None
+
+
+def unit_of_dimension(dimension: Dimension) -> str:
+    """The SI unit that is usual, else powers of the base units; empty for pure numbers."""
+    named = next((unit for unit in NAMES if parse_unit(unit)[1] == dimension), None)
+    if named is not None:
+        return named
+    powers = zip(("m", "kg", "s", "K"), dimension, strict=True)
+    return " ".join(unit if power == 1 else f"{unit}^{power}" for unit, power in powers if power)

@@ -1,0 +1,170 @@
+"""The plan of a sweep: every case with its identity, all checked before any of them begins."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from hpcinv.errors import JobError
+from hpcinv.fingerprint import file_digest
+from hpcinv.identity import content_key
+from hpcinv.job import Job, parse
+from hpcinv.loading import read_yaml
+from hpcinv.schema import at, problems_in
+from hpcinv.structure import numbers_of, structure_of
+from hpcinv.study.keys import assigned
+from hpcinv.study.plan import text_of
+from hpcinv.sweep.expand import Point, expanded
+from hpcinv.sweep.spec import Sweep
+
+_STORE = Path("results/store")
+# Of thousands of cases the summaries are enough, and most take less time than a checkpoint.
+_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
+    "output": {"fields": False, "mesh": []},
+    "checkpoint": {"seconds": 10.0},
+}
+_VALUE = re.compile(r", (?:not|but) .*", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One job of a sweep.
+
+    Attributes:
+        number: its place in the sweep, from 0.
+        key: hash of all that its results depend on, the same in every sweep (20 hex digits).
+        structure: what cases have in common that share mesh, equations and the pattern of their factorization.
+        numbers: what cases of one structure differ in (SI).
+        parameters: values by key as the file has them, sampled ones in SI, and labels of branches by their axis' name.
+        settings: values by key that make the job from that of the sweep.
+    """
+
+    number: int
+    key: str
+    structure: str
+    numbers: tuple[float, ...]
+    parameters: Mapping[str, Any]
+    settings: Mapping[str, Any]
+
+    @property
+    def title(self) -> str:
+        return _title(self.number, self.parameters)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep and its cases in order; ``data`` is the content of the job file ``base``."""
+
+    path: Path
+    sweep: Sweep
+    base: Path
+    data: Mapping[str, Any]
+    cases: tuple[Case, ...]
+
+    @property
+    def store(self) -> Path:
+        """The directory that this sweep shares with others."""
+        return _STORE if self.sweep.store is None else self.path.parent / self.sweep.store
+
+    def job(self, case: Case) -> Job:
+        """The job of a case; raises ``JobError`` if a file that it needs has gone meanwhile."""
+        return parse(self.content(case), self.base)
+
+    def content(self, case: Case) -> Mapping[str, Any]:
+        """What a job file of the case would hold, whose paths begin where those of the sweep's job do."""
+        return _content(self.data, case.settings)
+
+
+def is_sweep(path: Path) -> bool:
+    """Whether a file is a sweep rather than a job or a study; raises ``JobError`` if it cannot be read."""
+    return "axes" in read_yaml(path)
+
+
+def load_sweep(path: Path) -> Plan:
+    """Read a sweep and check all of its cases.
+
+    Raises:
+        JobError: with a line for each thing that is wrong, of the form ``file: case (and n more cases): key: what``.
+    """
+    try:
+        sweep = Sweep.model_validate({"sweep": path.stem, **read_yaml(path)})
+    except ValidationError as error:
+        raise JobError([f"{path}: {at(where)}: {what}" for where, what in problems_in(error, Sweep)]) from None
+    base = path.parent / sweep.job
+    try:
+        data = read_yaml(base)
+    except JobError as error:
+        raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
+    faults: dict[str, _Fault] = {}
+    cases = tuple(_cases(sweep, base, data, faults))
+    if faults:
+        raise JobError([f"{path}: {fault}" for fault in faults.values()])
+    return Plan(path, sweep, base, data, cases)
+
+
+@dataclass
+class _Fault:
+    """Something that is wrong with one case, and how many others have the like of it."""
+
+    title: str
+    text: str
+    more: int = 0
+
+    def __str__(self) -> str:
+        others = f" (and {self.more} more case{'s' if self.more > 1 else ''})" if self.more else ""
+        return f"{self.title}{others}: {self.text}"
+
+
+def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: dict[str, _Fault]) -> Iterator[Case]:
+    """Every case that is valid; what is wrong with the others goes to ``faults``."""
+    digest = cache(file_digest)
+    for number, point in enumerate(expanded(sweep)):
+        try:
+            yield _case(number, point, _job(data, point.settings, base), digest)
+        except JobError as error:
+            for problem in error.problems:
+                text = problem.removeprefix(f"{base}: ")
+                # Sampled values differ from case to case, and what is wrong with them does not.
+                like = _VALUE.sub("", text)
+                if like in faults:
+                    faults[like].more += 1
+                else:
+                    faults[like] = _Fault(_title(number, point.parameters), text)
+
+
+def _case(number: int, point: Point, job: Job, digest: Callable[[Path], str]) -> Case:
+    key, structure = content_key(job, digest), structure_of(job, digest)
+    return Case(number, key, structure, numbers_of(job), point.parameters, point.settings)
+
+
+def _job(data: Mapping[str, Any], settings: Mapping[str, Any], base: Path) -> Job:
+    """The job with some settings; raises ``JobError`` if it is not valid."""
+    return parse(_content(data, settings), base)
+
+
+def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What a file of the job would hold: no output but its summary, and few checkpoints, unless that is asked for.
+
+    Raises:
+        JobError: something cannot be set.
+    """
+    try:
+        changed = assigned(data, settings)
+    except ValueError as error:
+        raise JobError([str(error)]) from None
+    for section, default in _DEFAULTS.items():
+        given = changed.get(section, {})
+        if isinstance(given, Mapping):
+            changed[section] = {**default, **given}
+    return changed
+
+
+def _title(number: int, parameters: Mapping[str, Any]) -> str:
+    values = (f"{key.rpartition('.')[2]} {text_of(value)}" for key, value in parameters.items())
+    return ", ".join((f"case {number}", *values))

@@ -1,0 +1,156 @@
+"""Diagrams of a sweep: a quantity over one or two parameters, alternatives compared, and where cases fail."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.errors import JobError
+from hpcinv.spelling import did_you_mean
+from hpcinv.study.diagram import as_files, new_figure
+from hpcinv.study.plan import text_of
+from hpcinv.sweep.panels import Scale, Series, draw_lines, draw_maps, draw_outcomes
+from hpcinv.sweep.parameters import log_uniform, parameter_columns, sampled
+from hpcinv.sweep.table import TEXT, columns, parameter_name, units
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.plan import Plan
+    from hpcinv.sweep.record import Record
+    from hpcinv.sweep.table import Columns
+
+FAILURES = "failures"
+"""what stands for the map of outcomes in place of a quantity"""
+MOST_PANELS = 6
+"""maps that are drawn side by side"""
+MOST_LINES = 7
+"""lines that are told apart; more of them share the colour of their first parameter"""
+
+
+def plot(plan: Plan, records: Mapping[str, Record], quantity: str, over: Sequence[str]) -> dict[str, bytes]:
+    """A diagram as files by their format.
+
+    Args:
+        quantity: a column of the table, or ``failures``.
+        over: one or two columns of parameters; ``failures`` needs two.
+
+    Raises:
+        JobError: there is no such column, or nothing in it yet.
+    """
+    table, known_units = columns(plan, records), units(plan, records)
+    _check(plan, table, quantity, over)
+    rows = [
+        i
+        for i, status in enumerate(table["status"])
+        if status != "open" and all(table[name][i] not in (None, "") for name in over)
+    ]
+    if not rows:
+        raise JobError([f"{plan.path}: no case that has {' and '.join(over)} is finished"])
+    logarithmic = {parameter_name(key) for key in log_uniform(plan)}
+    places = [_positions([table[name][i] for i in rows]) for name in over]
+    scales = [
+        Scale(_label(name, known_units), not ticks and (name in logarithmic or is_even_in_log(positions)), ticks)
+        for name, (positions, ticks) in zip(over, places, strict=True)
+    ]
+    values = [math.nan] * len(rows)
+    if quantity != FAILURES:
+        values = [math.nan if table[quantity][i] is None else float(table[quantity][i]) for i in rows]
+        if all(map(math.isnan, values)):
+            raise JobError([f"{plan.path}: no finished case has a {quantity}"])
+    points = zip(*(positions for positions, _ in places), strict=True)
+    statuses = (table["status"][i] for i in rows)
+    series = _series(plan, table, over, dict(zip(rows, zip(points, values, statuses, strict=True), strict=True)))
+    return _drawn(f"{plan.sweep.sweep}: {quantity}", quantity, series, scales, _label(quantity, known_units))
+
+
+def _series(
+    plan: Plan, table: Columns, over: Sequence[str], cases: Mapping[int, tuple[tuple[float, ...], float, str]]
+) -> list[Series]:
+    """Cases (place, value and status by row) that have the same values of all other parameters, unless those are drawn.
+
+    Where there is a sample in play, its points are not joined.
+    """
+    parameters = [parameter_name(key) for key in parameter_columns(plan)]
+    drawn = {parameter_name(key) for key in sampled(plan)}
+    others = [n for n in parameters if n not in over and n not in drawn and len({table[n][i] for i in cases}) > 1]
+    is_sample = any(table[name][i] is not None for name in drawn for i in cases)
+    is_text = any(isinstance(table[over[0]][i], str) for i in cases)
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for i in cases:
+        groups.setdefault(tuple(table[name][i] for name in others), []).append(i)
+    series = []
+    for (label, colour), rows in zip(_labels(others, groups, len(over)), groups.values(), strict=True):
+        places, values, statuses = zip(*(cases[i] for i in rows), strict=True)
+        series.append(Series(label, colour, places, values, statuses, is_curve=not is_sample and not is_text))
+    return series
+
+
+def is_even_in_log(values: Sequence[float]) -> bool:
+    """Whether positive values span two decades and more, with their median at the middle in logarithm."""
+    low, high = min(values), max(values)
+    if low <= 0 or high < 100 * low:
+        return False
+    off = math.log(statistics.median(set(values)) ** 2 / (low * high)) / 2
+    return abs(off) < 0.25 * math.log(high / low)
+
+
+def _check(plan: Plan, table: Columns, quantity: str, over: Sequence[str]) -> None:
+    """That there is what is to be drawn."""
+    parameters = [parameter_name(key) for key in parameter_columns(plan)]
+    problems = [
+        f"there is no parameter '{name}'.{did_you_mean(name, parameters)}" for name in over if name not in table
+    ]
+    if not 1 <= len(over) <= 2 or len({*over}) < len(over):
+        problems.append("a diagram is over one or two different parameters")
+    elif quantity == FAILURES and len(over) == 1:
+        problems.append("the map of failures is over two parameters")
+    numbers = table.keys() - {*parameters, "number", "key", *TEXT}
+    if quantity not in {*numbers, FAILURES}:
+        problems.append(f"there is no quantity '{quantity}'.{did_you_mean(quantity, {*numbers, FAILURES})}")
+    if problems:
+        raise JobError([f"{plan.path}: {problem}" for problem in problems])
+
+
+def _positions(values: Sequence[Any]) -> tuple[list[float], tuple[str, ...]]:
+    """Numbers as they are; texts at 0, 1, … in their order, with the texts."""
+    if not any(isinstance(value, str) for value in values):
+        return [float(value) for value in values], ()
+    ticks = tuple(dict.fromkeys(values))
+    return [float(ticks.index(value)) for value in values], ticks
+
+
+def _labels(others: list[str], groups: Mapping[tuple[Any, ...], Any], axes: int) -> list[tuple[str, int]]:
+    """A label and the number of a style for each group."""
+
+    def text(names: Sequence[str], values: Sequence[Any]) -> str:
+        known = ((n, v) for n, v in zip(names, values, strict=True) if v not in (None, ""))
+        return ", ".join(v if isinstance(v, str) else f"{n.rpartition('.')[2]} {text_of(v)}" for n, v in known)
+
+    if axes == 2 or len(groups) <= MOST_LINES:
+        return [(text(others, values), i) for i, values in enumerate(groups)]
+    firsts = list(dict.fromkeys(values[0] for values in groups))
+    return [(text(others[:1], values[:1]), firsts.index(values[0])) for values in groups]
+
+
+def _label(name: str, known_units: Mapping[str, str]) -> str:
+    return f"{name} / {known_units[name]}" if known_units.get(name) else name
+
+
+def _drawn(title: str, quantity: str, series: list[Series], scales: list[Scale], label: str) -> dict[str, bytes]:
+    if len(scales) == 1:
+        with new_figure(6.5, 4.5) as figure:
+            draw_lines(figure, title, series, scales[0], Scale(label))
+            return as_files(figure)
+    if len(series) > MOST_PANELS:
+        title += f" (the first {MOST_PANELS} of {len(series)} combinations of the other parameters)"
+    shown = series[:MOST_PANELS]
+    across, down = min(len(shown), 3), math.ceil(len(shown) / 3)
+    both = (scales[0], scales[1])
+    with new_figure(1.5 + 3.6 * across, 0.8 + 3.2 * down) as figure:
+        if quantity == FAILURES:
+            draw_outcomes(figure, title, shown, both)
+        else:
+            values = [value for s in shown for value in s.at(converged=True)[1]]
+            draw_maps(figure, title, shown, both, Scale(label, is_even_in_log(values)))
+        return as_files(figure)

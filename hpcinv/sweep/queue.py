@@ -1,0 +1,101 @@
+"""Which case a group of ranks takes next: one near to what it has just solved, and far from what other groups do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hpcinv.sweep.neighbours import Floats, Space
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.ledger import Claim, Ledger
+    from hpcinv.sweep.plan import Case
+
+_REFUSALS = 20  # in a row, until all cases are looked at anew: others are at work here
+_PAUSE = 1.0  # seconds between looks at cases that others hold
+
+
+class Queue:
+    """The cases of a sweep that are not known to be finished; it lives on the first rank of a group.
+
+    Within a structure the nearest open case is next, so that its neighbours' solutions are of use and models are seldom
+    changed; groups begin at different places in the list, and meet nowhere but in the ledger.
+
+    Args:
+        ledger: where cases are claimed.
+        begin: share of the list of cases, from 0 to 1, at which this group begins.
+        patience: seconds to wait for cases that others hold: who does not live any more is known by then.
+    """
+
+    def __init__(self, cases: Sequence[Case], ledger: Ledger, *, begin: float, patience: float) -> None:
+        self.ledger, self.patience = ledger, patience
+        distinct = {case.key: case for case in cases}
+        listed = sorted(distinct.values(), key=lambda case: (case.structure, case.number))
+        self._cases = listed
+        self._structures = np.array([case.structure for case in listed])
+        self._spaces: dict[str, Space] = {}
+        self._members: dict[str, tuple[np.ndarray, Floats]] = {}
+        for structure in dict.fromkeys(case.structure for case in listed):
+            members = np.flatnonzero(self._structures == structure)
+            self._spaces[structure] = space = Space([listed[i].numbers for i in members])
+            self._members[structure] = members, np.stack([space.point(listed[i].numbers) for i in members])
+        self._open = np.ones(len(listed), dtype=bool)  # as far as is known; those that others hold may be so again
+        self._last = min(int(begin * len(listed)), len(listed) - 1)
+        self._look()
+
+    def point(self, case: Case) -> Floats:
+        """The place of a case among those of its structure."""
+        return self._spaces[case.structure].point(case.numbers)
+
+    @property
+    def finished(self) -> int:
+        """Number of distinct cases that were finished when last looked at."""
+        return self._finished
+
+    def next(self) -> tuple[Case, Claim] | None:
+        """Claim a case; ``None`` when all are finished, or in the hands of others who live."""
+        deadline = time.monotonic() + self.patience
+        while True:
+            if found := self._claim():
+                return found
+            self._look()
+            if not self._open.any() or time.monotonic() > deadline:
+                return None
+            time.sleep(_PAUSE)
+
+    def _claim(self) -> tuple[Case, Claim] | None:
+        """One pass over the cases that seem to be open."""
+        tried, refusals = ~self._open, 0
+        while not tried.all():
+            number = self._nearest(~tried)
+            claim = self.ledger.claim(self._cases[number].key)
+            if claim is not None:
+                self._open[number], self._last = False, number
+                return self._cases[number], claim
+            tried[number] = True
+            refusals += 1
+            if refusals % _REFUSALS == 0:
+                self._look()
+                tried |= ~self._open
+        return None
+
+    def _nearest(self, eligible: np.ndarray) -> int:
+        """Of the same structure if there is one; else the first case of that with most of them."""
+        if eligible[self._last]:
+            return self._last
+        members, points = self._members[self._structures[self._last]]
+        if eligible[members].any():
+            here = points[np.searchsorted(members, self._last)]
+            distances = np.where(eligible[members], np.linalg.norm(points - here, axis=1), np.inf)
+            return int(members[np.argmin(distances)])
+        names, counts = np.unique(self._structures[eligible], return_counts=True)
+        return int(np.flatnonzero(eligible & (self._structures == names[np.argmax(counts)]))[0])
+
+    def _look(self) -> None:
+        """See how far everybody is, ourselves included."""
+        states = self.ledger.states([case.key for case in self._cases])
+        self._open = np.array([states[case.key].name != "finished" for case in self._cases])
+        self._finished = int(np.count_nonzero(~self._open))

@@ -1,0 +1,95 @@
+"""Commands that look at what a store has of a sweep: ``sweep status | table | plot``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.errors import OutputError
+from hpcinv.sweep.plan import load_sweep
+from hpcinv.sweep.results import ledger_of, results
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.plan import Plan
+
+
+def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:
+    """Add the commands; ``action`` makes a parser for a name, what it calls, and its help."""
+    status = action("status", _status, "what is done, running, failed and open, and the time that is left")
+    status.add_argument("--follow", action="store_true", help="go on looking until all cases are finished")
+
+    table = action("table", _table, "a row for each case: parameters, quantities, certificate, costs")
+    table.add_argument("--output", type=_table_file, metavar="FILE", help=".csv or .h5 (default: CSV to the screen)")
+
+    plot = action("plot", _plot, "a quantity over one or two parameters, as PNG and SVG")
+    plot.add_argument("quantity", help="a column of the table, or 'failures' for where cases fail")
+    plot.add_argument("--over", nargs="+", required=True, metavar="KEY", help="one or two columns of parameters")
+    plot.add_argument("--output", type=Path, metavar="STEM", help="path without the ending (default: in results/SWEEP)")
+
+
+def _status(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from hpcinv.sweep.status import follow, lines, status
+
+    plan = load_sweep(options.sweep)
+    if options.follow:
+        follow(plan, ledger_of(plan), Console())
+    else:
+        print("\n".join(lines(status(plan, ledger_of(plan)))))
+    return 0
+
+
+def _table(options: argparse.Namespace) -> int:
+    plan = load_sweep(options.sweep)
+    records = results(plan, ledger_of(plan))
+
+    from hpcinv.study.tables import as_csv
+    from hpcinv.sweep.table import as_hdf5, columns
+
+    if options.output is None:
+        sys.stdout.write(as_csv(columns(plan, records)))
+    elif options.output.suffix == ".csv":
+        _write(options.output, as_csv(columns(plan, records)).encode())
+    else:
+        _write(options.output, as_hdf5(plan, records))
+    return 0
+
+
+def _plot(options: argparse.Namespace) -> int:
+    plan = load_sweep(options.sweep)
+    stem = options.output or _stem(plan, options.quantity, options.over)
+
+    from hpcinv.sweep.plot import plot
+
+    for form, content in plot(plan, results(plan, ledger_of(plan)), options.quantity, options.over).items():
+        path = stem.with_name(f"{stem.name}.{form}")
+        _write(path, content)
+        print(path)
+    return 0
+
+
+def _stem(plan: Plan, quantity: str, over: list[str]) -> Path:
+    name = re.sub(r"[^\w.]+", "-", f"{quantity} over {' '.join(over)}").strip("-")
+    return Path("results") / plan.sweep.sweep / name
+
+
+def _table_file(text: str) -> Path:
+    if not text.endswith((".csv", ".h5")):
+        raise argparse.ArgumentTypeError(f"'{text}' must end with .csv or .h5")
+    return Path(text)
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file; it appears whole or not at all."""
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(content)
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}", "Choose another --output.") from error

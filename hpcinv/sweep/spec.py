@@ -1,0 +1,42 @@
+"""The sweep file: a job, and the axes along which it varies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import Field, field_validator
+
+from hpcinv.schema import ListOf, Spec, raise_if_any
+from hpcinv.study.keys import JobKey
+from hpcinv.sweep.axes import Axis, faults_between, number_of
+
+MOST = 1_000_000
+"""cases of one sweep: as many as are checked within minutes"""
+
+
+class Sweep(Spec):
+    """Many cases of one job."""
+
+    sweep: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] = "sweep"
+    """letters, digits, dots, _ and - that name the sweep; left out, the name of the file"""
+    job: str
+    """path from the sweep file to the job that all cases begin with"""
+    store: str | None = None
+    """path from the sweep file to the directory of all cases; left out, results/store where the command runs"""
+    set: Mapping[JobKey, Any] = {}
+    """values that all cases have unless an axis has its own"""
+    warm_start: bool = True
+    """whether a case begins with the solution of the nearest one that has converged; else with the unloaded body"""
+    axes: ListOf[Axis]
+    """every combination of their points is a case, the last axis changing fastest"""
+
+    @field_validator("axes")
+    @classmethod
+    def _can_be_combined(cls, axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
+        if not axes:
+            raise ValueError("must hold at least one axis")
+        raise_if_any(faults_between(axes))
+        if (cases := number_of(axes)) > MOST:
+            raise ValueError(f"make {cases:,} cases, but a sweep can have no more than {MOST:,}; split it")
+        return axes

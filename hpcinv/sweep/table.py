@@ -1,0 +1,149 @@
+"""The table of a sweep: a row for each case, with its parameters, what came out of it, and what it took."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import h5py
+
+from hpcinv.sensitivity.spec import parameters_of
+from hpcinv.study.tables import fill
+from hpcinv.study.units import unit_of
+from hpcinv.sweep.parameters import parameter_columns, parameter_units, unit_of_dimension
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.plan import Plan
+    from hpcinv.sweep.record import Record
+
+type Columns = dict[str, list[Any]]
+
+OUTCOME: Mapping[str, Callable[[Record], Any]] = {
+    "status": lambda record: record.status,
+    "certificate": lambda record: record.statistics.get("certificate", {}).get("verdict", ""),
+}
+COSTS: Mapping[str, Callable[[Record], Any]] = {
+    "seconds": lambda record: record.seconds,
+    "factorizations": lambda record: _of_legs(record, "factorizations"),
+    "newton_iterations": lambda record: _of_legs(record, "newton_iterations"),
+    "unknowns": lambda record: record.statistics.get("mesh", {}).get("unknowns"),
+    "ranks": lambda record: record.statistics.get("machine", {}).get("ranks"),
+    "peak_memory": lambda record: max(record.statistics.get("peak_memory", ()), default=None),
+    "attempts": lambda record: record.attempts,
+    "started_from": lambda record: record.start,
+}
+TEXT = ("status", "certificate", "started_from")
+"""columns of text"""
+FIXED = frozenset({"number", "key", *OUTCOME, *COSTS})
+"""columns that every table has"""
+PROVENANCE = ("job", "fingerprint", "versions", "machine")
+_UNITS = {"seconds": "s", "peak_memory": "B"}
+
+
+def columns(plan: Plan, records: Mapping[str, Record]) -> Columns:
+    """A list for each column, with an entry for each case; numbers are SI, and ``None`` is what is not known.
+
+    Args:
+        records: of finished cases by key; cases that have none are ``open``.
+    """
+    rows = [records.get(case.key) for case in plan.cases]
+    found: Columns = {"number": [case.number for case in plan.cases], "key": [case.key for case in plan.cases]}
+    for key, values in parameter_columns(plan).items():
+        found[parameter_name(key)] = values
+    for name, of in OUTCOME.items():
+        found[name] = [("open" if name == "status" else "") if row is None else of(row) for row in rows]
+    taken = _taken(plan)
+    for name, values in _results(rows):
+        found[_result_name(name, taken)] = values
+    for name, of in COSTS.items():
+        found[name] = [("" if name in TEXT else None) if row is None else of(row) for row in rows]
+    return found
+
+
+def units(plan: Plan, records: Mapping[str, Record]) -> dict[str, str]:
+    """SI units of the columns that have one, as far as they are known."""
+    found = _UNITS | {parameter_name(key): unit for key, unit in parameter_units(plan).items()}
+    taken, seen = _taken(plan), set[str]()
+    for case in plan.cases:
+        record = records.get(case.key)
+        quantities = {} if record is None else record.statistics.get("quantities", {})
+        if not quantities.keys() - seen:
+            continue
+        seen |= quantities.keys()
+        job = plan.job(case)
+        by = {parameter.key: unit_of_dimension(parameter.dimension) for parameter in parameters_of(job)}
+        for name, value in quantities.items():
+            unit = unit_of(f"quantities.{name}", job)
+            for part in _parts(name, value):
+                found |= {_result_name(part + suffix, taken): unit for suffix in ("", " estimated error", " sd")}
+                found |= {f"{part} slope in {key}": _per(unit, of) for key, of in by.items()}
+    return found
+
+
+def as_hdf5(plan: Plan, records: Mapping[str, Record]) -> bytes:
+    """The table as HDF5: in ``cases`` a dataset for each column, and ``provenance``, JSON text for each case."""
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
+        file.attrs["sweep"] = plan.sweep.sweep
+        fill(file.create_group("cases"), columns(plan, records), units(plan, records))
+        rows = (records.get(case.key) for case in plan.cases)
+        parts = ({} if r is None else {k: r.statistics[k] for k in PROVENANCE if k in r.statistics} for r in rows)
+        texts = [json.dumps(part, ensure_ascii=False) for part in parts]
+        file.create_dataset("provenance", data=texts, dtype=h5py.string_dtype())
+    return content.getvalue()
+
+
+def parameter_name(key: str) -> str:
+    """The column of a parameter; not one of those that every table has."""
+    return f"parameters.{key}" if key in FIXED else key
+
+
+def _taken(plan: Plan) -> frozenset[str]:
+    """Names of columns that are not those of quantities."""
+    return FIXED | {parameter_name(key) for case in plan.cases for key in case.parameters}
+
+
+def _result_name(name: str, taken: frozenset[str]) -> str:
+    return f"quantities.{name}" if name in taken else name
+
+
+def _per(unit: str, of: str) -> str:
+    """The unit of a slope."""
+    below = of if of.isalpha() else f"({of})"
+    return f"{unit or 1}/{below}" if of else unit
+
+
+def _of_legs(record: Record, key: str) -> int | None:
+    legs = record.statistics.get("legs", [])
+    return sum(leg[key] for leg in legs) if legs else None
+
+
+def _results(rows: list[Record | None]) -> Iterator[tuple[str, list[Any]]]:
+    """Columns of the quantities of interest, of their estimated errors, and of what they depend on."""
+    every: list[dict[str, Any]] = [{} if row is None else dict(_values(row.statistics)) for row in rows]
+    for name in dict.fromkeys(name for values in every for name in values):
+        yield name, [values.get(name) for values in every]
+
+
+def _values(statistics: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
+    """Numbers of one case by their column."""
+    estimate = (statistics.get("certificate", {}).get("estimate") or {}).get("quantities", {})
+    sensitivities = (statistics.get("sensitivities") or {}).get("quantities", {})
+    for name, value in statistics.get("quantities", {}).items():
+        yield from _parts(name, value).items()
+        if name in estimate:
+            yield from _parts(name, estimate[name], " estimated error").items()
+        if name in sensitivities:
+            for key, slope in sensitivities[name]["slopes"].items():
+                yield from _parts(name, slope, f" slope in {key}").items()
+            if sensitivities[name]["sd"] is not None:
+                yield from _parts(name, sensitivities[name]["sd"], " sd").items()
+
+
+def _parts(name: str, value: Any, suffix: str = "") -> dict[str, float | None]:
+    """A number by its name, or the components of a vector by theirs."""
+    if isinstance(value, list):
+        return {f"{name}[{i}]{suffix}": v for i, v in enumerate(value)}
+    return {f"{name}{suffix}": value}

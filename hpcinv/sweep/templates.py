@@ -1,0 +1,12 @@
+"""Where the batch scripts for Slurm are; as a program, prints it for them, since Slurm runs a copy of a script."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_HERE = Path(__file__).resolve().parent
+TEMPLATES = _HERE / "slurm" if (_HERE / "slurm").is_dir() else _HERE.parents[1] / "slurm"
+"""The copy in an installed package, or the directory ``slurm`` of a clone."""
+
+if __name__ == "__main__":
+    print(TEMPLATES)

@@ -1,0 +1,244 @@
+"""A group of ranks that solves one case after the other, as long as there are any."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import shutil
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
+
+import yaml
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+from petsc4py import PETSc
+
+from hpcinv.driver import run
+from hpcinv.errors import CheckpointError, HpcinvError, Interrupted, JobError, MeshError, SolveError
+from hpcinv.methods.guess import Guess
+from hpcinv.progress import Progress
+from hpcinv.runtime import MPI, on_root
+from hpcinv.rundirectory import RunDirectory
+from hpcinv.sweep.ledger import DEADLY
+from hpcinv.sweep.neighbours import Neighbours, Solution
+from hpcinv.sweep.record import Record
+from hpcinv.workspace import Workspace
+
+if TYPE_CHECKING:
+    from hpcinv.job import Job
+    from hpcinv.result import Result
+    from hpcinv.sweep.ledger import Claim
+    from hpcinv.sweep.neighbours import Floats
+    from hpcinv.sweep.plan import Case, Plan
+    from hpcinv.sweep.queue import Queue
+
+_KEPT = ("shape.*", "fields")  # of a run's directory; the summary is in the record
+_COLLECT = 20  # cases between collections of garbage
+
+
+@dataclass(frozen=True)
+class Task:
+    """A case that this group has claimed; the claim is known to its first rank."""
+
+    case: Case
+    job: Job
+    claim: Claim
+    point: Floats
+    directory: RunDirectory
+
+
+class Worker:
+    """Runs cases on all ranks of ``comm``.
+
+    Args:
+        queue: on rank 0, ``None`` on the others.
+        note: told on rank 0 of each case that has ended.
+        stop_asked: asked on every rank.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        comm: MPI.Intracomm,
+        queue: Queue | None,
+        note: Callable[[str], None],
+        stop_asked: Callable[[], bool],
+    ) -> None:
+        self.plan, self.comm, self.queue = plan, comm, queue
+        self.note, self.stop_asked = note, stop_asked
+        self.workspace = Workspace(comm)
+        self.neighbours: tuple[str, Neighbours] = "", Neighbours()
+        self.solved = 0
+
+    def work(self) -> None:
+        """Solve cases until none is left that others do not have in hand; collective.
+
+        Raises:
+            Interrupted: a signal asked to stop; the case at hand is given back, with what it has saved.
+            OutputError, SystemPartMissing: the same on every rank; the case is given back.
+        """
+        with self.workspace:
+            while True:
+                if self.comm.allreduce(self.stop_asked(), op=MPI.LOR):
+                    raise Interrupted("stopped by a signal")
+                task = on_root(self.comm, self._next)
+                if task is None:
+                    return
+                try:
+                    record = self._solve(task)
+                except HpcinvError:
+                    on_root(self.comm, lambda task=task: self._ledger.release(task.claim))  # type: ignore[misc]
+                    raise
+                on_root(self.comm, lambda task=task, record=record: self._commit(task, record))  # type: ignore[misc]
+                self.solved += 1
+                if self.solved % _COLLECT == 0:
+                    collect_garbage(self.comm)
+
+    @property
+    def _ledger(self) -> Any:
+        assert self.queue is not None
+        return self.queue.ledger
+
+    def _next(self) -> Task | None:
+        assert self.queue is not None
+        if (found := self.queue.next()) is None:
+            return None
+        case, claim = found
+        text = yaml.safe_dump(_plain(self.plan.content(case)), sort_keys=False, allow_unicode=True)
+        return Task(case, self.plan.job(case), claim, self.queue.point(case), RunDirectory(claim.run, text))
+
+    def _solve(self, task: Task) -> Record:
+        """Solve a case; that it cannot be solved is a result too."""
+        begun = time.perf_counter()
+        record = Record("", "", {}, 0.0, task.claim.attempt)
+        if task.claim.died >= DEADLY:
+            status = f"the process that ran it was killed {task.claim.died} times"
+            return replace(record, status=status, advice="Was it out of memory? Give it more, or a coarser mesh.")
+        if (known := on_root(self.comm, lambda: _summary(task.directory))) is not None:
+            return replace(record, status="converged", statistics=known)  # it was killed just before its commit
+        heard = _Listener(self.comm)
+        start, guess = self._guess(task)
+        try:
+            result = self._run(task, heard, guess)
+            self._remember(task, result)
+            record = replace(record, status="converged")
+        except (SolveError, MeshError) as error:
+            record = replace(record, status=error.message, advice=error.advice)
+        except JobError as error:  # a formula without a value
+            record = replace(record, status="; ".join(error.problems))
+        except HpcinvError:
+            raise
+        except Exception as error:
+            if self.comm.size > 1:  # the ranks may have lost each other
+                raise
+            record = replace(record, status=_unforeseen(error), advice="This is an error in hpcinv; please report it.")
+            self.workspace.clear()
+        seconds = time.perf_counter() - begun
+        if start and not _began_with_guess(heard.statistics):
+            start = ""
+        return replace(record, statistics=heard.statistics, seconds=seconds, start=start)
+
+    def _run(self, task: Task, heard: Progress, guess: Guess | None) -> Result:
+        """From the last checkpoint if there is one that can be used."""
+        go = partial(
+            run,
+            task.job,
+            self.comm,
+            directory=task.directory,
+            progress=heard,
+            stop_asked=self.stop_asked,
+            workspace=self.workspace,
+            guess=guess,
+        )
+        if on_root(self.comm, lambda: (task.directory.path / "origin.json").exists()):
+            with contextlib.suppress(CheckpointError):
+                return go(resume=True)
+        return go(overwrite=True)
+
+    def _guess(self, task: Task) -> tuple[str, Guess | None]:
+        """Key of the nearest case, and what to begin with."""
+        structure, known = self.neighbours
+        if not self.plan.sweep.warm_start or structure != task.case.structure:
+            return "", None
+        found = known.guess(task.point)
+        return ("", None) if found is None else (found[1], found[0])
+
+    def _remember(self, task: Task, result: Result) -> None:
+        """Keep the solution for the cases to come."""
+        leg = result.legs[0]
+        if not self.plan.sweep.warm_start or result.accuracy is not None:
+            return
+        if self.neighbours[0] != task.case.structure:
+            self.neighbours = task.case.structure, Neighbours()
+        signs = [s.signs[-1] for s in leg.solves if s.outcome.accepted and s.signs]
+        pressure = None if leg.pressure is None else leg.pressure.x.array.copy()
+        guess = Guess(leg.displacement.x.array.copy(), pressure, signs[-1] if signs else 0)
+        solution = Solution(task.case.key, task.point, guess)
+        self.neighbours[1].add(solution, self.comm.allreduce(solution.bytes, op=MPI.MAX))
+
+    def _commit(self, task: Task, record: Record) -> None:
+        first = self._ledger.commit(task.claim, record)
+        if record.converged and any(path for kept in _KEPT for path in task.directory.path.glob(kept)):
+            shutil.rmtree(task.directory.checkpoints, ignore_errors=True)
+        else:
+            shutil.rmtree(task.directory.path, ignore_errors=True)
+        self.note(_line(task.case, record, first=first))
+
+
+class _Listener(Progress):
+    """Hears the statistics of a run, also of one that fails in the end."""
+
+    def __init__(self, comm: MPI.Intracomm) -> None:
+        super().__init__(comm, None)
+        self.statistics: Mapping[str, Any] = {}
+
+    def finish(self, statistics: Mapping[str, Any]) -> None:
+        self.statistics = statistics
+
+
+def collect_garbage(comm: MPI.Intracomm) -> None:
+    """Free meshes and matrices now, on all ranks: each holds communicators, of which there are only so many."""
+    gc.collect()
+    PETSc.garbage_cleanup(cast(PETSc.Comm, comm))
+
+
+def _summary(directory: RunDirectory) -> Mapping[str, Any] | None:
+    """The summary of a run that was finished, but not committed."""
+    if not directory.is_finished:
+        return None
+    found: Mapping[str, Any] = json.loads((directory.path / "summary.json").read_text(encoding="utf-8"))
+    return found
+
+
+def _began_with_guess(statistics: Mapping[str, Any]) -> bool:
+    solves = statistics["legs"][0]["solves"] if statistics else []
+    return bool(solves) and all(solve["strategy"] == "guess" for solve in solves)
+
+
+def _unforeseen(error: Exception) -> str:
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    return f"internal error: {type(error).__name__}: {error} ({where.name}, line {where.lineno})"
+
+
+def _line(case: Case, record: Record, *, first: bool) -> str:
+    line = f"{case.title}: "
+    if not first:
+        return line + "was done by another meanwhile"
+    if not record.converged:
+        return line + record.status
+    certificate = record.statistics["certificate"]["verdict"]
+    return line + f"{record.seconds:.2f} s, certificate {certificate}" + (", from a guess" if record.start else "")
+
+
+def _plain(value: Any) -> Any:
+    """As YAML has it."""
+    if isinstance(value, Mapping):
+        return {key: _plain(v) for key, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value

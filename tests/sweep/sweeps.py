@@ -1,0 +1,39 @@
+"""What the tests of sweeps share: a small sweep as a file, and its records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from command_line import NO_CERTIFICATE, ROOT
+
+from hpcinv.sweep.plan import Plan, load_sweep
+from hpcinv.sweep.record import Record
+from hpcinv.sweep.results import ledger_of
+
+BLOCK: Mapping[str, Any] = {
+    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"nx": 2, "ny": 2, "nz": 2}},
+    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+    "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}],
+    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
+    "quantities": [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}],
+    "certificate": NO_CERTIFICATE,
+}
+"""A unit cube that stands on its clamped bottom; its height before it was loaded is asked for."""
+
+
+def write_sweep(directory: Path, axes: list[dict[str, Any]], *, job: Mapping[str, Any] = BLOCK, **more: Any) -> Path:
+    """A sweep file with its job beside it; the store is beside both."""
+    (directory / "block.yaml").write_text(yaml.safe_dump(dict(job), sort_keys=False))
+    path = directory / "sweep.yaml"
+    path.write_text(yaml.safe_dump({"job": "block.yaml", "store": "store", "axes": axes, **more}, sort_keys=False))
+    return path
+
+
+def records_of(sweep: Path) -> dict[int, Record | None]:
+    """Records by the number of the case."""
+    plan: Plan = load_sweep(sweep)
+    ledger = ledger_of(plan)
+    return {case.number: ledger.record(case.key) for case in plan.cases}

@@ -1,0 +1,578 @@
+"""The ledger of a store, by one process: what it keeps and does not believe, whom it takes for dead, what it says."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hpcinv.errors import OutputError
+from hpcinv.sweep import exclusive, holder, liveness
+from hpcinv.sweep.holder import Holder, Identity
+from hpcinv.sweep.ledger import Ledger, State
+from hpcinv.sweep.record import Record
+
+KEY, OTHER = "ab" + 18 * "0", "ab" + 18 * "1"
+DONE = Record("converged", "", {"quantities": {"length": 0.1}}, 1.5, 1)
+FAILED = Record("a fold of the path", "more steps", {}, 0.1, 1, OTHER)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    return tmp_path / "results" / "store"
+
+
+@pytest.fixture
+def ledger(store: Path) -> Iterator[Ledger]:
+    with Holder(store) as me:
+        yield Ledger(store, me)
+
+
+def record_file(store: Path, number: int = 1) -> Path:
+    return store / "ledger" / "ab" / f"{KEY}.record-{number}.json"
+
+
+def files(store: Path) -> set[str]:
+    return {path.name.removeprefix(f"{KEY}.") for path in (store / "ledger").glob("*/*")}
+
+
+# What it keeps
+
+
+def test_a_record_is_read_as_it_was_written() -> None:
+    numbers = [0.1, 1 / 3, 5e-324, 1.7976931348623157e308, -0.0, 2**63, "µ → ∞", None, True, {"a": [[], {}]}]
+    record = Record("converged", "", {"numbers": numbers}, 1e-3, 3, KEY)
+    again = Record.decoded(record.encoded())
+    assert again == record
+    assert str(again) == str(record)  # tells 1 from 1.0 and 0.0 from -0.0
+
+
+def test_what_is_not_finite_is_null_in_a_record() -> None:
+    record = Record("diverged", "", {"a": [float("nan"), (float("inf"), 1.0)]}, 1.0, 1)
+    assert Record.decoded(record.encoded()).statistics == {"a": [None, [None, 1.0]]}
+
+
+def test_a_case_is_claimed_once_and_finished_once(ledger: Ledger, store: Path) -> None:
+    assert ledger.states([KEY, OTHER]) == {KEY: State("open"), OTHER: State("open")}
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    assert (claim.attempt, claim.died) == (1, 0)
+    assert ledger.claim(KEY) is None
+    state = ledger.states([KEY])[KEY]
+    assert state.name == "running"
+    assert f"process {os.getpid()} on" in state.holder
+    assert ledger.commit(claim, DONE)
+    assert not ledger.commit(claim, FAILED)
+    assert ledger.record(KEY) == DONE
+    assert ledger.claim(KEY) is None
+    assert ledger.states([KEY, OTHER]) == {KEY: State("finished"), OTHER: State("open")}
+    assert ledger.records([OTHER, KEY]) == {KEY: DONE}
+    assert files(store) == {"record-1.json"}
+
+
+def test_a_case_given_back_goes_on_with_what_was_saved(ledger: Ledger) -> None:
+    first = ledger.claim(KEY)
+    assert first is not None
+    first.run.mkdir(parents=True)
+    (first.run / "checkpoint").write_text("half way")
+    ledger.release(first)
+    assert ledger.states([KEY])[KEY] == State("open")
+    second = ledger.claim(KEY)
+    assert second is not None
+    assert (second.attempt, second.died) == (2, 0)
+    assert (second.run / "checkpoint").read_text() == "half way"
+    assert not first.run.exists()
+    assert not ledger.commit(first, DONE)  # its claim is over
+    assert ledger.commit(second, DONE)
+
+
+def test_only_a_failed_case_is_tried_again_and_anew(ledger: Ledger, store: Path) -> None:
+    assert not ledger.retry(KEY)
+    first = ledger.claim(KEY)
+    assert first is not None
+    assert not ledger.retry(KEY)
+    first.run.mkdir(parents=True)
+    ledger.commit(first, FAILED)
+    assert ledger.retry(KEY)
+    assert not ledger.retry(KEY)
+    assert ledger.states([KEY])[KEY] == State("open")
+    assert ledger.record(KEY) is None
+    second = ledger.claim(KEY)
+    assert second is not None
+    assert (second.round, second.attempt, second.died) == (2, 1, 0)
+    assert not any(ledger.directory(KEY).iterdir())
+    assert not ledger.commit(first, DONE)  # too late: that round is over
+    assert ledger.commit(second, DONE)
+    assert not ledger.retry(KEY)
+    assert ledger.record(KEY) == DONE
+    assert Record.decoded(record_file(store).read_bytes()) == FAILED  # it is kept
+
+
+def begun(ledger: Ledger, meanwhile: Ledger) -> None:
+    assert meanwhile.claim(KEY) is not None
+
+
+def given_back(ledger: Ledger, meanwhile: Ledger) -> None:
+    claim = meanwhile.claim(KEY)
+    assert claim is not None
+    meanwhile.release(claim)
+
+
+def finished(ledger: Ledger, meanwhile: Ledger) -> None:
+    claim = meanwhile.claim(KEY)
+    assert claim is not None
+    assert meanwhile.commit(claim, FAILED)
+
+
+def to_be_tried_again(ledger: Ledger, meanwhile: Ledger) -> None:
+    finished(ledger, meanwhile)
+    assert meanwhile.retry(KEY)
+
+
+def begun_again(ledger: Ledger, meanwhile: Ledger) -> None:
+    to_be_tried_again(ledger, meanwhile)
+    assert meanwhile.claim(KEY) is not None
+
+
+@pytest.mark.parametrize("history", [begun, given_back, finished, to_be_tried_again, begun_again])
+@pytest.mark.parametrize("before", [0, 1])
+def test_who_hesitates_between_looking_and_claiming_gets_nothing(
+    ledger: Ledger,
+    store: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    before: int,
+    history: Callable[[Ledger, Ledger], None],
+) -> None:
+    with Holder(store) as other:
+        faster = Ledger(store, other)
+        for _ in range(before):
+            given_back(ledger, faster)
+        create = exclusive.create
+
+        def late(path: Path, content: bytes) -> bool:
+            monkeypatch.undo()
+            history(ledger, faster)
+            return create(path, content)
+
+        monkeypatch.setattr("hpcinv.sweep.ledger.create", late)
+        assert ledger.claim(KEY) is None
+        state = ledger.states([KEY])[KEY]  # as if nothing had happened
+        assert state.name == {begun: "running", begun_again: "running", finished: "finished"}.get(history, "open")
+        assert (ledger.claim(KEY) is None) == (state.name != "open")
+
+
+# What it does not believe
+
+
+WHOLE = DONE.encoded()
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        b"",
+        WHOLE[:-1],
+        WHOLE[: len(WHOLE) // 2],
+        WHOLE.replace(b"0.1", b"0.2"),
+        WHOLE.replace(b"0.1", b"\xff.1"),
+        WHOLE + b"\n",
+        bytes(len(WHOLE)),
+        b'{"record": {}}',
+        b"[]",
+    ],
+)
+def test_a_damaged_record_is_not_believed_and_its_case_is_open(ledger: Ledger, store: Path, damaged: bytes) -> None:
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    ledger.commit(claim, DONE)
+    record_file(store).write_bytes(damaged)
+    assert ledger.record(KEY) is None
+    assert ledger.record(KEY) is None
+    assert ledger.states([KEY])[KEY] == State("open")
+    assert record_file(store).read_bytes() == damaged  # left for who wants to know
+    again = ledger.claim(KEY)
+    assert again is not None
+    assert ledger.commit(again, FAILED)
+    assert ledger.record(KEY) == FAILED
+
+
+def test_a_record_with_other_entries_is_not_believed() -> None:
+    content = b'{"status": "converged"}'
+    digest = hashlib.sha256(content).hexdigest().encode()
+    with pytest.raises(ValueError, match="other entries"):
+        Record.decoded(b'{"record": ' + content + b', "sha256": "' + digest + b'"}\n')
+
+
+@pytest.mark.parametrize("damaged", [b"", b'{"holder": {"token": "x"', b'{"holder": {"token": "x"}}', b"[1]", b"\xff"])
+def test_a_damaged_claim_counts_for_the_lease(
+    ledger: Ledger, store: Path, clock: Callable[[float], None], damaged: bytes
+) -> None:
+    ledger.claim(KEY)
+    (store / "ledger" / "ab" / f"{KEY}.claim-1-1.json").write_bytes(damaged)
+    assert ledger.claim(KEY) is None
+    assert ledger.states([KEY])[KEY] == State("running", "unknown")
+    clock(liveness.LEASE - 0.1)
+    assert ledger.claim(KEY) is None
+    clock(0.1)
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    assert claim.died == 1
+
+
+def test_partial_files_are_no_files_and_go_with_the_record(ledger: Ledger, store: Path) -> None:
+    directory = store / "ledger" / "ab"
+    directory.mkdir()
+    for name in ("record-1.json", "claim-1-7.json", "reopened-4.json", "released-1-1"):
+        (directory / f".{KEY}.{name}.0a1b.partial").write_bytes(WHOLE[:20])
+    (directory / ".nfs0000012").touch()
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    assert (claim.round, claim.attempt) == (1, 1)
+    ledger.commit(claim, DONE)
+    assert files(store) == {"record-1.json", ".nfs0000012"}
+
+
+# Whom it takes for dead
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
+    """Lets time pass on our own monotonic clock."""
+    now = 1000.0
+
+    def advance(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    monkeypatch.setattr(liveness, "monotonic", lambda: now)
+    return advance
+
+
+@pytest.fixture
+def elsewhere(store: Path) -> Iterator[Holder]:
+    """A holder on another machine, whose heartbeat the test writes itself."""
+    with Holder(store, beat=1e6) as other:
+        other.identity = replace(other.identity, machine="another", pid=1)
+        yield other
+
+
+def test_one_elsewhere_is_dead_when_its_heartbeat_stands_still_for_the_lease(
+    ledger: Ledger, store: Path, elsewhere: Holder, clock: Callable[[float], None]
+) -> None:
+    assert Ledger(store, elsewhere).claim(KEY) is not None
+    assert ledger.claim(KEY) is None  # seen for the first time
+    for beat in range(2, 50):
+        clock(liveness.LEASE - 0.1)
+        elsewhere.heartbeat.write_bytes(b"%020d" % beat)
+        assert ledger.claim(KEY) is None
+    clock(liveness.LEASE - 0.1)
+    assert ledger.claim(KEY) is None
+    assert ledger.states([KEY])[KEY].name == "running"
+    clock(0.1)
+    assert ledger.states([KEY])[KEY] == State("open", died=1)
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    assert (claim.attempt, claim.died) == (2, 1)
+    assert not elsewhere.heartbeat.exists()  # nobody needs it any more
+
+
+def test_one_elsewhere_without_a_heartbeat_is_dead_after_the_lease(
+    ledger: Ledger, store: Path, elsewhere: Holder, clock: Callable[[float], None]
+) -> None:
+    assert Ledger(store, elsewhere).claim(KEY) is not None
+    elsewhere.heartbeat.unlink()
+    assert ledger.claim(KEY) is None
+    clock(liveness.LEASE - 0.1)
+    assert ledger.claim(KEY) is None
+    clock(0.1)
+    assert ledger.claim(KEY) is not None
+
+
+@pytest.mark.parametrize("hours", [-1000, 1000])
+def test_clocks_that_are_wrong_change_nothing(
+    ledger: Ledger,
+    store: Path,
+    elsewhere: Holder,
+    clock: Callable[[float], None],
+    monkeypatch: pytest.MonkeyPatch,
+    hours: int,
+) -> None:
+    right = time.time
+    monkeypatch.setattr(time, "time", lambda: right() + 3600 * hours)
+    assert Ledger(store, elsewhere).claim(KEY) is not None
+    for path in store.rglob("*"):
+        os.utime(path, (right() - 3600 * hours, right() - 3600 * hours))
+    assert ledger.claim(KEY) is None
+    clock(liveness.LEASE - 0.1)
+    for path in store.rglob("*"):
+        os.utime(path, (right() + 7200 * hours, right() + 7200 * hours))
+    assert ledger.claim(KEY) is None
+    clock(0.1)
+    assert ledger.claim(KEY) is not None
+
+
+def identity(**changes: Any) -> Identity:
+    return replace(Identity.of_this_process(), **changes)
+
+
+@pytest.mark.parametrize(
+    ("other", "dead"),
+    [
+        (identity(), False),
+        (identity(started="1"), True),  # the number was given to another process since
+        (identity(pid=2**22 - 1), True),
+        (identity(pid=2**22 - 1, machine="another"), False),  # not yet
+        (identity(started="1", machine=""), False),
+        (identity(machine="another", job="cluster/7", restart=0), True),
+        (identity(machine="another", job="cluster/7", restart=1), False),
+        (identity(machine="another", job="elsewhere/7", restart=0), False),
+        (identity(machine="another", job="cluster/8", restart=0), False),
+        (identity(job="cluster/7", restart=0), False),  # it is there, whatever Slurm counts
+    ],
+)
+def test_who_is_dead_at_once(store: Path, other: Identity, dead: bool) -> None:
+    me = identity(job="cluster/7", restart=1)
+    assert liveness.Watch(store, me, 60.0).is_dead(other) is dead
+    outside = identity(job="")
+    assert liveness.Watch(store, outside, 60.0).is_dead(replace(other, job="", machine="another")) is False
+
+
+def test_a_zombie_is_dead() -> None:
+    with subprocess.Popen(["sleep", "100"]) as process:
+        assert holder.start_of(process.pid)
+        process.kill()
+        while Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+            time.sleep(0.001)
+        assert holder.start_of(process.pid) == ""
+
+
+def test_slurm_tells_who_we_are() -> None:
+    slurm = {"SLURM_CLUSTER_NAME": "c", "SLURM_JOB_ID": "7", "SLURM_RESTART_COUNT": "2"}
+    me = Identity.of_this_process(slurm)
+    assert (me.job, me.restart) == ("c/7", 2)
+    assert str(me).endswith("(job 7)")
+    alone = Identity.of_this_process({})
+    assert (alone.job, alone.restart) == ("", 0)
+    assert me.token != alone.token
+    assert Identity.from_json(me.as_json()) == me
+
+
+# What it says when the file system fails
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 64 kB of its own."""
+    path = tmp_path / "disk"
+    path.mkdir()
+    mount = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", path], capture_output=True, check=False)
+    if mount.returncode:
+        pytest.skip("needs the right to mount a small disk")
+    yield path
+    subprocess.run(["umount", "-l", path], check=True)
+
+
+def fill(disk: Path) -> Path:
+    filler = disk / "filler"
+    with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
+        while True:
+            file.write(bytes(1024))
+    assert os.statvfs(disk).f_bfree == 0
+    return filler
+
+
+def everything(path: Path) -> set[Path]:
+    return {p for p in path.rglob("*") if p.name != "filler"}
+
+
+def test_a_full_disk_is_told_and_leaves_nothing_behind(small_disk: Path) -> None:
+    store = small_disk / "store"
+    with Holder(store, beat=0.05) as me:
+        ledger = Ledger(store, me)
+        claim = ledger.claim(KEY)
+        assert claim is not None
+        before, filler = everything(small_disk), fill(small_disk)
+        with pytest.raises(OutputError, match=r"record-1\.json: No space left on device\n  Make room .* goes on from"):
+            ledger.commit(claim, DONE)
+        with pytest.raises(OutputError, match=r"claim-1-1\.json: No space left"):
+            ledger.claim(OTHER)
+        assert everything(small_disk) == before
+        beat = me.heartbeat.read_bytes()
+        deadline = time.monotonic() + 20
+        while me.heartbeat.read_bytes() == beat:  # others still see that we live
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        filler.unlink()
+        assert ledger.commit(claim, DONE)
+        assert ledger.claim(OTHER) is not None
+    assert Ledger(store, Holder(store)).record(KEY) == DONE
+
+
+def test_a_store_cannot_begin_on_a_full_disk(small_disk: Path) -> None:
+    filler = fill(small_disk)
+    with pytest.raises(OutputError, match="No space left"), Holder(small_disk / "store"):
+        pass
+    assert not [path for path in everything(small_disk) if path.is_file()]
+    filler.unlink()
+    with Holder(small_disk / "store"):
+        pass
+
+
+def test_a_store_that_may_only_be_read_can_be_read(small_disk: Path) -> None:
+    store = small_disk / "store"
+    with Holder(store) as me:
+        ledger = Ledger(store, me)
+        for key in (KEY, OTHER):
+            claim = ledger.claim(key)
+            assert claim is not None
+            ledger.commit(claim, DONE)
+        (store / "ledger" / "ab" / f"{OTHER}.record-1.json").write_bytes(b"")
+    subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
+    reader = Ledger(store, Holder(store))
+    assert reader.records([KEY, OTHER]) == {KEY: DONE}
+    with pytest.raises(OutputError, match=r"Read-only file system\n  Make it writable, or choose another 'store'"):
+        Holder(store).__enter__()
+
+
+def test_a_store_that_vanishes_is_told_and_not_made_again(ledger: Ledger, store: Path) -> None:
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    shutil.rmtree(store)
+    for fails in (
+        lambda: ledger.commit(claim, DONE),
+        lambda: ledger.claim(KEY),
+        lambda: ledger.claim("cd" + 18 * "0"),
+        lambda: ledger.release(claim),
+    ):
+        with pytest.raises(OutputError, match=r"No such file or directory\n  See whether its file system is still th"):
+            fails()
+    assert not store.exists()
+
+
+def test_a_store_below_a_file_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match=r"file/store: Not a directory"), Holder(tmp_path / "file" / "store"):
+        pass
+
+
+def test_a_directory_with_other_things_is_no_store(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(OutputError, match="holds files that are not of a store"):
+        Ledger(tmp_path, Holder(tmp_path)).open()
+    assert {path.name for path in tmp_path.iterdir()} == {"thesis.tex"}
+
+
+@pytest.mark.parametrize("mark", ['{"format": "hpcinv store 99"}', "{}", ""])
+def test_a_store_of_another_format_is_refused(tmp_path: Path, mark: str) -> None:
+    (tmp_path / "store.json").write_text(mark)
+    with pytest.raises(OutputError, match=r"store\.json: the format is .*, not hpcinv store 1"):
+        Ledger(tmp_path, Holder(tmp_path)).open()
+
+
+def test_a_store_that_is_not_there_has_only_open_cases(tmp_path: Path) -> None:
+    reader = Ledger(tmp_path / "none", Holder(tmp_path / "none"))
+    assert reader.states([KEY]) == {KEY: State("open")}
+    assert reader.record(KEY) is None
+    assert not (tmp_path / "none").exists()
+
+
+# File systems with manners of their own
+
+
+def test_without_hard_links_it_works_all_the_same(ledger: Ledger, store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_links(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", no_links)
+    file = store / "ledger" / "claim"
+    assert exclusive.create(file, b"1")
+    assert not exclusive.create(file, b"2")
+    assert not exclusive.publish(file, b"3")
+    assert file.read_bytes() == b"1"
+    test_only_a_failed_case_is_tried_again_and_anew(ledger, store)
+    assert files(store) == {"record-1.json", "reopened-2.json", "record-2.json"}
+
+
+def test_without_hard_links_a_claim_that_cannot_be_written_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_links(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    flush, flushed = os.fsync, 0
+
+    def full(descriptor: int) -> None:
+        nonlocal flushed
+        flushed += 1
+        if flushed == 2:  # the first was the partial file
+            raise OSError(28, "No space left on device")
+        flush(descriptor)
+
+    monkeypatch.setattr(os, "link", no_links)
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        exclusive.create(tmp_path / "claim", b"1")
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_link_that_was_made_though_it_is_told_otherwise_is_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As NFS does when the server's answer is lost and the request repeated."""
+    link = os.link
+
+    def repeated(source: Path, target: Path) -> None:
+        link(source, target)
+        link(source, target)
+
+    monkeypatch.setattr(os, "link", repeated)
+    assert exclusive.create(tmp_path / "claim", b"1")
+    assert not exclusive.create(tmp_path / "claim", b"2")
+    assert (tmp_path / "claim").read_bytes() == b"1"
+
+
+def test_any_other_error_of_a_link_is_raised_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise OSError(122, "Disk quota exceeded")
+
+    monkeypatch.setattr(os, "link", fails)
+    with pytest.raises(OutputError, match=r"Disk quota exceeded\n  Make room there"), exclusive.told(tmp_path):
+        exclusive.publish(tmp_path / "record", b"1")
+    assert not any(tmp_path.iterdir())
+
+
+# What it costs
+
+
+def test_where_10_000_cases_stand_costs_a_scan_for_each_first_two_digits(
+    ledger: Ledger, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys = [f"{number % 256:02x}{number:018x}" for number in range(10_000)]
+    for key in keys[:512]:
+        claim = ledger.claim(key)
+        assert claim is not None
+        ledger.commit(claim, DONE)
+    scans, scan = 0, os.scandir
+
+    def counted(path: Any) -> Any:
+        nonlocal scans
+        scans += 1
+        return scan(path)
+
+    monkeypatch.setattr(os, "scandir", counted)
+    monkeypatch.setattr(os, "stat", pytest.fail)
+    monkeypatch.setattr(os, "open", pytest.fail)
+    states = ledger.states(keys)
+    assert scans == 256
+    assert sum(state.name == "finished" for state in states.values()) == 512

@@ -1,0 +1,175 @@
+"""The ledger's protocol, step by step: several processes whose file operations take turns in an order that is drawn.
+
+Each is a thread that stops before every file operation; then one of all is chosen to go on, or to be killed. Who lives
+is known here, not watched, so that whatever goes wrong is the protocol's fault.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from hpcinv.sweep.holder import Identity
+from hpcinv.sweep.ledger import Claim, Ledger
+from hpcinv.sweep.liveness import Watch
+from hpcinv.sweep.record import Record
+from hpcinv.sweep.store import open_store
+
+KEY = "ab" + 18 * "0"
+OPERATIONS = {"open", "os.link", "os.remove", "os.rename", "os.mkdir", "os.scandir"}
+
+
+def ledger_of(store: Path) -> Ledger:
+    holder: Any = SimpleNamespace(identity=Identity.of_this_process({}), is_beating=True)
+    return Ledger(store, holder)
+
+
+class Killed(BaseException):
+    """Raised in a process at every operation that it would do after its death."""
+
+
+class Process:
+    """One of the processes; goes on by one operation with each `step`."""
+
+    current = threading.local()
+
+    def __init__(self, schedule: Schedule, act: Callable[[Process], None]) -> None:
+        self.schedule, self.ledger = schedule, ledger_of(schedule.store)
+        self.token = self.ledger.holder.identity.token
+        self.killed = self.ended = False
+        self.error: BaseException | None = None
+        self._go, self._stopped = threading.Semaphore(0), threading.Semaphore(0)
+        self._thread = threading.Thread(target=self._run, args=(act,))
+        self._thread.start()
+
+    def _run(self, act: Callable[[Process], None]) -> None:
+        Process.current.process = self
+        self._go.acquire()
+        try:
+            act(self)
+        except Killed:
+            pass
+        except BaseException as error:
+            self.error = error
+        self.ended = True
+        self._stopped.release()
+
+    def step(self) -> None:
+        self._go.release()
+        self._stopped.acquire()
+        if self.ended:
+            self._thread.join()
+        if self.error is not None:
+            raise self.error
+
+    def pause(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if not self.killed:
+            self._stopped.release()
+            self._go.acquire()
+        if self.killed:
+            raise Killed
+        if event == "os.link" and ".record-" in str(arguments[1]):
+            self.schedule.at_work.pop(self, None)  # from here on the others may know that it is finished
+
+
+def _before_operation(event: str, arguments: tuple[Any, ...]) -> None:
+    if event in OPERATIONS and (process := getattr(Process.current, "process", None)) is not None:
+        process.pause(event, arguments)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _operations() -> None:
+    sys.addaudithook(_before_operation)  # stays; it concerns only the threads above
+
+
+class Schedule:
+    """One order in which the processes take turns, and what must be so in every order."""
+
+    def __init__(self, store: Path, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.store, self.random = store, random.Random(seed)
+        self.at_work: dict[Process, Claim] = {}
+        self.commits: list[int] = []  # rounds
+        self.dead: set[str] = set()
+        open_store(store)
+        monkeypatch.setattr(Watch, "is_dead", lambda _, other: other.token in self.dead)
+        monkeypatch.setattr(os, "fsync", lambda _: None)
+
+    def work(self, process: Process) -> None:
+        for _ in range(15):
+            if (claim := process.ledger.claim(KEY)) is None:
+                continue
+            assert not self.at_work, "two work on one case"
+            assert not self.record(claim.round).exists(), "it was finished"
+            self.at_work[process] = claim
+            claim.run.mkdir(parents=True, exist_ok=True)
+            if (status := self.random.choice(["converged", "failed", "failed", "released"])) == "released":
+                del self.at_work[process]
+                process.ledger.release(claim)
+            elif process.ledger.commit(claim, Record(status, "", {}, 0.1, claim.attempt)):
+                self.commits.append(claim.round)
+
+    def retry(self, process: Process) -> None:
+        for _ in range(30):
+            process.ledger.retry(KEY)
+
+    def record(self, number: int) -> Path:
+        return self.store / "ledger" / KEY[:2] / f"{KEY}.record-{number}.json"
+
+    def finished(self) -> list[int]:
+        """The rounds with a record, each of which is whole."""
+        numbers = [number for number in range(1, 100) if self.record(number).exists()]
+        for number in numbers:
+            Record.decoded(self.record(number).read_bytes())
+        return numbers
+
+    def run(self, deaths: float) -> None:
+        """Play it to its end."""
+        processes = [Process(self, self.work) for _ in range(3)] + [Process(self, self.retry) for _ in range(2)]
+        chosen = processes[0]
+        try:
+            while left := [process for process in processes if not process.ended]:
+                if chosen.ended or self.random.random() < 0.15:  # bursts: what has been seen is long over for others
+                    chosen = self.random.choice(left)
+                if self.random.random() < deaths:
+                    self.kill(chosen)
+                chosen.step()
+        finally:
+            for process in processes:
+                if not process.ended:
+                    self.kill(process)
+                    process.step()
+
+    def kill(self, process: Process) -> None:
+        process.killed = True
+        self.dead.add(process.token)
+        self.at_work.pop(process, None)
+
+
+@pytest.mark.parametrize("deaths", [0.0, 0.01])
+def test_in_whatever_order_processes_take_turns(tmp_path: Path, deaths: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    rounds = 0
+    for seed in range(100):
+        schedule = Schedule(tmp_path / str(seed), seed, monkeypatch)
+        schedule.run(deaths)
+        finished = schedule.finished()
+        assert finished == list(range(1, len(finished) + 1))
+        if deaths:  # also between the record's appearance and its process' knowledge of that
+            assert set(schedule.commits) <= set(finished)
+        else:
+            assert sorted(schedule.commits) == finished
+        assert len(set(schedule.commits)) == len(schedule.commits)
+        rounds += len(finished)
+        # Whoever comes later finds a case that is finished, or takes it.
+        monkeypatch.setattr(Watch, "is_dead", lambda *_: True)
+        later = ledger_of(schedule.store)
+        assert later.states([KEY])[KEY].name in ("open", "finished")
+        assert (later.claim(KEY) is None) == (later.record(KEY) is not None)
+    assert rounds > 150  # else the orders were not varied enough to tell anything
