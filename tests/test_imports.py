@@ -6,7 +6,7 @@ import resource
 import subprocess
 import sys
 
-MODULES = "hpcinv.job, hpcinv.materials, hpcinv.effects, hpcinv.study.plan"
+MODULES = "hpcinv.job, hpcinv.materials, hpcinv.effects, hpcinv.study.plan, hpcinv.sweep.plan"
 HEAVY = {
     "dolfinx",
     "dolfinx_solver",
@@ -19,6 +19,7 @@ HEAVY = {
     "h5py",
     "numpy",
     "pyvista",
+    "scipy",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -42,8 +43,11 @@ def _write_json(path: Path, statistics: Mapping[str, Any]) -> None:
 
 
 def _write_hdf5(path: Path, statistics: Mapping[str, Any]) -> None:
-    with h5py.File(path, "w") as file:
+    # In memory first: on a full disk h5py raises what is no OSError, and leaves a file that it cannot close.
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
         _fill(file, statistics)
+    path.write_bytes(content.getvalue())
 
 
 WRITERS: Mapping[str, Callable[[Path, Mapping[str, Any]], None]] = {

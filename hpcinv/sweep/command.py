@@ -12,6 +12,7 @@ from hpcinv.sweep.liveness import LEASE
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.reporting import add_reports
 from hpcinv.sweep.results import ledger_of
+from hpcinv.sweep.submit import add_submit
 from hpcinv.sweep.tally import Tally
 
 
@@ -47,6 +48,7 @@ def add_sweep(commands: Any) -> None:
     retry.add_argument("--failed", action="store_true", required=True, help="those that have failed")
 
     add_reports(action)
+    add_submit(action)
 
 
 def _positive(text: str) -> int:

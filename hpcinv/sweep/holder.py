@@ -11,9 +11,10 @@ import contextlib
 import os
 import re
 import secrets
+import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -23,12 +24,10 @@ from hpcinv.sweep.store import heartbeats_in, open_store
 
 BEAT = 5.0  # seconds; a fraction of the lease
 
-# It overwrites in place, so that a full disk does not stop it; nor do signals that go to all processes of a job.
+# It overwrites in place, so that a full disk does not stop it.
 _HEARTBEAT = """
-import os, signal, sys, time
+import os, sys, time
 path, parent, beat = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
-for name in ("SIGHUP", "SIGINT", "SIGTERM", "SIGUSR1", "SIGUSR2"):
-    signal.signal(getattr(signal, name), signal.SIG_IGN)
 count, due = 1, time.monotonic() + beat
 while os.getppid() == parent:
     if time.monotonic() >= due:
@@ -121,14 +120,15 @@ class Holder:
         with told(self.heartbeat):
             create(self.heartbeat, b"%020d" % 1)
         path, parent = str(self.heartbeat.resolve()), str(os.getpid())
-        self._process = subprocess.Popen(
-            [sys.executable, "-I", "-S", "-c", _HEARTBEAT, path, parent, str(self._beat)],
-            stdin=subprocess.DEVNULL,  # it must keep nothing open that mpirun waits for
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            cwd="/",
-            start_new_session=True,
-        )
+        with _signals_blocked():  # it inherits that: signals to all processes of a job must not end it
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", "-S", "-c", _HEARTBEAT, path, parent, str(self._beat)],
+                stdin=subprocess.DEVNULL,  # it must keep nothing open that mpirun waits for
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                cwd="/",
+                start_new_session=True,
+            )
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -138,6 +138,15 @@ class Holder:
         self._process = None
         with contextlib.suppress(OSError):  # others will find that it does not change any more
             self.heartbeat.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _signals_blocked() -> Iterator[None]:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def heartbeat_of(token: str, store: Path) -> Path:

@@ -15,6 +15,7 @@ from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body
 from hpcinv.runtime import MPI
 from hpcinv.sweep.forecast import forecast, in_words
+from hpcinv.sweep.results import results
 from hpcinv.unknowns import Unknowns
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def outlook(plan: Plan, ledger: Ledger, groups: int) -> list[str]:
         groups: how many groups of ranks will take cases side by side.
     """
     structures = {case.key: case.structure for case in plan.cases}
-    records = {key: record for key in structures if (record := ledger.record(key)) is not None}
+    records = results(plan, ledger)
     return [
         *_counts(plan, len(structures), records),
         *_sizes_and_time(plan, structures, records, groups),

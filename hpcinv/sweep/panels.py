@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.lines import Line2D
 
 from hpcinv.study.diagram import style
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 RED = "#C00000"
 GREEN = "#009E73"
 _CROSS: dict[str, Any] = {"linestyle": "none", "marker": "x", "markersize": 6, "markeredgewidth": 1.5}
-_BELOW: dict[str, Any] = {"frameon": False, "fontsize": 7, "loc": "upper left", "bbox_to_anchor": (0, -0.15)}
+_DIAGNOSES = (RED, "#E69F00", "#CC79A7", "#000000")
 
 
 @dataclass(frozen=True)
@@ -107,48 +109,58 @@ def draw_maps(figure: Figure, title: str, series: Sequence[Series], scales: tupl
     low, high = min(every, default=0.0), max(every, default=1.0)
     norm = LogNorm(low, high) if value.is_log else Normalize(low, high)
     image: Any = None
-    panels = _panels(figure, len(series))
+    panels = _panels(figure, title, series, scales)
     for i, (s, axes) in enumerate(zip(series, panels, strict=True)):
         image = _coloured(axes, s, scales, norm, gid=f"series-{i}") or image
-        crosses, _ = s.at(converged=False)
-        if crosses:
-            label = f"failed ({len(crosses)})"
-            axes.plot(*zip(*crosses, strict=True), color=RED, label=label, gid=f"failed-{i}", **_CROSS)
-            axes.legend(**_BELOW)
-        _finish(axes, s.label or title, *scales)
+        if crosses := s.at(converged=False)[0]:
+            axes.plot(*zip(*crosses, strict=True), color=RED, gid=f"failed-{i}", **_CROSS)
     if image is not None:
         figure.colorbar(image, ax=panels, label=value.label)
-    if any(s.label for s in series):
-        figure.suptitle(title, x=0.01, ha="left", fontsize=10)
+    if failed := sum(len(s.at(converged=False)[0]) for s in series):
+        _legend(figure, [Line2D([], [], color=RED, label=f"failed ({failed})", **_CROSS)])
 
 
 def draw_outcomes(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale]) -> None:
     """Where cases converged and where they failed, over two parameters, by their diagnosis."""
-    diagnoses = [d for d, _ in Counter(d for s in series for d in s.statuses if d != "converged").most_common()]
-    panels = _panels(figure, len(series))
+    counts = Counter(status for s in series for status in s.statuses)
+    diagnoses = [status for status, _ in counts.most_common() if status != "converged"]
+    panels = _panels(figure, title, series, scales)
+    handles = []
+    for i, status in enumerate(["converged", *diagnoses]):
+        look: dict[str, Any] = {"linestyle": "none", "color": GREEN, "marker": ".", "markersize": 4, "alpha": 0.6}
+        if i > 0:  # red and what stands out beside it, with another marker for each
+            look = _CROSS | {
+                "color": _DIAGNOSES[(i - 1) % 4],
+                "marker": "xs^Dv"[(i - 1) % 5],
+                "markerfacecolor": "none",
+            }
+        for s, axes in zip(series, panels, strict=True):
+            those = [place for place, found in zip(s.places, s.statuses, strict=True) if found == status]
+            if those:
+                axes.plot(*zip(*those, strict=True), gid=f"outcome-{i}", **look)
+        handles.append(Line2D([], [], label=f"{status} ({counts[status]})", **look))
+    _legend(figure, handles)
+
+
+def _legend(figure: Figure, handles: Sequence[Line2D]) -> None:
+    """Below all panels; its lines are as long as the figure is wide."""
+    characters = int(15 * figure.get_figwidth())
+    labels = [textwrap.fill(str(handle.get_label()), characters) for handle in handles]
+    figure.legend(handles, labels, loc="outside lower left", frameon=False, fontsize=7)
+
+
+def _panels(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale]) -> list[Axes]:
+    """Axes for each series, three in a row, under its label."""
+    across = min(len(series), 3)
+    grid = figure.subplots(math.ceil(len(series) / across), across, squeeze=False, sharex=True, sharey=True)
+    for axes in grid.flat[len(series) :]:
+        axes.set_visible(False)
+    panels = list(grid.flat[: len(series)])
     for s, axes in zip(series, panels, strict=True):
-        for i, status in enumerate(["converged", *diagnoses]):
-            those = [p for p, found in zip(s.places, s.statuses, strict=True) if found == status]
-            if not those:
-                continue
-            look: dict[str, Any] = {"color": GREEN, "marker": ".", "markersize": 4, "alpha": 0.6}
-            if i > 0:  # red and its neighbours, and a marker of its own, for each diagnosis
-                look = {"color": (RED, "#E69F00", "#CC79A7", "#000000")[(i - 1) % 4], "marker": "xs^Dv"[(i - 1) % 5]}
-                look |= {"markersize": 5, "markerfacecolor": "none"}
-            label = f"{status} ({len(those)})"
-            axes.plot(*zip(*those, strict=True), linestyle="none", label=label, gid=f"outcome-{i}", **look)
         _finish(axes, s.label or title, *scales)
-        axes.legend(**_BELOW)
     if any(s.label for s in series):
         figure.suptitle(title, x=0.01, ha="left", fontsize=10)
-
-
-def _panels(figure: Figure, number: int) -> list[Axes]:
-    across = min(number, 3)
-    grid = figure.subplots(math.ceil(number / across), across, squeeze=False, sharex=True, sharey=True)
-    for axes in grid.flat[number:]:
-        axes.set_visible(False)
-    return list(grid.flat[:number])
+    return panels
 
 
 def _coloured(axes: Axes, s: Series, scales: tuple[Scale, Scale], norm: Normalize, *, gid: str) -> Any:

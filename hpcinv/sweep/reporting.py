@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
 import sys
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.errors import OutputError
 from hpcinv.sweep.plan import load_sweep
-from hpcinv.sweep.results import ledger_of, results
+from hpcinv.sweep.results import ledger_of, provenance, results
 
 if TYPE_CHECKING:
     from hpcinv.sweep.plan import Plan
@@ -37,16 +38,19 @@ def _status(options: argparse.Namespace) -> int:
     from hpcinv.sweep.status import follow, lines, status
 
     plan = load_sweep(options.sweep)
+    ledger = ledger_of(plan)
     if options.follow:
-        follow(plan, ledger_of(plan), Console())
+        with contextlib.suppress(KeyboardInterrupt):  # the usual end of it
+            follow(plan, ledger, Console())
     else:
-        print("\n".join(lines(status(plan, ledger_of(plan)))))
+        print("\n".join(lines(status(plan, ledger, results(plan, ledger)))))
     return 0
 
 
 def _table(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    records = results(plan, ledger_of(plan))
+    ledger = ledger_of(plan)
+    records = results(plan, ledger)
 
     from hpcinv.study.tables import as_csv
     from hpcinv.sweep.table import as_hdf5, columns
@@ -56,7 +60,7 @@ def _table(options: argparse.Namespace) -> int:
     elif options.output.suffix == ".csv":
         _write(options.output, as_csv(columns(plan, records)).encode())
     else:
-        _write(options.output, as_hdf5(plan, records))
+        _write(options.output, as_hdf5(plan, records, provenance(plan, ledger)))
     return 0
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from hpcinv.sweep.holder import Holder
 from hpcinv.sweep.ledger import Ledger
@@ -11,14 +14,47 @@ if TYPE_CHECKING:
     from hpcinv.sweep.plan import Plan
     from hpcinv.sweep.record import Record
 
+_PROVENANCE = ("job", "fingerprint", "versions", "machine")
+_LOOKED_AT = ("machine", "mesh", "quantities", "sensitivities", "peak_memory")
+
 
 def ledger_of(plan: Plan) -> Ledger:
     """The ledger of a sweep's store, for reading."""
     return Ledger(plan.store, Holder(plan.store))
 
 
-def results(plan: Plan, ledger: Ledger) -> dict[str, Record]:
-    """The records of finished cases by key, in the order of the sweep."""
+def results(plan: Plan, ledger: Ledger, known: Mapping[str, Record] | None = None) -> dict[str, Record]:
+    """The records of finished cases by key, in the order of the sweep, with those of their numbers that tables show.
+
+    Args:
+        known: what an earlier look has found: those who have converged are not read again.
+    """
+    before = {key: record for key, record in (known or {}).items() if record.converged}
     states = ledger.states(dict.fromkeys(case.key for case in plan.cases))
-    finished = [key for key, state in states.items() if state.name == "finished"]
-    return {key: record for key in finished if (record := ledger.record(key)) is not None}
+    found = {}
+    for key, state in states.items():
+        if state.name == "finished":
+            record = before.get(key) or ledger.record(key)
+            if record is not None:
+                found[key] = record if key in before else _short(record)
+    return found
+
+
+def provenance(plan: Plan, ledger: Ledger) -> Iterator[str]:
+    """Of each case in the order of the sweep, as JSON: job, fingerprint, versions and machine, as far as there are."""
+    for case in plan.cases:
+        record = ledger.record(case.key)
+        statistics = {} if record is None else record.statistics
+        yield json.dumps({key: statistics[key] for key in _PROVENANCE if key in statistics}, ensure_ascii=False)
+
+
+def _short(record: Record) -> Record:
+    """Without what would fill the memory for thousands of cases: every iteration of every solve."""
+    statistics: dict[str, Any] = {key: record.statistics[key] for key in _LOOKED_AT if key in record.statistics}
+    if legs := record.statistics.get("legs"):
+        counts = ("factorizations", "newton_iterations")
+        statistics["legs"] = [{key: leg[key] for key in counts} for leg in legs]
+    if certificate := record.statistics.get("certificate"):
+        statistics["certificate"] = {key: certificate[key] for key in ("verdict", "estimate")}
+    # The message of an error has numbers of its own case; the summary's diagnosis is the same for all like it.
+    return replace(record, status=record.statistics.get("status", record.status), statistics=statistics)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -57,11 +58,10 @@ class Status:
         return self.done == self.total
 
 
-def status(plan: Plan, ledger: Ledger) -> Status:
-    """Look at the store; takes and changes nothing."""
+def status(plan: Plan, ledger: Ledger, records: Mapping[str, Record]) -> Status:
+    """Where the cases of a sweep stand, of which those in ``records`` are finished; takes and changes nothing."""
     first = {case.key: case for case in reversed(plan.cases)}
     states = ledger.states(first)
-    records = results(plan, ledger)
     failed: dict[str, list[str]] = {}
     for case in plan.cases:
         record = records.get(case.key)
@@ -137,23 +137,20 @@ def follow(
     """
     from rich.live import Live
 
-    found = status(plan, ledger)
-    if not console.is_terminal:
-        shown: list[str] = []
+    records: dict[str, Record] = {}
+    shown: list[str] = []
+    with Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext() as live:
         while True:
-            if (text := lines(found)) != shown:
+            records = results(plan, ledger, records)
+            found = status(plan, ledger, records)
+            if live is not None:
+                live.update(_bar(found), refresh=True)
+            elif (text := lines(found)) != shown:
                 console.print("\n".join(text), markup=False, highlight=False, soft_wrap=True)
                 shown = text
             if found.is_over:
                 return found
             sleep(every)
-            found = status(plan, ledger)
-    with Live(_bar(found), console=console, auto_refresh=False) as live:
-        while not found.is_over:
-            sleep(every)
-            found = status(plan, ledger)
-            live.update(_bar(found), refresh=True)
-    return found
 
 
 def _bar(found: Status) -> RenderableType:

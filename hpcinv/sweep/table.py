@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import h5py
@@ -38,7 +37,6 @@ TEXT = ("status", "certificate", "started_from")
 """columns of text"""
 FIXED = frozenset({"number", "key", *OUTCOME, *COSTS})
 """columns that every table has"""
-PROVENANCE = ("job", "fingerprint", "versions", "machine")
 _UNITS = {"seconds": "s", "peak_memory": "B"}
 
 
@@ -73,7 +71,7 @@ def units(plan: Plan, records: Mapping[str, Record]) -> dict[str, str]:
             continue
         seen |= quantities.keys()
         job = plan.job(case)
-        by = {parameter.key: unit_of_dimension(parameter.dimension) for parameter in parameters_of(job)}
+        by = {p.key: unit_of_dimension(p.dimension) for p in parameters_of(job) if p.dimension is not None}
         for name, value in quantities.items():
             unit = unit_of(f"quantities.{name}", job)
             for part in _parts(name, value):
@@ -82,16 +80,13 @@ def units(plan: Plan, records: Mapping[str, Record]) -> dict[str, str]:
     return found
 
 
-def as_hdf5(plan: Plan, records: Mapping[str, Record]) -> bytes:
+def as_hdf5(plan: Plan, records: Mapping[str, Record], provenance: Iterable[str]) -> bytes:
     """The table as HDF5: in ``cases`` a dataset for each column, and ``provenance``, JSON text for each case."""
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
         file.attrs["sweep"] = plan.sweep.sweep
         fill(file.create_group("cases"), columns(plan, records), units(plan, records))
-        rows = (records.get(case.key) for case in plan.cases)
-        parts = ({} if r is None else {k: r.statistics[k] for k in PROVENANCE if k in r.statistics} for r in rows)
-        texts = [json.dumps(part, ensure_ascii=False) for part in parts]
-        file.create_dataset("provenance", data=texts, dtype=h5py.string_dtype())
+        file.create_dataset("provenance", data=list(provenance), dtype=h5py.string_dtype())
     return content.getvalue()
 
 

@@ -26,7 +26,7 @@ class Tally:
             elif record.converged:
                 self.verdicts[record.statistics["certificate"]["verdict"]] += 1
             else:
-                self.diagnoses[record.status] += 1
+                self.diagnoses[record.statistics.get("status", record.status)] += 1
 
     def lines(self) -> list[str]:
         """Text for people."""

@@ -59,13 +59,11 @@ class Worker:
         os.write(self.log_file, f"{time.monotonic_ns()} {event} {key} {attempt}\n".encode())
 
     def finish(self, keys: list[str]) -> None:
-        while keys:
+        while keys := [key for key, state in self.ledger.states(keys).items() if state.name != "finished"]:
             random.shuffle(keys)
             for key in keys:
                 if (claim := self.ledger.claim(key)) is not None:
                     self.solve(claim)
-            states = self.ledger.states(keys)
-            keys = [key for key in keys if states[key].name != "finished"]
 
     def solve(self, claim: Claim) -> None:
         self.log("begin", claim.key, claim.attempt)

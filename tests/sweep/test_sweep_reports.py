@@ -27,8 +27,8 @@ from hpcinv.sweep.outlook import outlook
 from hpcinv.sweep.plan import Case, Plan, load_sweep
 from hpcinv.sweep.plot import is_even_in_log, plot
 from hpcinv.sweep.record import Record
-from hpcinv.sweep.results import ledger_of, results
-from hpcinv.sweep.status import follow, lines, status
+from hpcinv.sweep.results import ledger_of, provenance, results
+from hpcinv.sweep.status import Status, follow, lines, status
 from hpcinv.sweep.table import as_hdf5, columns, units
 
 MU, DENSITY = "material.mu", "effects[0].density"
@@ -59,6 +59,11 @@ def good(seconds: float = 1.0, **changes: Any) -> Record:
 
 def bad(status: str = FOLD, seconds: float = 1.0) -> Record:
     return Record(status, "Lower the load.", {}, seconds, 1)
+
+
+def look(found: Plan) -> Status:
+    ledger = ledger_of(found)
+    return status(found, ledger, results(found, ledger))
 
 
 @pytest.fixture
@@ -113,7 +118,7 @@ def test_a_mesh_that_cannot_be_made_is_told_in_the_outlook(tmp_path: Path) -> No
 
 def test_the_status_counts_cases_by_where_they_stand(tmp_path: Path, commit: Callable[[Case, Record], None]) -> None:
     found = plan(tmp_path, {"grid": {MU: ["10 kPa", 1e4, 2e4, 3e4, 4e4, 5e4, 6e4, 7e4]}})
-    empty = status(found, ledger_of(found))
+    empty = look(found)
     assert (empty.done, empty.open, empty.total, empty.seconds, empty.is_over) == (0, 7, 7, None, False)
     assert "time left: not known before the first case is finished" in lines(empty)[-1]
 
@@ -121,7 +126,7 @@ def test_the_status_counts_cases_by_where_they_stand(tmp_path: Path, commit: Cal
         commit(found.cases[number], record)
     with Holder(tmp_path / "store") as holder:
         assert Ledger(tmp_path / "store", holder).claim(found.cases[6].key)
-        now = status(found, ledger_of(found))
+        now = look(found)
         who = str(holder.identity)
     assert (now.converged, now.open, now.done, now.total) == (2, 1, 5, 7)
     assert now.failed == {FOLD: ("case 3, mu 30000", "case 5, mu 50000"), "too slow": ("case 4, mu 40000",)}
@@ -233,15 +238,19 @@ def test_a_quantity_with_the_name_of_a_cost_is_a_column_of_its_own(tmp_path: Pat
     assert (table["seconds"], table["quantities.seconds"], table["quantities.status"]) == ([3.0], [7.0], [8.0])
 
 
-def test_the_table_as_csv_and_hdf5_has_the_same_numbers(tmp_path: Path) -> None:
+def test_the_table_as_csv_and_hdf5_has_the_same_numbers(tmp_path: Path, commit: Callable[[Case, Record], None]) -> None:
     found = rich_plan(tmp_path)
-    records = rich_results(found)
+    for case in found.cases:
+        if case.key in rich_results(found):
+            commit(case, rich_results(found)[case.key])
+    records, told_by = results(found, ledger_of(found)), provenance(found, ledger_of(found))
     table = columns(found, records)
+    assert table == columns(found, rich_results(found)) | {"attempts": table["attempts"]}
     rows = list(csv.DictReader(io.StringIO(as_csv(table))))
-    with h5py.File(io.BytesIO(as_hdf5(found, records))) as file:
+    with h5py.File(io.BytesIO(as_hdf5(found, records, told_by))) as file:
         frame = {name: data[()] for name, data in file["cases"].items()}
         told = {name: data.attrs["unit"] for name, data in file["cases"].items() if "unit" in data.attrs}
-        provenance = [json.loads(text) for text in file["provenance"].asstr()[()]]
+        origins = [json.loads(text) for text in file["provenance"].asstr()[()]]
     assert frame.keys() == table.keys() == rows[0].keys()
     for name, values in table.items():
         for value, row, kept in zip(values, rows, frame[name], strict=True):
@@ -256,7 +265,7 @@ def test_the_table_as_csv_and_hdf5_has_the_same_numbers(tmp_path: Path) -> None:
     assert told[MU] == "Pa"
     assert (told[DENSITY], told["top"], told["top sd"], told["seconds[1]"]) == ("kg/m^3", "m", "m", "m")
     assert (told[f"top slope in {MU}"], told["seconds"], told["peak_memory"]) == ("m/Pa", "s", "B")
-    assert [part.get("machine") for part in provenance] == [{"ranks": 2}, None, None, None, {"ranks": 2}, None]
+    assert [part.get("machine") for part in origins] == [{"ranks": 2}, None, None, None, {"ranks": 2}, None]
 
 
 # Diagrams

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import re
 import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -77,7 +78,7 @@ def test_a_case_that_fails_is_told_and_the_others_go_on(tmp_path: Path) -> None:
     assert failed is not None
     assert "load factor" in failed.status
     assert failed.advice
-    assert failed.status in ended.stdout
+    assert failed.statistics["status"] in ended.stdout
     again = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
     assert again.returncode == 3
     assert not re.findall(r"^case ", again.stdout, re.M)
@@ -144,6 +145,58 @@ def _wait_for_checkpoint(directory: Path) -> Path:
         assert time.monotonic() < deadline
         time.sleep(0.01)
     return found[0]
+
+
+def test_two_allocations_at_once_share_the_work(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 32}])
+    with (
+        Started(1, "sweep", "run", sweep, "--shard", "1/2", cwd=tmp_path) as one,
+        Started(2, "sweep", "run", sweep, "--shard", "2/2", cwd=tmp_path) as two,
+    ):
+        assert one.exit_code() == 0, one.text
+        assert two.exit_code() == 0, two.text
+        done = [re.findall(r"^case (\d+), ", started.text, re.M) for started in (one, two)]
+    assert all(done)
+    assert sorted(done[0] + done[1]) == sorted(str(i) for i in range(32))
+
+
+def test_a_full_disk_is_told_and_the_same_command_goes_on(tmp_path: Path) -> None:
+    store = tmp_path / "store"
+    store.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(store)], capture_output=True, text=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip(f"no small file system can be mounted here: {mounted.stderr.strip()}")
+    try:
+        sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 64}])
+        full = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+        assert full.returncode == 2, full.stdout + full.stderr
+        assert "No space left" in full.stderr
+        assert "Traceback" not in full.stderr, full.stderr
+        done = re.findall(r"^case (\d+), ", full.stdout, re.M)
+        assert 0 < len(done) < 64
+        subprocess.run(["mount", "-o", "remount,size=20m", str(store)], check=True)
+        ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+        assert ended.returncode == 0, ended.stderr
+        again = re.findall(r"^case (\d+), ", ended.stdout, re.M)
+        assert sorted(done + again, key=int) == [str(i) for i in range(64)]
+    finally:
+        subprocess.run(["umount", str(store)], check=True)
+
+
+def test_a_store_that_cannot_be_one_is_refused(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, GRID)
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / "letter.txt").write_text("dear all")
+    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 2
+    assert "holds files that are not of a store" in ended.stderr
+    assert ended.stderr.count("not of a store") == 1
+    (tmp_path / "store" / "letter.txt").unlink()
+    (tmp_path / "store").rmdir()
+    (tmp_path / "store").write_text("")
+    assert hpcinv(1, "sweep", "run", sweep, cwd=tmp_path).returncode == 2
 
 
 def test_thirty_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:

@@ -1,0 +1,109 @@
+"""What each thing that the cases of a sweep share saves by itself, in one process on one rank.
+
+Some cases of a sweep are solved one after the other in five ways, which take turns case by case:
+nothing shared; the mesh and the compiled equations; these and the symbolic factorization; nothing but the guess from
+the neighbours' solutions; everything. Kernels are in DOLFINx's cache, and the start of the process is not counted.
+
+Command: python benchmarks/sweep_shares.py [--sweep FILE] [--cases 48]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+
+from hpcinv.driver import run
+from hpcinv.job import Job
+from hpcinv.methods.guess import Guess
+from hpcinv.result import Result
+from hpcinv.runtime import MPI
+from hpcinv.sweep.neighbours import Neighbours, Solution, Space
+from hpcinv.sweep.plan import Case, load_sweep
+from hpcinv.workspace import Workspace
+
+ROOT = Path(__file__).parents[1]
+COMM = MPI.COMM_WORLD
+
+
+class WithoutFactors(Workspace):
+    """Forgets the symbolic factorization between runs."""
+
+    def body(self, job: Job):  # type: ignore[no-untyped-def]
+        if self._model is not None:
+            for equilibrium in self._model[1]._idle.values():
+                equilibrium.forget_factors()
+        return super().body(job)
+
+
+class Shared:
+    """One way to run case after case."""
+
+    def __init__(self, workspace: Workspace | None, *, guesses: bool) -> None:
+        self.workspace, self.guesses = workspace, guesses
+        self.seconds, self.factorizations, self.iterations = 0.0, 0, 0
+        self._neighbours = Neighbours()
+
+    def begin_structure(self) -> None:
+        self._neighbours = Neighbours()
+
+    def run(self, job: Job, case: Case, space: Space) -> Result:
+        begun = time.perf_counter()
+        point = space.point(case.numbers)
+        found = self._neighbours.guess(point) if self.guesses else None
+        result = run(job, COMM, workspace=self.workspace, guess=found and found[0])
+        leg = result.legs[0]
+        if self.guesses:
+            pressure = None if leg.pressure is None else leg.pressure.x.array.copy()
+            guess = Guess(leg.displacement.x.array.copy(), pressure, leg.solves[-1].signs[-1])
+            solution = Solution(case.key, point, guess)
+            self._neighbours.add(solution, solution.bytes)
+        self.seconds += time.perf_counter() - begun
+        self.factorizations += leg.factorizations
+        self.iterations += sum(len(solve.iterations) for solve in leg.solves)
+        return result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sweep", type=Path, default=ROOT / "jobs" / "sweep-beam-laws.yaml")
+    parser.add_argument("--cases", type=int, default=48, help="cases, as many of each structure")
+    options = parser.parse_args()
+    plan = load_sweep(options.sweep)
+    by_structure: defaultdict[str, list[Case]] = defaultdict(list)
+    for case in plan.cases:
+        by_structure[case.structure].append(case)
+
+    ways: dict[str, Callable[[], Shared]] = {
+        "nothing shared": lambda: Shared(None, guesses=False),
+        "mesh and equations": lambda: Shared(WithoutFactors(COMM), guesses=False),
+        "and symbolic factorization": lambda: Shared(Workspace(COMM), guesses=False),
+        "guesses alone": lambda: Shared(None, guesses=True),
+        "everything": lambda: Shared(Workspace(COMM), guesses=True),
+    }
+    shared = {name: make() for name, make in ways.items()}
+    count = 0
+    for cases in by_structure.values():
+        space = Space([case.numbers for case in cases])
+        run(plan.job(cases[0]), COMM)  # compiles
+        for way in shared.values():
+            way.begin_structure()
+        for case in cases[: options.cases // len(by_structure)]:
+            job, count = plan.job(case), count + 1
+            for way in shared.values():
+                way.run(job, case, space)
+
+    print(f"{count} cases of {plan.path.name} on 1 rank; per case")
+    print(f"  {'':28} seconds  share saved  factorizations  iterations")
+    base = shared["nothing shared"].seconds
+    for name, way in shared.items():
+        print(
+            f"  {name:28} {way.seconds / count:7.3f}  {100 * (1 - way.seconds / base):9.0f} %"
+            f"  {way.factorizations / count:14.1f}  {way.iterations / count:10.1f}"
+        )
+
+
+if __name__ == "__main__":
+    main()

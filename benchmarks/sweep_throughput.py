@@ -1,0 +1,84 @@
+"""What a sweep saves against a process for each case, and what a second rank brings, in one run.
+
+The cases are those of a sweep file, by default 240 silicone beams of four laws. A shell loop of single-rank processes,
+two side by side, runs some of them, evenly spread over the sweep; then the sweep runs on one rank and on two, in empty
+stores. Kernels are compiled beforehand; all times are from command to prompt, and include start-up.
+
+Command: python benchmarks/sweep_throughput.py [--sweep FILE] [--by-hand 24]
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import yaml
+
+from hpcinv.sweep.plan import Plan, load_sweep
+
+ROOT = Path(__file__).parents[1]
+MPIRUN = Path(sys.executable).parent / "mpirun"
+
+
+def hpcinv(ranks: int, *arguments: object) -> None:
+    command = [str(MPIRUN), "-n", str(ranks), sys.executable, "-m", "hpcinv", *map(str, arguments)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
+
+def shell_loop(plan: Plan, count: int, directory: Path) -> float:
+    """Seconds per case of single-rank processes, two side by side."""
+    files = []
+    for case in plan.cases[:: len(plan.cases) // count][:count]:
+        # Beside the sweep's job, where its paths begin.
+        files.append(plan.base.parent / f".{plan.sweep.sweep}-{case.key}.yaml")
+        files[-1].write_text(yaml.safe_dump(dict(plan.content(case)), sort_keys=False, allow_unicode=True))
+    try:
+        begun = time.perf_counter()
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(lambda file: hpcinv(1, "run", file, "--output", directory / file.stem), files))
+        return (time.perf_counter() - begun) / len(files)
+    finally:
+        for file in files:
+            file.unlink()
+
+
+def sweep(plan: Plan, ranks: int, directory: Path) -> float:
+    """Seconds per case of the sweep in an empty store."""
+    content = yaml.safe_load(plan.path.read_text())
+    file = plan.path.with_name(f".{plan.sweep.sweep}-benchmark.yaml")
+    file.write_text(yaml.safe_dump(content | {"store": str(directory / f"store-{ranks}")}, sort_keys=False))
+    try:
+        begun = time.perf_counter()
+        hpcinv(ranks, "sweep", "run", file)
+        return (time.perf_counter() - begun) / len(plan.cases)
+    finally:
+        file.unlink()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sweep", type=Path, default=ROOT / "jobs" / "sweep-beam-laws.yaml")
+    parser.add_argument("--by-hand", type=int, default=24, help="cases that the shell loop runs")
+    options = parser.parse_args()
+    plan = load_sweep(options.sweep)
+    with tempfile.TemporaryDirectory() as temporary:
+        directory = Path(temporary)
+        structures = {case.structure: case for case in plan.cases}
+        shell_loop(Plan(plan.path, plan.sweep, plan.base, plan.data, tuple(structures.values())), 1, directory / "0")
+        loop = shell_loop(plan, options.by_hand, directory)
+        one, two = sweep(plan, 1, directory), sweep(plan, 2, directory)
+    print(f"{len(plan.cases)} cases of {plan.path.name}; seconds per case from command to prompt")
+    print(f"  a process for each, two side by side ({options.by_hand} of the cases)  {loop:.3f}")
+    print(f"  sweep, 1 rank                                             {one:.3f}")
+    print(f"  sweep, 2 ranks, 1 per case                                {two:.3f}")
+    print(f"sweep on 2 ranks against a process for each: {loop / two:.1f} times the throughput")
+    print(f"2 ranks against 1: {one / two:.2f} times")
+
+
+if __name__ == "__main__":
+    main()

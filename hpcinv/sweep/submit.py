@@ -1,0 +1,138 @@
+"""A sweep handed to Slurm: batch scripts from the templates, the jobs that run them, and one that collects."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.errors import OutputError, SubmitError
+from hpcinv.sweep.plan import load_sweep
+from hpcinv.sweep.store import open_store
+from hpcinv.sweep.templates import TEMPLATES
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.plan import Plan
+
+
+def add_submit(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:
+    """Add the command; ``action`` makes a parser for a name, what it calls, and its help."""
+    parser = action("submit", _submit, "run under Slurm: requeued at time limits, then collected")
+    parser.add_argument("--ntasks", type=int, required=True, metavar="N", help="ranks (of each task of an array)")
+    parser.add_argument("--ranks-per-case", type=int, default=1, metavar="K", help="ranks that solve a case together")
+    parser.add_argument("--array", type=int, metavar="M", help="a job array of M tasks instead of one allocation")
+    parser.add_argument("--time", metavar="HH:MM:SS", help="time limit, as sbatch takes it (default: the site's)")
+    parser.add_argument(
+        "--lead", type=int, metavar="S", help="seconds before the time limit at which it saves and stops (default: 120)"
+    )
+    parser.add_argument(
+        "--sbatch",
+        action="append",
+        default=[],
+        metavar="OPTION",
+        help="any other long option of sbatch, without its dashes, such as account=soft-matter; may be repeated",
+    )
+    parser.add_argument("--dry-run", action="store_true", help="write the scripts and show them, but submit nothing")
+
+
+def _submit(options: argparse.Namespace) -> int:
+    per_case = options.ranks_per_case
+    if per_case < 1 or options.ntasks % per_case:
+        raise SubmitError(
+            f"--ranks-per-case {per_case}: {options.ntasks} ranks cannot be divided into groups of that size",
+            "Ask for a multiple of it with --ntasks.",
+        )
+    plan = load_sweep(options.sweep)
+    open_store(plan.store)  # a store that cannot be written shows itself here rather than in the queue
+    directory = Path("results") / plan.sweep.sweep
+    run, collect = _write_scripts(plan, options, directory)
+    print(f"{plan.sweep.sweep}: {len(plan.cases)} cases; store {plan.store}")
+    if options.dry_run:
+        for script in (run, collect):
+            print(f"\n==> {script} <==\n{script.read_text()}", end="")
+        return 0
+    job = sbatch(run)
+    print(f"job {job}: runs it, by {run}")
+    try:
+        collecting = sbatch(f"--dependency=afterany:{job}", "--kill-on-invalid-dep=yes", collect)
+    except SubmitError as error:
+        advice = f"Job {job} is submitted nevertheless; when it has ended, use 'sweep table'."
+        raise SubmitError(error.message, advice) from None
+    print(f"job {collecting}: writes {directory / 'table.csv'} and table.h5 when job {job} has ended, by {collect}")
+    print(f"watch them: squeue --jobs={job},{collecting}; tail -f {directory / 'slurm'}/*.out")
+    print(f"watch the cases: python -m hpcinv sweep status {shlex.quote(str(options.sweep))} --follow")
+    return 0
+
+
+def _write_scripts(plan: Plan, options: argparse.Namespace, directory: Path) -> tuple[Path, Path]:
+    """The scripts of a sweep, each a template with options and arguments of its own: to run it, and to collect."""
+    name, place, sweep = plan.sweep.sweep, directory / "slurm", str(options.sweep)
+    others = [option.lstrip("-") for option in options.sbatch]
+    run = filled(
+        TEMPLATES / ("sweep.sbatch" if options.array is None else "sweep-array.sbatch"),
+        [f"job-name={name}", *_resources(options, place), *others],
+        [sweep, str(options.ranks_per_case)],
+    )
+    # Account and partition are needed for both jobs; of the resources the second takes least.
+    collect = filled(
+        TEMPLATES / "collect.sbatch",
+        [f"job-name={name}-collect", f"output={place}/collect-%j.out", *others, "nodes=1", "ntasks=1"],
+        [sweep, str(directory)],
+    )
+    scripts = {place / "run.sbatch": run, place / "collect.sbatch": collect}
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        for path, text in scripts.items():
+            path.write_text(text)
+    except OSError as error:
+        raise OutputError(f"{place}: cannot be written: {error.strerror}") from error
+    first, second = scripts
+    return first, second
+
+
+def _resources(options: argparse.Namespace, place: Path) -> Iterator[str]:
+    yield f"output={place}/run-{'%j' if options.array is None else '%A_%a'}.out"
+    yield f"ntasks={options.ntasks}"
+    if options.array is not None:
+        yield f"array=1-{options.array}"
+    if options.time is not None:
+        yield f"time={options.time}"
+    if options.lead is not None:
+        yield f"signal=B:USR1@{options.lead}"
+
+
+def filled(template: Path, options: Sequence[str], arguments: Sequence[str]) -> str:
+    """The text of a template with options added to its own, which they replace, and its arguments set."""
+    lines = template.read_text().splitlines()
+    end = 1 + max(i for i, line in enumerate(lines) if line.startswith("#SBATCH"))
+    added = [*(f"#SBATCH --{option}" for option in options), "", f"set -- {shlex.join(arguments)}"]
+    return "\n".join([*lines[:end], *added, *lines[end:], ""])
+
+
+def sbatch(*words: object) -> str:
+    """Submit a script with the Python that runs this; gives the job's id.
+
+    Raises:
+        SubmitError: sbatch is not there, or refuses.
+    """
+    environment = dict(os.environ)
+    if shutil.which("python") != sys.executable:
+        environment["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
+    try:
+        done = subprocess.run(
+            ["sbatch", "--parsable", *map(str, words)], env=environment, capture_output=True, text=True, check=False
+        )
+    except FileNotFoundError:
+        raise SubmitError(
+            "there is no sbatch here, with which jobs are given to Slurm",
+            "Submit on a login node of the cluster, or use 'sweep run' under mpirun.",
+        ) from None
+    if done.returncode != 0:
+        raise SubmitError(f"sbatch refuses {words[-1]}: {done.stderr.strip()}", "Other options go through --sbatch.")
+    return done.stdout.strip().partition(";")[0]  # id;cluster
