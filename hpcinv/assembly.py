@@ -69,6 +69,16 @@ class Assembly:
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
             fem_petsc.set_bc(b, conditions, x0=state, alpha=-1.0)
 
+    def lift(self, b: PETSc.Vec) -> None:
+        """Put in ``b`` what the prescribed values stand for on the right of ``K x = b``, with K as it was assembled."""
+        conditions = self.supports.conditions
+        with self.timings("residual"):
+            with b.localForm() as local:
+                local.set(0.0)
+            fem_petsc.apply_lifting(b, [self._tangent], bcs=[conditions])
+            b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+            fem_petsc.set_bc(b, conditions)
+
     def forces(self, load: float) -> npt.NDArray[np.float64]:
         """Internal less external nodal forces (scaled) of the owned unknowns as they stand; supports add nothing."""
         self.set_load(load)

@@ -35,20 +35,20 @@ class CellMeans:
     """
 
     def __init__(self, expressions: Sequence[tuple[Any, Cells | None]], mesh: Mesh, quadrature_degree: int) -> None:
-        self._mesh, self._shape = mesh, expressions[0][0].ufl_shape
+        self._shape = shape = expressions[0][0].ufl_shape
+        self._space = fem.functionspace(mesh, ("DG", 0, shape) if shape else ("DG", 0))
         volume = abs(ufl.JacobianDeterminant(mesh))
         _, self._weights = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
         self._values = []
         for expression, of in expressions:
-            parts = [expression[i] for i in np.ndindex(self._shape)] if self._shape else [expression]
+            parts = [expression[i] for i in np.ndindex(shape)] if shape else [expression]
             weighted = volume * ufl.as_vector([*parts, 1])
             self._values.append(QuadratureValues(weighted, mesh, quadrature_degree, of))
 
     def __call__(self) -> fem.Function:
         """The means as they now are, piecewise constant."""
-        shape = self._shape
-        means = fem.Function(fem.functionspace(self._mesh, ("DG", 0, shape) if shape else ("DG", 0)))
-        values = means.x.array.reshape(-1, int(np.prod(shape)))
+        means = fem.Function(self._space)
+        values = means.x.array.reshape(-1, int(np.prod(self._shape)))
         dofs = means.function_space.dofmap.list[:, 0]
         for of_part in self._values:
             for cells, at_points in of_part:

@@ -243,7 +243,7 @@ class _Run:
         result = replace(result, directory=self.directory.path if self.directory else None, accuracy=self.record)
         found = statistics(result, status, self.model.unknowns.size, self.unused_options, self.timings, self.comm)
         if self.directory is not None:
-            write_summary(self.directory.path, found, self.comm)
+            write_summary(self.directory.path, found, self.comm, formats=self.job.output.summary)
         self.progress.finish(found)
         return replace(result, statistics=found)
 

@@ -55,6 +55,12 @@ class OutputError(HpcinvError):
     exit_code = 2
 
 
+class SubmitError(HpcinvError):
+    """A batch system is not there, or refuses a job."""
+
+    exit_code = 2
+
+
 class SolveError(HpcinvError):
     """The load was not reached; the message is the diagnosis."""
 

@@ -11,6 +11,7 @@ from hpcinv.effects.base import Configuration
 from hpcinv.expressions import Expression, faults_with_constants
 from hpcinv.ingredient import Ingredient
 from hpcinv.quantities import AnyQuantity
+from hpcinv.scalars import Number
 from hpcinv.schema import Location, Name, Triple, raise_if_any
 from hpcinv.units import Dimension
 from hpcinv.varying import POSITIONS, ByData, ByFormula
@@ -40,6 +41,10 @@ class FibreFamily(Ingredient):
             return {"direction": (ByData(str(self.data), components=3), Dimension())}
         formulas = (ByFormula(f, {n: c for n, c in self.constants.items() if n in f.names}) for f in self.direction)
         return {"direction": (tuple(formulas), Dimension())}
+
+    def numbers(self) -> dict[Location, Number | str]:
+        """The constants of the formulas."""
+        return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
     @model_validator(mode="after")
     def _is_a_direction(self) -> Self:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,13 +23,16 @@ if TYPE_CHECKING:
     from hpcinv.result import Leg
 
 
-def write_fields(directory: Path, body: Body, leg: Leg) -> None:
+def write_fields(directory: Path, body: Body, leg: Leg, more: Sequence[fem.Function] = ()) -> None:
     """Write ``fields.pvd`` and what it points to into ``directory``, which appears whole or not at all; collective.
 
     On the leg's mesh in metres: ``displacement`` (m) and ``pressure`` (Pa, of the mixed form) at the nodes of Lagrange
     cells of the higher of the displacement's and the geometry's degree; in each cell the means ``J`` and
     ``cauchy_stress`` (Pa, row by row), and ``region:NAME``, 1 in the cells of that region. A directory of that name
     that an earlier run left is replaced.
+
+    Args:
+        more: further fields of the displacement's degree at the nodes, by their names.
 
     Raises:
         OutputError: on every rank, if it cannot be written.
@@ -45,7 +49,7 @@ def write_fields(directory: Path, body: Body, leg: Leg) -> None:
             raise OutputError(f"{directory}: cannot be made: {exc.strerror or exc}", failed.advice) from exc
 
     on_root(comm, prepare)
-    functions = [*_at_nodes(leg), *_in_cells(body, leg)]
+    functions = [*_at_nodes(leg, more), *_in_cells(body, leg)]
     error: HpcinvError | None = None
     try:
         with placed(body.mesh, leg.mesh_nodes):
@@ -74,16 +78,17 @@ def _write(path: Path, functions: list[fem.Function]) -> None:
         file.write_function(functions)
 
 
-def _at_nodes(leg: Leg) -> list[fem.Function]:
-    """Displacement and pressure in one point element, as the file wants it; both are exact in it."""
+def _at_nodes(leg: Leg, more: Sequence[fem.Function]) -> list[fem.Function]:
+    """Displacement, pressure and more in one point element, as the file wants it; they are exact in it."""
     mesh = leg.displacement.function_space.mesh
     cell, geometry = mesh.basix_cell(), mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree
     degree = max(leg.displacement.function_space.ufl_element().degree, geometry)
-    fields: dict[str, tuple[fem.Function, Any]] = {"displacement": (leg.displacement, {"shape": (3,)})}
+    fields = {"displacement": leg.displacement} | {function.name: function for function in more}
     if leg.pressure is not None:
-        fields["pressure"] = (leg.pressure, {})
+        fields["pressure"] = leg.pressure
     found = []
-    for name, (function, shape) in fields.items():
+    for name, function in fields.items():
+        shape: Any = {"shape": function.ufl_shape} if function.ufl_shape else {}
         element = basix.ufl.element("Lagrange", cell, degree, basix.LagrangeVariant.equispaced, **shape)
         nodal = fem.Function(fem.functionspace(mesh, element), name=name)
         nodal.interpolate(function)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats
     from hpcinv.model import Model
     from hpcinv.result import Leg
+    from hpcinv.scales import Scales
+    from hpcinv.scene import Scene
     from hpcinv.sections import QuantityOfInterest
 
 type Value = float | list[float]
@@ -73,19 +75,30 @@ def evaluate(
     quantities = tuple(quantities)
     with placed(body.mesh, leg.mesh_nodes / body.length_scale):
         check_points(quantities, body)
-        fields = _fields(quantities, body, leg, model)
-        places = {q.name: place for q in quantities if q.at and (place := locate(body, np.array(q.at)))}
-        of_fields = [q.name for q in quantities if q.at and q.fields]
-        at_points = fields.at_points([places[name] for name in of_fields]) if fields else []
-        known = dict(zip(of_fields, at_points, strict=True))
-        found: dict[str, Value] = {}
-        for q in quantities:
-            if q.at is not None:
-                found[q.name] = _at_point(q, body, leg, places[q.name], known.get(q.name, {}))
-            elif q.by_quadrature:
-                found[q.name] = _by_quadrature(q, body, fields)
-            else:
-                found[q.name] = _at_nodes(q, body, leg)
+        return values_of(quantities, body, leg, _fields(quantities, body, leg, model))
+
+
+def values_of(
+    quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg, fields: SceneFields | None
+) -> dict[str, Value]:
+    """As `evaluate`, of what is on the body, whose mesh lies as the leg's.
+
+    Args:
+        fields: those of the leg's scene, as it is now; ``None`` if no quantity needs them.
+    """
+    quantities = tuple(quantities)
+    places = {q.name: place for q in quantities if q.at and (place := locate(body, np.array(q.at)))}
+    of_fields = [q.name for q in quantities if q.at and q.fields]
+    at_points = fields.at_points([places[name] for name in of_fields]) if fields else []
+    known = dict(zip(of_fields, at_points, strict=True))
+    found: dict[str, Value] = {}
+    for q in quantities:
+        if q.at is not None:
+            found[q.name] = _at_point(q, body, leg, places[q.name], known.get(q.name, {}))
+        elif q.by_quadrature:
+            found[q.name] = _by_quadrature(q, body, fields)
+        else:
+            found[q.name] = _at_nodes(q, body, leg)
     return found
 
 
@@ -93,14 +106,21 @@ def _fields(
     quantities: tuple[QuantityOfInterest, ...], body: Body, leg: Leg, model: Model | None
 ) -> SceneFields | None:
     """What the quantities ask of the scene, at the leg's solution and the full load."""
-    names = [q.of.names for q in quantities if q.fields or q.by_quadrature]
-    if not names:
+    if not any(q.fields or q.by_quadrature for q in quantities):
         return None
     assert model is not None
     model.set_solution(leg.displacement, leg.pressure)
     scene = model.scene(leg.direction)
     scene.parameters.set_load(1.0)
-    return SceneFields(body, scene, model.scales, frozenset().union(*names))
+    return fields_for(quantities, body, scene, model.scales)
+
+
+def fields_for(
+    quantities: Iterable[QuantityOfInterest], body: Body, scene: Scene, scales: Scales
+) -> SceneFields | None:
+    """What the quantities ask of a scene, ``None`` if nothing."""
+    names = [q.of.names for q in quantities if q.fields or q.by_quadrature]
+    return SceneFields(body, scene, scales, frozenset().union(*names)) if names else None
 
 
 def _at_point(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,6 +15,7 @@ from hpcinv.errors import JobError
 from hpcinv.expressions import Expression, faults
 from hpcinv.fibres import FibreFamily
 from hpcinv.fingerprint import fingerprint
+from hpcinv.ingredient import Ingredient
 from hpcinv.loading import read_yaml
 from hpcinv.materials import Material, MaterialLaw
 from hpcinv.plugins import load_file, load_installed
@@ -23,7 +24,11 @@ from hpcinv.rules import unknown_case, unknown_families, unsuited, wants_pressur
 from hpcinv.schema import ListOf, Name, Problems, Spec, at, problems_in, raise_if_any
 from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
+from hpcinv.sensitivity.spec import read_sensitivities
 from hpcinv.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
+from hpcinv.study.keys import JobKey
+
+_KEYS: Any = Mapping[str, str | float | None] | list[str]  # as a file may say them
 
 
 class Job(Spec):
@@ -70,6 +75,9 @@ class Job(Spec):
     """what is written beside the summary"""
     quantities: ListOf[QuantityOfInterest] = ()
     """numbers to report"""
+    sensitivities: Mapping[JobKey, AnyQuantity | None] = {}
+    """numbers of laws, effects, fibres and supports by which shape and quantities are differentiated: a list of their
+    keys, or their standard deviations by key, such as {material.mu: 1 kPa, "effects[0].density": null}"""
     expected_shape: MeshFile | None = None
     """a mesh with the same nodes, from which the distance of the recovered shape is reported"""
     accuracy: Mapping[Name, AnyQuantity] = {}
@@ -101,13 +109,12 @@ class Job(Spec):
     @property
     def named_effects(self) -> list[tuple[str, Effect]]:
         """The effects, each with its place in the job."""
-        return [(f"effects[{i}]", effect) for i, effect in enumerate(self.effects)]
+        return list(_numbered("effects", self.effects).items())
 
     @property
     def families(self) -> dict[str, FibreFamily]:
         """The families of fibres that the scene needs, by their place in the job."""
-        needed = dict.fromkeys(name for part in (*self.laws.values(), *self.effects) for name in part.families)
-        return {f"fibres.{name}": self.fibres[name] for name in needed}
+        return _families((*self.laws.values(), *self.effects), self.fibres)
 
     @property
     def case_count(self) -> int:
@@ -258,6 +265,17 @@ class Job(Spec):
             raise ValueError("is needed if solver.maximum_unknowns is given, which bounds what it may take")
         return demands
 
+    @field_validator("sensitivities", mode="plain", json_schema_input_type=_KEYS)
+    @classmethod
+    def _are_by_numbers(cls, given: object, info: ValidationInfo) -> Mapping[str, float | None]:
+        if not {"material", "effects", "fibres", "supports"} <= info.data.keys():  # already reported
+            return {}
+        parts = {**_laws(info.data["material"]), **_numbered("effects", info.data["effects"])}
+        owners = parts | _families(parts.values(), info.data["fibres"]) | _numbered("supports", info.data["supports"])
+        found, problems = read_sensitivities(given, owners)
+        raise_if_any(problems)
+        return found
+
     @field_validator("quantities")
     @classmethod
     def _have_own_names(cls, quantities: tuple[QuantityOfInterest, ...]) -> tuple[QuantityOfInterest, ...]:
@@ -274,6 +292,16 @@ def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, Materi
     if isinstance(material, MaterialLaw):
         return {"material": material}
     return {f"material.{region}": law for region, law in material.items()}
+
+
+def _families(parts: Iterable[Ingredient], fibres: Mapping[str, FibreFamily]) -> dict[str, FibreFamily]:
+    """The families of fibres that laws and effects need."""
+    needed = dict.fromkeys(name for part in parts for name in part.families)
+    return {f"fibres.{name}": fibres[name] for name in needed}
+
+
+def _numbered[T](section: str, entries: Sequence[T]) -> dict[str, T]:
+    return {f"{section}[{i}]": entry for i, entry in enumerate(entries)}
 
 
 def _unpickled(plugins: list[Path], data: bytes) -> Job:

@@ -106,8 +106,12 @@ class Parameters:
         """The functions of the forms that are quantities."""
         return tuple(function for function, _ in self._functions.values())
 
-    def direction(self, where: str, rates: Mapping[str, tuple[Any, Dimension]]) -> Direction:
-        """How the parameters change where quantities of an ingredient do, at rates (SI) of the form that they have."""
+    def direction(self, rates: Mapping[str, Mapping[str, tuple[Any, Dimension]]]) -> Direction:
+        """How the parameters change where quantities do, at rates (SI) of the form that they have.
+
+        Args:
+            rates: by ingredient and by name of the quantity, with its dimension.
+        """
         entries = np.zeros(len(self._values))
         functions: list[tuple[fem.Function, fem.Function]] = []
 
@@ -118,11 +122,16 @@ class Parameters:
                 case list():
                     for i, (p, r) in enumerate(zip(place, rate, strict=True)):
                         follow(p, r, dimension, f"{name}[{i}]")
+                case _Formula():
+                    for name, slope in rate.constants.items():
+                        entries[place.constants[name]] = slope
                 case fem.Function() if isinstance(rate, ByRegion):
                     functions.append((place, self._fields.function(rate, self._scales.of(dimension), name)))
 
-        for name, (rate, dimension) in rates.items():
-            follow(self._places[self._numbers[where]][name], rate, dimension, f"{where}.{name}")
+        for where, of_ingredient in rates.items():
+            places = self._places[self._numbers[where]]
+            for name, (rate, dimension) in of_ingredient.items():
+                follow(places[name], rate, dimension, f"{where}.{name}")
         return Direction(entries, tuple(functions))
 
     @contextmanager

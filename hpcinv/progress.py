@@ -120,9 +120,13 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
     lines += _certificate(statistics["certificate"])
     estimated = (statistics["certificate"]["estimate"] or {"quantities": {}})["quantities"]
+    slopes = statistics["sensitivities"] or {"quantities": {}}
     for name, value in statistics["quantities"].items():
-        error = f" (estimated error {_value(estimated[name], digits=2)})" if name in estimated else ""
-        lines.append(f"{name}: {_value(value)}{error}")
+        notes = [f"estimated error {_value(estimated[name], digits=2)}"] if name in estimated else []
+        if (deviation := slopes["quantities"].get(name, {"sd": None})["sd"]) is not None:
+            notes.append(f"standard deviation {_value(deviation, digits=2)}")
+        lines.append(f"{name}: {_value(value)}{f' ({", ".join(notes)})' if notes else ''}")
+    lines += _sensitivities(statistics["sensitivities"])
     lines += [
         text.format(**statistics["errors"][name]) for name, text in _ERRORS.items() if name in statistics["errors"]
     ]
@@ -136,6 +140,20 @@ def _certificate(certificate: Mapping[str, Any]) -> list[str]:
         found = "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"
         note = f" ({line['note']})" if line["note"] else ""
         lines.append(f"  {line['verdict']}: {line['name']}{found}{note}")
+    return lines
+
+
+def _sensitivities(found: Mapping[str, Any] | None) -> list[str]:
+    """What changes with each parameter, and how uncertain the shape is."""
+    if found is None:
+        return []
+    lines = ["per SI unit of"]
+    for key in found["parameters"]:
+        slopes = [f"{name} {_value(of['slopes'][key], digits=4)}" for name, of in found["quantities"].items()]
+        lines.append(f"  {key}: {', '.join([*slopes, f'shape up to {_number(found["shape"]["largest"][key], 4)} m'])}")
+    shape = found["shape"]
+    if shape["sd"] is not None:
+        lines.append(f"shape: standard deviation up to {_number(shape['sd'], 2)} m, at {_value(shape['sd_at'], 4)}")
     return lines
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from hpcinv.equilibrium import Solve
     from hpcinv.job import Job
     from hpcinv.mesh import Body
+    from hpcinv.sensitivity.analysis import Sensitivities
 
 type Floats = npt.NDArray[np.float64]
 
@@ -93,6 +94,7 @@ class Result:
         quantities: the job's quantities of interest by name.
         errors: distances (``comparison``): from the job's expected shape, and what a round trip failed to close.
         estimate: estimated discretisation errors, ``None`` if they were not asked for.
+        sensitivities: derivatives by numbers of the job, ``None`` if it asks for none.
         statistics: what ``summary.json`` holds.
         directory: where it was written, if anywhere.
         accuracy: how the job's demands on it were met, if it has any.
@@ -105,6 +107,7 @@ class Result:
     quantities: Mapping[str, Any] = field(default_factory=dict)
     errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     estimate: Estimate | None = None
+    sensitivities: Sensitivities | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
     directory: Path | None = None
     accuracy: Record | None = None

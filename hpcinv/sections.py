@@ -16,6 +16,7 @@ from pydantic import (
 from hpcinv.expressions import Expression, faults, faults_with_constants
 from hpcinv.generators import Value, in_unit, is_generator, read_parameters
 from hpcinv.quantities import AnyQuantity, Length
+from hpcinv.scalars import Number, with_scalar
 from hpcinv.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.spelling import did_you_mean
 from hpcinv.units import Dimension
@@ -125,6 +126,14 @@ class Support(Spec):
     def _is_one_of_two(self) -> Self:
         raise_if_any(self._problems())
         return self
+
+    def numbers(self) -> dict[Location, Number | str]:
+        """The constants of the formulas, by place."""
+        return {("constants", name): Number(value, None) for name, value in self.constants.items()}
+
+    def with_number(self, place: Location, number: float) -> Self:
+        """The same with another constant (SI) at one of the places of `numbers`."""
+        return self.model_copy(update={"constants": with_scalar(self.constants, place[1:], number)})
 
     def _problems(self) -> list[tuple[Location, str]]:
         if (self.fix is None) == (self.displacement is None):

@@ -156,3 +156,12 @@ class Output(Spec):
     """displacement, pressure, volume ratio and Cauchy stress for ParaView"""
     mesh: ListOf[Literal["msh", "vtu"]] = ("msh", "vtu")
     """formats of the recovered shape"""
+    summary: ListOf[Literal["json", "h5"]] = ("json", "h5")
+    """formats of the summary; json must be among them"""
+
+    @field_validator("summary")
+    @classmethod
+    def _can_be_read_again(cls, summary: tuple[str, ...]) -> tuple[str, ...]:
+        if "json" not in summary:
+            raise ValueError("must hold json, which tells whether a run is finished")
+        return summary

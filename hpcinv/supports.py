@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from dolfinx import fem
 from hpcinv.errors import MeshError, told_with
 from hpcinv.parameters import load_factor
 from hpcinv.runtime import MPI
+from hpcinv.scalars import POINTS, central_difference, step_at
 from hpcinv.sections import AXES
 
 if TYPE_CHECKING:
@@ -102,6 +104,22 @@ class Supports:
                     )
         moves = any(bool(one.full.any()) for one in self.prescribed)
         self.prescribe_motion: bool = self._comm.allreduce(moves, op=MPI.LOR)
+
+    def prescribe_rates(self, number: int, variant: Callable[[float], Support], at: float) -> None:
+        """Prescribe derivatives of the displacements at full load, until `scale` is called.
+
+        Args:
+            variant: the support of this number as a function of what is differentiated by, at the value ``at``.
+        """
+        step = step_at(at)
+        specs = [variant(at + k * step) for k in POINTS]
+        for one in self.prescribed:
+            one.now.x.array[:] = 0.0
+            formulas = [spec.displacement and spec.displacement[one.axis] for spec in specs]
+            if one.support == number and formulas[0] is not None:
+                points = one.points * self._length
+                values = [_values(spec, f, points) for spec, f in zip(specs, formulas, strict=True) if f is not None]
+                one.now.x.array[one.nodes] = central_difference(values, step) / self._length
 
     def scale(self, load: float) -> None:
         """Prescribe the displacements that belong to a share of the whole load."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -99,14 +100,17 @@ class Unknowns:
     def at_nodes(self, u: fem.Function) -> npt.NDArray[np.float64]:
         """Values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3)."""
         x = self.mesh.geometry
-        degree = self.mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree
-        lagrange = basix.ufl.element("Lagrange", self.mesh.basix_cell(), degree, shape=(3,))
-        nodal = fem.Function(fem.functionspace(self.mesh, lagrange))
+        nodal = fem.Function(self._nodal_space)
         nodal.interpolate(u)
         values = np.empty((x.x.shape[0], 3))
         dofmap = nodal.function_space.dofmap.list
         values[x.dofmaps[0]] = nodal.x.array.reshape(-1, 3)[dofmap]
         return values
+
+    @cached_property
+    def _nodal_space(self) -> fem.FunctionSpace:
+        degree = self.mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree
+        return fem.functionspace(self.mesh, basix.ufl.element("Lagrange", self.mesh.basix_cell(), degree, shape=(3,)))
 
 
 def _dofs_in(mixed: fem.FunctionSpace, part: int, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:

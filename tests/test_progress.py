@@ -27,6 +27,14 @@ STATISTICS: dict[str, Any] = {
         ],
         "estimate": {"quantities": {"tip": [1e-3, 0.0, 0.0]}},
     },
+    "sensitivities": {
+        "parameters": {"material.mu": {"value": 1e4, "sd": 1e3}},
+        "quantities": {
+            "tip": {"slopes": {"material.mu": [0.0, 2e-5, 0.0]}, "sd": [0.0, 0.02, 0.0]},
+            "roundness": {"slopes": {"material.mu": -1e-9}, "sd": 1e-6},
+        },
+        "shape": {"largest": {"material.mu": 3e-5}, "sd": 0.03, "sd_at": [1.0, 0.0, 0.5]},
+    },
     "unused_petsc_options": ["snes_tpye"],
     "timings": {
         "total": 12.34,
@@ -75,8 +83,14 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
         "  not checked: overlap (switched off)",
         "  warning: sag 0.5 m (much)",
     ]
-    assert "tip: (0, -0.1325, 1e-09) m (estimated error (0.001, 0, 0) m)" in lines
-    assert "roundness: 1.5e-06" in lines
+    at = lines.index("roundness: 1.5e-06 (standard deviation 1e-06)")
+    assert lines[at - 1 : at + 4] == [
+        "tip: (0, -0.1325, 1e-09) m (estimated error (0.001, 0, 0) m, standard deviation (0, 0.02, 0) m)",
+        "roundness: 1.5e-06 (standard deviation 1e-06)",
+        "per SI unit of",
+        "  material.mu: tip (0, 2e-05, 0) m, roundness -1e-09, shape up to 3e-05 m",
+        "shape: standard deviation up to 0.03 m, at (1, 0, 0.5) m",
+    ]
     assert sum("snes_tpye" in line for line in lines) == 1
     assert lines[-1] == "recovered shape: 1.34e-14 m from the expected one (7e-14 of its length)"
     assert lines[-2].startswith("round trip: closes to 1e-12 m")

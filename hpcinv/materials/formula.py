@@ -16,7 +16,8 @@ from hpcinv.jets.invariants import ISOTROPIC, PrincipalStretches, families_in, i
 from hpcinv.jets.jet import JET_FUNCTIONS, Jet, Strains
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.measured import AnyMeasured, Measured
-from hpcinv.schema import Name, Problems, raise_if_any
+from hpcinv.scalars import Number
+from hpcinv.schema import Location, Name, Problems, raise_if_any
 from hpcinv.units import Dimension, parse_unit
 from hpcinv.varying import BulkModulusField
 
@@ -126,6 +127,13 @@ class Formula(IsochoricLaw):
             | {name: (p.value, _NUMBER) for name, p in self.parameters.items()}
             | {name: (value, _STRESS) for name, value in derived.items()}
         )
+
+    def numbers(self) -> dict[Location, Number | str]:
+        absent = "is 0, so that its term is no part of the law; give it a small value"  # see Coefficient.parameter
+        return super().numbers() | {
+            ("parameters", name): Number(p.value, p.dimension) if p.value else absent
+            for name, p in self.parameters.items()
+        }
 
     def shear_modulus(self, par: Any) -> Any:
         return par._shear_modulus

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import ConfigDict, model_validator
 
 from hpcinv.materials.lame import LameLaw
-from hpcinv.quantities import Dimensionless, Stress
-from hpcinv.schema import Spec, raise_if_any
+from hpcinv.quantities import Dimension, Dimensionless, Stress
+from hpcinv.scalars import Number
+from hpcinv.schema import Location, Spec, raise_if_any
 from hpcinv.varying import LameField, StressField
 
 if TYPE_CHECKING:
@@ -91,6 +92,32 @@ class NeoHookean(LameLaw):
     @property
     def volumetric_formula(self) -> str:
         return "lam/2*ln(J)**2"
+
+    def numbers(self) -> dict[Location, Number | str]:
+        """Young's modulus and Poisson's ratio too, whichever pair the job gives; each with the other as it is."""
+        found = super().numbers()
+        mu, lam = found.get(("mu",)), found.get(("lam",))
+        if isinstance(mu, Number) and (isinstance(lam, Number) or self.is_incompressible):
+            ratio = lam.value / (2 * (lam.value + mu.value)) if isinstance(lam, Number) else 0.5
+            found["young",] = Number(2 * mu.value * (1 + ratio), mu.dimension)
+            found["poisson",] = "is 0.5, the end of its range" if ratio == 0.5 else Number(ratio, Dimension())
+        return found
+
+    def rates(self, place: Location) -> dict[str, tuple[Any, Dimension]]:
+        if place not in (("young",), ("poisson",)):
+            return super().rates(place)
+        numbers = self.numbers()
+        young, poisson = numbers["young",], numbers["poisson",]
+        assert isinstance(young, Number)
+        if place == ("young",):
+            rates = {"mu": self.mu / young.value, "lam": self.lam / young.value}
+        else:
+            assert isinstance(poisson, Number)
+            nu = poisson.value
+            by_lam = young.value * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu)) ** 2
+            rates = {"mu": -self.mu / (1 + nu), "lam": by_lam}
+        dimensions = {name: dimension for name, (_, dimension) in self.quantities().items()}
+        return {name: (found, dimensions[name]) for name, found in rates.items() if math.isfinite(found)}
 
     def distortion(self, k: Deformation, par: Any) -> Any:
         return par.mu / 2 * k.I1_minus_3_minus_2_ln_J

@@ -18,18 +18,21 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
-def write_summary(directory: Path, statistics: Mapping[str, Any], comm: Intracomm) -> None:
-    """Write both files on rank 0; each appears whole or not at all; collective.
+def write_summary(
+    directory: Path, statistics: Mapping[str, Any], comm: Intracomm, *, formats: Sequence[str] = ("json", "h5")
+) -> None:
+    """Write a summary on rank 0, as a file in each format, which appears whole or not at all; collective.
 
     Raises:
-        OutputError: on every rank, if one cannot be written.
+        OutputError: on every rank, if it cannot be written.
     """
 
     def on_rank_0() -> None:
-        for name, write in WRITERS.items():
+        for form in formats:
+            name = f"summary.{form}"
             path, partial = directory / name, directory / f".{name}.partial"
             try:
-                write(partial, statistics)
+                WRITERS[form](partial, statistics)
                 partial.replace(path)
             except OSError as exc:
                 partial.unlink(missing_ok=True)
@@ -51,8 +54,8 @@ def _write_hdf5(path: Path, statistics: Mapping[str, Any]) -> None:
 
 
 WRITERS: Mapping[str, Callable[[Path, Mapping[str, Any]], None]] = {
-    "summary.json": _write_json,
-    "summary.h5": _write_hdf5,
+    "json": _write_json,
+    "h5": _write_hdf5,
 }
 
 

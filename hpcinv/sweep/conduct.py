@@ -40,7 +40,7 @@ def conduct(
     world: MPI.Intracomm,
     *,
     ranks_per_case: int = 1,
-    share: Share = Share(),  # noqa: B008  (it is frozen)
+    share: Share = Share(),
     lease: float,
     note: Callable[[str], None],
     stop_asked: Callable[[], bool],

@@ -30,7 +30,7 @@ from __future__ import annotations
 import contextlib
 import json
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -107,12 +107,13 @@ class Ledger:
 
     def record(self, key: str) -> Record | None:
         """How a case ended; ``None`` if it is not finished. A record that is damaged opens its case again."""
-        return self.records([key]).get(key)
+        return self._read_record(key, self._files.of(key))
 
-    def records(self, keys: Iterable[str]) -> dict[str, Record]:
-        """How cases ended, of those that are finished."""
-        found = {key: self._read_record(key, history) for key, history in self._files.of_all(keys).items()}
-        return {key: record for key, record in found.items() if record is not None}
+    def records(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
+        """The same for those of many cases that are finished, each with its key; one scan of a directory for many."""
+        for key, history in self._files.of_all(keys).items():
+            if (record := self._read_record(key, history)) is not None:
+                yield key, record
 
     def claim(self, key: str) -> Claim | None:
         """Take a case; ``None``, at once, if it is finished or its holder is, or may be, alive."""

@@ -26,7 +26,7 @@ from hpcinv.sweep.spec import Sweep
 _STORE = Path("results/store")
 # Of thousands of cases the summaries are enough, and most take less time than a checkpoint.
 _DEFAULTS: Mapping[str, Mapping[str, Any]] = {
-    "output": {"fields": False, "mesh": []},
+    "output": {"fields": False, "mesh": [], "summary": ["json"]},
     "checkpoint": {"seconds": 10.0},
 }
 _VALUE = re.compile(r", (?:not|but) .*", re.DOTALL)

@@ -24,8 +24,8 @@ from hpcinv.driver import run
 from hpcinv.errors import CheckpointError, HpcinvError, Interrupted, JobError, MeshError, SolveError
 from hpcinv.methods.guess import Guess
 from hpcinv.progress import Progress
-from hpcinv.runtime import MPI, on_root
 from hpcinv.rundirectory import RunDirectory
+from hpcinv.runtime import MPI, on_root
 from hpcinv.sweep.ledger import DEADLY
 from hpcinv.sweep.neighbours import Neighbours, Solution
 from hpcinv.sweep.record import Record

@@ -75,7 +75,7 @@ def test_a_case_is_claimed_once_and_finished_once(ledger: Ledger, store: Path) -
     assert ledger.record(KEY) == DONE
     assert ledger.claim(KEY) is None
     assert ledger.states([KEY, OTHER]) == {KEY: State("finished"), OTHER: State("open")}
-    assert ledger.records([OTHER, KEY]) == {KEY: DONE}
+    assert dict(ledger.records([OTHER, KEY])) == {KEY: DONE}
     assert files(store) == {"record-1.json"}
 
 
@@ -438,7 +438,7 @@ def test_a_store_that_may_only_be_read_can_be_read(small_disk: Path) -> None:
         (store / "ledger" / "ab" / f"{OTHER}.record-1.json").write_bytes(b"")
     subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
     reader = Ledger(store, Holder(store))
-    assert reader.records([KEY, OTHER]) == {KEY: DONE}
+    assert dict(reader.records([KEY, OTHER])) == {KEY: DONE}
     with pytest.raises(OutputError, match=r"Read-only file system\n  Make it writable, or choose another 'store'"):
         Holder(store).__enter__()
 
@@ -559,7 +559,7 @@ def test_where_10_000_cases_stand_costs_a_scan_for_each_first_two_digits(
     ledger: Ledger, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     keys = [f"{number % 256:02x}{number:018x}" for number in range(10_000)]
-    for key in keys[:512]:
+    for key in keys[:128]:
         claim = ledger.claim(key)
         assert claim is not None
         ledger.commit(claim, DONE)
@@ -575,4 +575,4 @@ def test_where_10_000_cases_stand_costs_a_scan_for_each_first_two_digits(
     monkeypatch.setattr(os, "open", pytest.fail)
     states = ledger.states(keys)
     assert scans == 256
-    assert sum(state.name == "finished" for state in states.values()) == 512
+    assert sum(state.name == "finished" for state in states.values()) == 128

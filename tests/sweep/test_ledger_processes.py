@@ -78,7 +78,7 @@ def check(workers: Workers, keys: list[str]) -> dict[str, Record]:
     """Each case has one whole record, none was begun after it or by two at a time."""
     events = workers.events()
     assert not [event for event in events if event.what == "overlap"]
-    records = Ledger(workers.store, Holder(workers.store)).records(keys)
+    records = dict(Ledger(workers.store, Holder(workers.store)).records(keys))
     assert set(records) == set(keys)
     for event in events:
         if event.what == "begin":

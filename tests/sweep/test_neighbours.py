@@ -23,7 +23,7 @@ def quadratic(p: np.ndarray) -> np.ndarray:
 
 def test_polynomials_are_continued_exactly() -> None:
     points = np.random.default_rng(1).random((16, 2))
-    guess, _ = known(points[:15], quadratic).guess(points[15]) or pytest.fail()
+    guess, _ = known(points[:15], quadratic).guess(points[15]) or pytest.fail("nothing is known")
     assert guess.displacement == pytest.approx(quadratic(points[15]), rel=1e-9)
     assert guess.pressure == pytest.approx(quadratic(points[15])[:1], rel=1e-9)
 
@@ -35,7 +35,7 @@ def test_the_error_falls_with_the_cube_of_the_distance() -> None:
     offsets = np.random.default_rng(2).uniform(-1, 1, (30, 2))
     errors = []
     for h in (0.1, 0.05, 0.025):
-        guess, _ = known(h * offsets, smooth).guess(np.zeros(2)) or pytest.fail()
+        guess, _ = known(h * offsets, smooth).guess(np.zeros(2)) or pytest.fail("nothing is known")
         errors.append(np.abs(guess.displacement - smooth(np.zeros(2))).max())
     orders = np.log2(errors[:-1] / np.array(errors[1:]))
     assert orders.min() > 2.7
@@ -43,7 +43,7 @@ def test_the_error_falls_with_the_cube_of_the_distance() -> None:
 
 def test_few_neighbours_give_the_nearest() -> None:
     points = np.array([[0.1, 0.0], [0.9, 0.0]])
-    guess, key = known(points, quadratic).guess(np.zeros(2)) or pytest.fail()
+    guess, key = known(points, quadratic).guess(np.zeros(2)) or pytest.fail("nothing is known")
     assert key == "0"
     assert np.array_equal(guess.displacement, quadratic(points[0]))
     assert Neighbours().guess(np.zeros(2)) is None
@@ -51,13 +51,15 @@ def test_few_neighbours_give_the_nearest() -> None:
 
 def test_neighbours_that_lie_on_a_line_do_not_tell_of_what_is_beside_it() -> None:
     line = np.stack([np.linspace(0, 1, 12), np.zeros(12)], axis=1)
-    guess, key = known(line, quadratic).guess(np.array([0.5, 0.8])) or pytest.fail()
+    guess, key = known(line, quadratic).guess(np.array([0.5, 0.8])) or pytest.fail("nothing is known")
     assert np.array_equal(guess.displacement, quadratic(line[int(key)]))
 
 
 def test_solutions_beyond_a_branching_point_are_left_out() -> None:
     points = np.random.default_rng(3).random((20, 1)) + np.repeat([[0.0], [2.0]], 10, axis=0)
-    guess, _ = known(points, lambda p: np.sign(p - 1.5), [1] * 10 + [-1] * 10).guess(np.array([1.2])) or pytest.fail()
+    guess, _ = known(points, lambda p: np.sign(p - 1.5), [1] * 10 + [-1] * 10).guess(np.array([1.2])) or pytest.fail(
+        "nothing is known"
+    )
     assert guess.sign == 1
     assert guess.displacement == pytest.approx([-1.0])
 
@@ -67,7 +69,7 @@ def test_memory_is_bounded() -> None:
     for i in range(10):
         neighbours.add(Solution(str(i), np.array([i / 10]), Guess(np.zeros(2), None)), largest=100_000_000)
         assert len(neighbours) <= 2
-    _, key = neighbours.guess(np.array([1.0])) or pytest.fail()
+    _, key = neighbours.guess(np.array([1.0])) or pytest.fail("nothing is known")
     assert key == "9"
 
 

@@ -200,7 +200,7 @@ def test_a_store_that_cannot_be_one_is_refused(tmp_path: Path) -> None:
 
 
 def test_thirty_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
-    """Kills of a whole run at random moments; what was committed stays as it is, and what was not is done at the end."""
+    """Kills of whole runs at random moments: what was committed stays as it is, and what was not is done at the end."""
     chance = random.Random(5)
     sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 64}])
     committed: dict[Path, tuple[int, bytes]] = {}
@@ -212,7 +212,7 @@ def test_thirty_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
             deadline = time.monotonic() + 60
             # Some are killed while they start, most while they work.
             while kills % 5 and len(_records(tmp_path)) <= before and started.mpirun.poll() is None:
-                assert time.monotonic() < deadline
+                assert time.monotonic() < deadline, started.text
                 time.sleep(0.005)
             time.sleep(chance.uniform(0.0, 0.15))
             if started.mpirun.poll() is not None:

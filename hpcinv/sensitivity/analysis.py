@@ -1,0 +1,186 @@
+"""Sensitivities of a solved leg: one linear solve with its tangent for each parameter.
+
+The solution of ``R(x; θ) = 0`` follows a parameter as ``K dx/dθ = -∂R/∂θ``, with the tangent ``K = ∂R/∂x`` at the
+solution: exact derivatives of the discrete solution. Unknowns that supports prescribe follow their formulas. In an
+inverse analysis, where ``X = x - u`` and x is given, ``dX/dθ = -du/dθ``.
+
+To first order, what is made of independent parameters with standard deviations σ has ``sd² = Σ (dQ/dθ σ)²``.
+
+Source: Tortorelli & Michaleris, "Design sensitivity analysis: overview and review" (1994),
+doi:10.1080/174159794088027573; JCGM 100:2008, *Guide to the expression of uncertainty in measurement*, 5.1.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx.fem.petsc as fem_petsc
+import numpy as np
+from dolfinx import fem
+from petsc4py import PETSc
+
+from hpcinv.errors import SolveError
+from hpcinv.ingredient import Ingredient
+from hpcinv.placement import placed
+from hpcinv.sensitivity.slopes import Change, slopes
+from hpcinv.sensitivity.spec import parameters_of
+
+if TYPE_CHECKING:
+    from hpcinv.interest import Value
+    from hpcinv.model import Model
+    from hpcinv.result import Floats, Leg
+    from hpcinv.runtime import MPI
+    from hpcinv.sensitivity.spec import Parameter
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Derivatives by parameters (SI) of what one leg has found, and standard deviations that follow to first order.
+
+    Attributes:
+        parameters: by which it was differentiated.
+        slopes: of each quantity of interest by parameter, a list of 3 for a vector.
+        displacement: of ``u = x - X``, by parameter.
+        nodes: of the body that was looked for, at the local geometry nodes, (n, 3), by parameter.
+        shape: largest length of those over all nodes.
+        deviations: of each quantity, ``None`` if no parameter has one.
+        deviation: of the shape, at the node where it is largest: ``√(Σ |dX/dθ|² σ²)`` in m, ``None`` likewise.
+        deviation_at: position of that node in the given body (m).
+    """
+
+    parameters: Sequence[Parameter]
+    slopes: Mapping[str, Mapping[str, Value]]
+    displacement: Mapping[str, fem.Function]
+    nodes: Mapping[str, Floats]
+    shape: Mapping[str, float]
+    deviations: Mapping[str, Value | None]
+    deviation: float | None
+    deviation_at: list[float] | None
+
+    def as_data(self) -> dict[str, Any]:
+        """As JSON data, without the fields."""
+        return {
+            "parameters": {p.key: {"value": p.value, "sd": p.deviation} for p in self.parameters},
+            "quantities": {
+                name: {"slopes": dict(by_key), "sd": self.deviations[name]} for name, by_key in self.slopes.items()
+            },
+            "shape": {"largest": dict(self.shape), "sd": self.deviation, "sd_at": self.deviation_at},
+        }
+
+    def fields(self) -> list[fem.Function]:
+        """For ParaView: ``d displacement/d KEY``, and ``sd`` of the displacement in m if there is one."""
+        found = []
+        for key, function in self.displacement.items():
+            named = function.copy()
+            named.name = f"d displacement/d {key}"
+            found.append(named)
+        if self.deviation is not None:
+            space = found[0].function_space
+            scalar = fem.functionspace(space.mesh, ("Lagrange", space.ufl_element().degree))
+            deviation = fem.Function(scalar, name="sd")
+            vectors = {key: function.x.array.reshape(-1, 3) for key, function in self.displacement.items()}
+            deviation.x.array[:] = _deviations(self.parameters, vectors)
+            found.append(deviation)
+        return found
+
+
+def sensitivities(model: Model, leg: Leg) -> Sensitivities | None:
+    """Differentiate a leg at full load by what the job asks for, ``None`` if that is nothing; collective.
+
+    Args:
+        model: that of the leg; its state becomes the leg's solution.
+
+    Raises:
+        SolveError: on all ranks, if the tangent at the solution is singular.
+    """
+    parameters, body = parameters_of(model.job), model.body
+    if not parameters:
+        return None
+    with model.timings("sensitivities"), placed(body.mesh, leg.mesh_nodes / body.length_scale):
+        changes = _changes(model, leg, parameters)
+        by_quantity = slopes(model, leg, [(p, changes[p.key]) for p in parameters])
+    nodes = {key: leg.sign * change.u for key, change in changes.items()}
+    comm = body.mesh.comm
+    lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
+    deviation, at = None, None
+    if any(p.deviation is not None for p in parameters):
+        deviation, at = _largest(comm, _deviations(parameters, nodes), leg.mesh_nodes)
+    return Sensitivities(
+        parameters=parameters,
+        slopes=by_quantity,
+        displacement={key: change.displacement for key, change in changes.items()},
+        nodes=nodes,
+        shape={key: _largest(comm, length, leg.mesh_nodes)[0] for key, length in lengths.items()},
+        deviations={name: _deviation(parameters, found) for name, found in by_quantity.items()},
+        deviation=deviation,
+        deviation_at=at,
+    )
+
+
+def _changes(model: Model, leg: Leg, parameters: Sequence[Parameter]) -> dict[str, Change]:
+    """How the solution and the scene's parameters change with each parameter, by its key."""
+    scene = model.scene(leg.direction)
+    equilibrium = model.equilibrium(scene, lambda: False)
+    model.set_solution(leg.displacement, leg.pressure)
+    equilibrium.linearise(1.0)
+    with model.timings("compile"):
+        derivative = scene.parameter_derivative
+    solution, b, x = equilibrium.position(), equilibrium.rhs.duplicate(), equilibrium.rhs.duplicate()
+    found: dict[str, Change] = {}
+    for parameter in parameters:
+        owner, place = parameter.owner, parameter.place
+        if isinstance(owner, Ingredient):
+            along = scene.parameters.direction({parameter.where: owner.rates(place)})
+            with model.timings("residual"):
+                derivative.assemble(along, b)
+                b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+                fem_petsc.set_bc(b, model.supports.conditions, alpha=0.0)
+                b.scale(-1.0)
+        else:
+            along = scene.parameters.direction({})
+            number = model.job.supports.index(owner)
+            model.supports.prescribe_rates(number, partial(owner.with_number, place), parameter.value)
+            equilibrium.lift(b)
+            model.supports.scale(1.0)
+        if not equilibrium.solve_linear(b, x):
+            raise SolveError(
+                "sensitivities: the tangent at the solution is singular, so that there are no derivatives there",
+                "Leave the section 'sensitivities' out, or take a load at which the solution is not at a fold.",
+            )
+        equilibrium.set_state(x)
+        u, p = model.solution()
+        found[parameter.key] = Change(along, u, model.unknowns.at_nodes(u), p)
+        equilibrium.set_state(solution)
+    for vector in (solution, b, x):
+        vector.destroy()
+    model.release(equilibrium)
+    return found
+
+
+def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) -> Floats:
+    """Of the lengths of vectors (n, 3) with these derivatives, (n,)."""
+    squares = [(vectors[p.key] ** 2).sum(axis=1) * p.deviation**2 for p in parameters if p.deviation is not None]
+    return np.asarray(np.sqrt(sum(squares)))
+
+
+def _deviation(parameters: Sequence[Parameter], by_key: Mapping[str, Value]) -> Value | None:
+    """Of a quantity with these derivatives."""
+    parts = [np.array(by_key[p.key]) * p.deviation for p in parameters if p.deviation is not None]
+    if not parts:
+        return None
+    found = np.linalg.norm(parts, axis=0)
+    return [float(v) for v in found] if found.ndim else float(found)
+
+
+def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float, list[float]]:
+    """Largest value over all ranks, and the point (m) that has it."""
+    here = int(values.argmax()) if len(values) else None
+    mine = None if here is None else (float(values[here]), [float(c) for c in points[here]])
+    everywhere: list[tuple[float, list[float]] | None] = comm.allgather(mine)
+    return max(found for found in everywhere if found is not None)
