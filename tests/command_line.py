@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -104,7 +105,8 @@ class Started:
 
     def send(self, number: signal.Signals, processes: Sequence[int]) -> None:
         for process in processes:
-            os.kill(process, number)
+            with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+                os.kill(process, number)
 
     def kill(self) -> None:
         """End mpirun, its proxy and the ranks at once, as a node that fails does."""

@@ -23,6 +23,7 @@ from hpcinv.fingerprint import difference
 from hpcinv.job import Job, json_schema, parse
 from hpcinv.materials import laws
 from hpcinv.study.plan import is_study, load_plan
+from hpcinv.sweep.plan import is_sweep, load_sweep
 
 GENERATOR = """
 from hpcinv.quantities import Length
@@ -310,9 +311,11 @@ JOBS = sorted((Path(__file__).parents[1] / "jobs").rglob("*.yaml"))
 
 
 @pytest.mark.parametrize("path", JOBS, ids=lambda p: p.name)
-def test_the_jobs_and_studies_that_come_with_the_project_are_valid_and_say_what_they_show(path: Path) -> None:
+def test_the_jobs_studies_and_sweeps_that_come_with_the_project_are_valid_and_say_what_they_show(path: Path) -> None:
     if is_study(path):
         assert load_plan(path).runs
+    elif is_sweep(path):
+        assert load_sweep(path).cases
     else:
         assert hpcinv.load(path).path == path
     assert path.read_text().startswith("# ")

@@ -189,6 +189,8 @@ class Worker:
             shutil.rmtree(task.directory.checkpoints, ignore_errors=True)
         else:
             shutil.rmtree(task.directory.path, ignore_errors=True)
+            with contextlib.suppress(OSError):  # there may be those of earlier rounds
+                task.directory.path.parent.rmdir()
         self.note(_line(task.case, record, first=first))
 
 
