@@ -6,7 +6,7 @@ import resource
 import subprocess
 import sys
 
-MODULES = "hpcinv.job, hpcinv.materials, hpcinv.effects, hpcinv.study.plan, hpcinv.sweep.plan"
+MODULES = "hpcinv.job, hpcinv.materials, hpcinv.effects, hpcinv.study.plan, hpcinv.sweep.plan, hpcinv.sweep.ledger"
 HEAVY = {
     "dolfinx",
     "dolfinx_solver",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import Interrupted
+from hpcinv.sweep.holder import BEAT
 from hpcinv.sweep.liveness import LEASE
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.reporting import add_reports
@@ -40,7 +41,7 @@ def add_sweep(commands: Any) -> None:
     )
     run.add_argument("--first", type=_positive, metavar="N", help="only the first N cases: of a sample, a smaller one")
     run.add_argument(
-        "--lease", type=float, default=LEASE, metavar="S", help="seconds after which a silent machine counts as lost"
+        "--lease", type=_lease, default=LEASE, metavar="S", help="seconds after which a silent machine counts as lost"
     )
     run.add_argument("--strict", action="store_true", help="end with exit code 7 if certificates have warnings")
 
@@ -56,6 +57,12 @@ def _positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError("must be 1 or more")
     return number
+
+
+def _lease(text: str) -> float:
+    if (seconds := float(text)) < 3 * BEAT:
+        raise argparse.ArgumentTypeError(f"must be {3 * BEAT:g} or more: a sign of life is given every {BEAT:g} s")
+    return seconds
 
 
 def _shard(text: str) -> tuple[int, int]:

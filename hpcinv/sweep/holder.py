@@ -87,9 +87,12 @@ class Identity:
     def from_json(cls, data: Any) -> Identity:
         """Raises ``ValueError`` if it is none."""
         try:
-            return cls(**{field.name: data[field.name] for field in fields(cls)})
+            values = {field.name: data[field.name] for field in fields(cls)}
         except (KeyError, TypeError) as error:
             raise ValueError("it names no holder") from error
+        if any(type(values[field.name]).__name__ != field.type for field in fields(cls)):
+            raise ValueError("it has entries of another type")
+        return cls(**values)
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)

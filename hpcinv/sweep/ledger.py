@@ -75,12 +75,14 @@ class State:
     Attributes:
         holder, since: who works on it, and since when by his clock; for people.
         died: how many attempts at an open case ended with their process.
+        living: whether it is certain that the holder is alive.
     """
 
     name: Literal["open", "running", "finished"]
     holder: str = ""
     since: str = ""
     died: int = 0
+    living: bool = False
 
 
 class Ledger:
@@ -150,6 +152,10 @@ class Ledger:
                 (file.parent / name).unlink(missing_ok=True)
         return True
 
+    def holds(self, claim: Claim) -> bool:
+        """Whether a claim is still the last one of an open case, and nobody has taken it over."""
+        return _is_last(claim, self._files.of(claim.key))
+
     def release(self, claim: Claim) -> None:
         """Give a case back unfinished; what its run has saved stays, and its process has not died with it."""
         file = self._files.file(claim.key, f"released-{claim.round}-{claim.attempt}")
@@ -178,7 +184,8 @@ class Ledger:
         holder, since = self._last_claim(key, history)
         if self._is_dead(holder, key, history):
             return State("open", died=history.unreleased)
-        return State("running", str(holder or "unknown"), since, history.unreleased - 1)
+        living = holder is not None and self._watch.is_living(holder)
+        return State("running", str(holder or "unknown"), since, history.unreleased - 1, living)
 
     def _is_held(self, key: str, history: History) -> bool:
         """Whether somebody who is, or may be, alive works on an open case."""

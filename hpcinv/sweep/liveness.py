@@ -27,6 +27,7 @@ class Watch:
     def __init__(self, store: Path, me: Identity, lease: float) -> None:
         self._store, self._me, self._lease = store, me, lease
         self._seen: dict[str, tuple[bytes | None, float]] = {}
+        self._beating: set[str] = set()  # whose heartbeat was seen to change
 
     def is_dead(self, other: Identity) -> bool:
         """Whether it is certain, or the lease has passed, since when nothing of it has changed."""
@@ -38,6 +39,12 @@ class Watch:
         if other.job and other.job == me.job and other.restart < me.restart:
             return True
         return self._is_still(other.token, self._beat(other.token))
+
+    def is_living(self, other: Identity) -> bool:
+        """Whether it is certain that it lives, or did at the last look; never at once with `is_dead`."""
+        if other.machine and other.machine == self._me.machine and (started := start_of(other.pid)) is not None:
+            return started == other.started
+        return other.token in self._beating
 
     def bury(self, dead: Identity) -> None:
         """Remove the heartbeat of one who has lost the only case that he had; should he live, he makes it again."""
@@ -52,8 +59,12 @@ class Watch:
         seen = self._seen.get(name)
         if seen is None or seen[0] != beat:
             self._seen[name] = (beat, now)
+            if seen is not None:
+                self._beating.add(name)
             return False
-        return now - seen[1] >= self._lease
+        if still := now - seen[1] >= self._lease:
+            self._beating.discard(name)
+        return still
 
     def _beat(self, token: str) -> bytes | None:
         try:

@@ -50,27 +50,33 @@ class Queue:
         """The place of a case among those of its structure."""
         return self._spaces[case.structure].point(case.numbers)
 
-    @property
-    def finished(self) -> int:
-        """Number of distinct cases that were finished when last looked at."""
-        return self._finished
-
     def next(self) -> tuple[Case, Claim] | None:
         """Claim a case; ``None`` when all are finished, or in the hands of others who live."""
         deadline = time.monotonic() + self.patience
-        while True:
+        while self._open.any():
             if found := self._claim():
                 return found
             self._look()
-            if not self._open.any() or time.monotonic() > deadline:
-                return None
-            time.sleep(_PAUSE)
+            if not self._may_be_claimed():
+                if not self._is_in_doubt() or time.monotonic() > deadline:
+                    return None
+                time.sleep(_PAUSE)
+        return None
+
+    def _may_be_claimed(self) -> bool:
+        return any(state.name == "open" for state in self._states)
+
+    def _is_in_doubt(self) -> bool:
+        """Whether a case is held by someone of whom it is not known whether he lives."""
+        return any(state.name == "running" and not state.living for state in self._states)
 
     def _claim(self) -> tuple[Case, Claim] | None:
         """One pass over the cases that seem to be open."""
         tried, refusals = ~self._open, 0
         while not tried.all():
-            number = self._nearest(~tried)
+            # What has cost others their lives comes last: it should not cost ours before the rest is done.
+            left = ~tried
+            number = self._nearest(left & (self._deaths == self._deaths[left].min()))
             claim = self.ledger.claim(self._cases[number].key)
             if claim is not None:
                 self._open[number], self._last = False, number
@@ -96,6 +102,7 @@ class Queue:
 
     def _look(self) -> None:
         """See how far everybody is, ourselves included."""
-        states = self.ledger.states([case.key for case in self._cases])
-        self._open = np.array([states[case.key].name != "finished" for case in self._cases])
-        self._finished = int(np.count_nonzero(~self._open))
+        found = self.ledger.states([case.key for case in self._cases])
+        self._states = [found[case.key] for case in self._cases]
+        self._open = np.array([state.name != "finished" for state in self._states])
+        self._deaths = np.array([state.died for state in self._states])

@@ -18,12 +18,11 @@ class Tally:
     def __init__(self, plan: Plan, ledger: Ledger) -> None:
         self.verdicts: Counter[str] = Counter()  # of those that converged, by the certificate
         self.diagnoses: Counter[str] = Counter()  # of those that failed
-        self.unfinished = 0
-        for key in dict.fromkeys(case.key for case in plan.cases):
-            record = ledger.record(key)
-            if record is None:
-                self.unfinished += 1
-            elif record.converged:
+        keys = dict.fromkeys(case.key for case in plan.cases)
+        self.unfinished = len(keys)
+        for _, record in ledger.records(keys):
+            self.unfinished -= 1
+            if record.converged:
                 self.verdicts[record.statistics["certificate"]["verdict"]] += 1
             else:
                 self.diagnoses[record.statistics.get("status", record.status)] += 1

@@ -94,17 +94,13 @@ class Worker:
                 try:
                     record = self._solve(task)
                 except HpcinvError:
-                    on_root(self.comm, lambda task=task: self._ledger.release(task.claim))  # type: ignore[misc]
-                    raise
-                on_root(self.comm, lambda task=task, record=record: self._commit(task, record))  # type: ignore[misc]
+                    if on_root(self.comm, partial(self._release, task)):
+                        raise
+                else:
+                    on_root(self.comm, partial(self._commit, task, record))
                 self.solved += 1
                 if self.solved % _COLLECT == 0:
                     collect_garbage(self.comm)
-
-    @property
-    def _ledger(self) -> Any:
-        assert self.queue is not None
-        return self.queue.ledger
 
     def _next(self) -> Task | None:
         assert self.queue is not None
@@ -120,7 +116,11 @@ class Worker:
         record = Record("", "", {}, 0.0, task.claim.attempt)
         if task.claim.died >= DEADLY:
             status = f"the process that ran it was killed {task.claim.died} times"
-            return replace(record, status=status, advice="Was it out of memory? Give it more, or a coarser mesh.")
+            return replace(
+                record,
+                status=status,
+                advice="Was it, or a case beside it, out of memory? Give it more, or a coarser mesh.",
+            )
         if (known := on_root(self.comm, lambda: _summary(task.directory))) is not None:
             return replace(record, status="converged", statistics=known)  # it was killed just before its commit
         heard = _Listener(self.comm)
@@ -183,8 +183,18 @@ class Worker:
         solution = Solution(task.case.key, task.point, guess)
         self.neighbours[1].add(solution, self.comm.allreduce(solution.bytes, op=MPI.MAX))
 
+    def _release(self, task: Task) -> bool:
+        """Give a case back; false if another has taken it over, and its directory with it, which explains the error."""
+        assert self.queue is not None
+        if not self.queue.ledger.holds(task.claim):
+            self.note(f"{task.case.title}: was taken over by another, who thought that this process had ended")
+            return False
+        self.queue.ledger.release(task.claim)
+        return True
+
     def _commit(self, task: Task, record: Record) -> None:
-        first = self._ledger.commit(task.claim, record)
+        assert self.queue is not None
+        first = self.queue.ledger.commit(task.claim, record)
         if record.converged and any(path for kept in _KEPT for path in task.directory.path.glob(kept)):
             shutil.rmtree(task.directory.checkpoints, ignore_errors=True)
         else:

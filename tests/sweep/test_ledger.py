@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import time
@@ -174,6 +175,7 @@ def test_who_hesitates_between_looking_and_claiming_gets_nothing(
 
 
 WHOLE = DONE.encoded()
+WRONG_TYPE = b"whole, but with a word for a number"
 
 
 @pytest.mark.parametrize(
@@ -212,12 +214,15 @@ def test_a_record_with_other_entries_is_not_believed() -> None:
         Record.decoded(b'{"record": ' + content + b', "sha256": "' + digest + b'"}\n')
 
 
-@pytest.mark.parametrize("damaged", [b"", b'{"holder": {"token": "x"', b'{"holder": {"token": "x"}}', b"[1]", b"\xff"])
+@pytest.mark.parametrize(
+    "damaged", [b"", b'{"holder": {"token": "x"', b'{"holder": {"token": "x"}}', b"[1]", WRONG_TYPE]
+)
 def test_a_damaged_claim_counts_for_the_lease(
     ledger: Ledger, store: Path, clock: Callable[[float], None], damaged: bytes
 ) -> None:
     ledger.claim(KEY)
-    (store / "ledger" / "ab" / f"{KEY}.claim-1-1.json").write_bytes(damaged)
+    file = store / "ledger" / "ab" / f"{KEY}.claim-1-1.json"
+    file.write_bytes(re.sub(rb'"pid": (\d+)', rb'"pid": "\1"', file.read_bytes()) if damaged is WRONG_TYPE else damaged)
     assert ledger.claim(KEY) is None
     assert ledger.states([KEY])[KEY] == State("running", "unknown")
     clock(liveness.LEASE - 0.1)
@@ -270,10 +275,12 @@ def test_one_elsewhere_is_dead_when_its_heartbeat_stands_still_for_the_lease(
 ) -> None:
     assert Ledger(store, elsewhere).claim(KEY) is not None
     assert ledger.claim(KEY) is None  # seen for the first time
+    assert not ledger.states([KEY])[KEY].living  # as far as is known yet
     for beat in range(2, 50):
         clock(liveness.LEASE - 0.1)
         elsewhere.heartbeat.write_bytes(b"%020d" % beat)
         assert ledger.claim(KEY) is None
+        assert ledger.states([KEY])[KEY].living
     clock(liveness.LEASE - 0.1)
     assert ledger.claim(KEY) is None
     assert ledger.states([KEY])[KEY].name == "running"
