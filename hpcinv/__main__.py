@@ -13,6 +13,7 @@ from hpcinv import __version__
 from hpcinv.errors import HpcinvError
 from hpcinv.job import Job, json_schema, load
 from hpcinv.rundirectory import RunDirectory, choose
+from hpcinv.signals import end_on_interrupt
 from hpcinv.study.plan import is_study, load_plan
 from hpcinv.sweep.command import add_sweep
 from hpcinv.sweep.plan import is_sweep, load_sweep
@@ -117,33 +118,27 @@ def _resume(options: argparse.Namespace) -> int:
 
 
 def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
-    """Read the job on rank 0 and solve it on all; an error that all ranks share is told once."""
-    from hpcinv.signals import StopRequest, end_on_interrupt
+    """Read the job on rank 0 and solve it on all."""
+    from hpcinv.launch import launched
 
-    stop = StopRequest()
-    stop.install()
+    with launched(options.ranks) as (comm, stop):
+        from hpcinv.progress import Progress
+        from hpcinv.runtime import abort, on_root
 
-    from hpcinv.progress import Progress
-    from hpcinv.runtime import MPI, abort, failing_together, on_root, require_ranks
+        with Progress(comm, sys.stdout) as progress:
 
-    stop.install()
-    comm = MPI.COMM_WORLD
-    with failing_together(comm), Progress(comm, sys.stdout) as progress:
+            def interrupted() -> NoReturn:
+                progress.close()  # gives the terminal its cursor back
+                abort(comm, 130)
 
-        def interrupted() -> NoReturn:
-            progress.close()  # gives the terminal its cursor back
-            abort(comm, 130)
+            end_on_interrupt(interrupted)
+            job, directory = on_root(comm, read)
+            if resume and on_root(comm, lambda: directory.is_finished):
+                progress.note(f"{directory.path}: this run is finished; its results are in summary.json")
+                return 0
 
-        end_on_interrupt(interrupted)
-        require_ranks(comm, options.ranks)
-        job, directory = on_root(comm, read)
-        if resume and on_root(comm, lambda: directory.is_finished):
-            progress.note(f"{directory.path}: this run is finished; its results are in summary.json")
-            return 0
+            from hpcinv.driver import run
 
-        from hpcinv.driver import run
-
-        try:
             result = run(
                 job,
                 comm,
@@ -153,37 +148,24 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
                 progress=progress,
                 stop_asked=stop,
             )
-        finally:
-            stop.ignore()
     return result.certificate.verdict.exit_code(strict=options.strict)
 
 
 def _study(options: argparse.Namespace) -> int:
-    from hpcinv.signals import StopRequest, end_on_interrupt
+    from hpcinv.launch import launched
 
-    stop = StopRequest()
-    stop.install()
-
-    from hpcinv.runtime import MPI, abort, failing_together, on_root, require_ranks
-
-    stop.install()
-    comm = MPI.COMM_WORLD
-    with failing_together(comm):
-        end_on_interrupt(lambda: abort(comm, 130))
-        require_ranks(comm, options.ranks)
-        plan = on_root(comm, lambda: load_plan(options.study))
-
+    with launched(options.ranks) as (comm, stop):
+        from hpcinv.runtime import on_root
         from hpcinv.study.command import conduct
+
+        plan = on_root(comm, lambda: load_plan(options.study))
 
         def note(text: str) -> None:
             if comm.rank == 0:
                 print(text, flush=True)
 
         directory = options.output or Path("results") / plan.study.study
-        try:
-            conduct(plan, comm, directory=directory, note=note, stop_asked=stop)
-        finally:
-            stop.ignore()
+        conduct(plan, comm, directory=directory, note=note, stop_asked=stop)
     return 0
 
 

@@ -102,6 +102,17 @@ class Progress:
             self._bar = None
 
 
+class Listener(Progress):
+    """Says nothing, and hears the statistics of a run, also of one that fails in the end."""
+
+    def __init__(self, comm: Intracomm) -> None:
+        super().__init__(comm, None)
+        self.statistics: Mapping[str, Any] = {}
+
+    def finish(self, statistics: Mapping[str, Any]) -> None:
+        self.statistics = statistics
+
+
 def report(statistics: Mapping[str, Any]) -> list[str]:
     """Lines of text on the statistics of a run."""
     timings, legs = statistics["timings"], statistics["legs"]

@@ -6,12 +6,15 @@ same mesh find the body.
 
 from __future__ import annotations
 
+import gc
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+from petsc4py import PETSc
+
 from hpcinv.fingerprint import file_digest
 from hpcinv.mesh import build_body
 from hpcinv.model import Model
@@ -82,6 +85,12 @@ class Workspace:
         if self._model is not None:
             self._model[1].destroy()
         self._model = self._body = None
+
+
+def collect_garbage(comm: MPI.Intracomm) -> None:
+    """Free what runs have left, now and on all ranks: meshes and matrices hold communicators, which are few."""
+    gc.collect()
+    PETSc.garbage_cleanup(cast(PETSc.Comm, comm))
 
 
 def _mesh_of(job: Job) -> str:

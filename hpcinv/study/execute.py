@@ -3,39 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import hpcinv.runtime  # noqa: F401  (its import order first)
-
-# isort: split
-from petsc4py import PETSc
+from typing import TYPE_CHECKING
 
 from hpcinv.driver import run
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError
 from hpcinv.mesh import build_body
-from hpcinv.progress import Progress
+from hpcinv.progress import Listener
 from hpcinv.runtime import MPI, on_root
 from hpcinv.study.store import Record
+from hpcinv.workspace import collect_garbage
 
 if TYPE_CHECKING:
     from hpcinv.job import Job
     from hpcinv.study.schedule import Schedule, Task
-
-
-class _Listener(Progress):
-    """Hears the statistics of a run, also of one that fails in the end."""
-
-    def __init__(self, comm: MPI.Intracomm) -> None:
-        super().__init__(comm, None)
-        self.statistics: Mapping[str, Any] = {}
-
-    def finish(self, statistics: Mapping[str, Any]) -> None:
-        self.statistics = statistics
 
 
 def execute(
@@ -82,7 +66,7 @@ def execute_once(job: Job, comm: MPI.Intracomm, stop_asked: Callable[[], bool] =
     Raises:
         Interrupted: it was stopped.
     """
-    heard = _Listener(comm)
+    heard = Listener(comm)
     _forget_peak_memory()
     before = _compilers()
     status, advice = "converged", ""
@@ -93,7 +77,7 @@ def execute_once(job: Job, comm: MPI.Intracomm, stop_asked: Callable[[], bool] =
     except JobError as error:  # a formula without a value
         status = "; ".join(error.problems)
     compiled = comm.allreduce(_compilers() > before, op=MPI.LOR)
-    _collect_garbage()
+    collect_garbage(comm)
     return Record(status, advice, timed=status == "converged" and not compiled, statistics=heard.statistics)
 
 
@@ -133,9 +117,3 @@ def _forget_peak_memory() -> None:
     """Let the system measure the largest memory of this process anew, where it can (Linux)."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-
-
-def _collect_garbage() -> None:
-    """Free meshes and matrices now, on all ranks: each holds communicators, of which there are only so many."""
-    gc.collect()
-    PETSc.garbage_cleanup()

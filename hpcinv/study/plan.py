@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from hpcinv.errors import JobError
 from hpcinv.job import Job, parse
 from hpcinv.loading import read_yaml
-from hpcinv.schema import Location, Problems, at, problems_in, raise_if_any
+from hpcinv.schema import Location, Problems, Spec, at, problems_in, raise_if_any
 from hpcinv.study.keys import assigned, parse_key
 from hpcinv.study.spec import Study, measured_key
 
@@ -82,21 +82,39 @@ def is_study(path: Path) -> bool:
     return "ladders" in read_yaml(path)
 
 
+def read_spec[S: Spec](kind: type[S], name: str, path: Path) -> S:
+    """A file of a kind that has a ``name``, left out that of the file.
+
+    Raises:
+        JobError: with a line for each thing that is wrong in it.
+    """
+    try:
+        return kind.model_validate({name: path.stem, **read_yaml(path)}, context={"directory": path.parent})
+    except ValidationError as error:
+        raise JobError([f"{path}: {at(where)}: {what}" for where, what in problems_in(error, kind)]) from None
+
+
+def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
+    """Path and content of the job file that a file names, which need not be a complete job.
+
+    Raises:
+        JobError: it cannot be read.
+    """
+    base = path.parent / job
+    try:
+        return base, read_yaml(base)
+    except JobError as error:
+        raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
+
+
 def load_plan(path: Path) -> Plan:
     """Read a study and check all of its runs.
 
     Raises:
         JobError: with a line for each thing that is wrong, of the form ``file: ladder, value: key: what``.
     """
-    try:
-        study = Study.model_validate({"study": path.stem, **read_yaml(path)}, context={"directory": path.parent})
-    except ValidationError as error:
-        raise JobError([f"{path}: {at(where)}: {what}" for where, what in problems_in(error, Study)]) from None
-    base = path.parent / study.job
-    try:
-        data = read_yaml(base)
-    except JobError as error:
-        raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
+    study = read_spec(Study, "study", path)
+    base, data = read_base(path, study.job)
     faults: dict[str, list[str]] = {}
     runs = tuple(_runs(study, base, data, faults))
     if faults:

@@ -83,22 +83,14 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from hpcinv.signals import StopRequest, end_on_interrupt
+    from hpcinv.launch import launched
 
-    stop = StopRequest()
-    stop.install()
+    with launched(options.ranks) as (world, stop):
+        from hpcinv.runtime import on_root
+        from hpcinv.sweep.conduct import Share, conduct
 
-    from hpcinv.runtime import MPI, abort, failing_together, on_root, require_ranks
-
-    stop.install()
-    world = MPI.COMM_WORLD
-    with failing_together(world):
-        end_on_interrupt(lambda: abort(world, 130))
-        require_ranks(world, options.ranks)
         plan = on_root(world, lambda: load_sweep(options.sweep))
         plan = replace(plan, cases=plan.cases[: options.first])
-
-        from hpcinv.sweep.conduct import Share, conduct
 
         def begin() -> None:
             groups = f"{world.size} rank{'s' if world.size > 1 else ''}, {options.ranks_per_case} per case"
@@ -124,8 +116,6 @@ def _run(options: argparse.Namespace) -> int:
             _, left = on_root(world, end)
             if left:
                 raise Interrupted(f"stopped by a signal, {left} cases left", "The same command goes on.") from None
-        finally:
-            stop.ignore()
         code, _ = on_root(world, end)
     return code
 

@@ -9,17 +9,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from hpcinv.errors import JobError
 from hpcinv.fingerprint import file_digest
 from hpcinv.identity import content_key
 from hpcinv.job import Job, parse
 from hpcinv.loading import read_yaml
-from hpcinv.schema import at, problems_in
 from hpcinv.structure import numbers_of, structure_of
 from hpcinv.study.keys import assigned
-from hpcinv.study.plan import text_of
+from hpcinv.study.plan import read_base, read_spec, text_of
 from hpcinv.sweep.expand import Point, expanded
 from hpcinv.sweep.spec import Sweep
 
@@ -92,15 +89,8 @@ def load_sweep(path: Path) -> Plan:
     Raises:
         JobError: with a line for each thing that is wrong, of the form ``file: case (and n more cases): key: what``.
     """
-    try:
-        sweep = Sweep.model_validate({"sweep": path.stem, **read_yaml(path)})
-    except ValidationError as error:
-        raise JobError([f"{path}: {at(where)}: {what}" for where, what in problems_in(error, Sweep)]) from None
-    base = path.parent / sweep.job
-    try:
-        data = read_yaml(base)
-    except JobError as error:
-        raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
+    sweep = read_spec(Sweep, "sweep", path)
+    base, data = read_base(path, sweep.job)
     faults: dict[str, _Fault] = {}
     cases = tuple(_cases(sweep, base, data, faults))
     if faults:

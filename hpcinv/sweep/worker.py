@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import json
 import shutil
 import time
@@ -11,25 +10,20 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import yaml
-
-import hpcinv.runtime  # noqa: F401  (its import order first)
-
-# isort: split
-from petsc4py import PETSc
 
 from hpcinv.driver import run
 from hpcinv.errors import CheckpointError, HpcinvError, Interrupted, JobError, MeshError, SolveError
 from hpcinv.methods.guess import Guess
-from hpcinv.progress import Progress
+from hpcinv.progress import Listener
 from hpcinv.rundirectory import RunDirectory
 from hpcinv.runtime import MPI, on_root
 from hpcinv.sweep.ledger import DEADLY
 from hpcinv.sweep.neighbours import Neighbours, Solution
 from hpcinv.sweep.record import Record
-from hpcinv.workspace import Workspace
+from hpcinv.workspace import Workspace, collect_garbage
 
 if TYPE_CHECKING:
     from hpcinv.job import Job
@@ -123,7 +117,7 @@ class Worker:
             )
         if (known := on_root(self.comm, lambda: _summary(task.directory))) is not None:
             return replace(record, status="converged", statistics=known)  # it was killed just before its commit
-        heard = _Listener(self.comm)
+        heard = Listener(self.comm)
         start, guess = self._guess(task)
         try:
             result = self._run(task, heard, guess)
@@ -145,7 +139,7 @@ class Worker:
             start = ""
         return replace(record, statistics=heard.statistics, seconds=seconds, start=start)
 
-    def _run(self, task: Task, heard: Progress, guess: Guess | None) -> Result:
+    def _run(self, task: Task, heard: Listener, guess: Guess | None) -> Result:
         """From the last checkpoint if there is one that can be used."""
         go = partial(
             run,
@@ -202,23 +196,6 @@ class Worker:
             with contextlib.suppress(OSError):  # there may be those of earlier rounds
                 task.directory.path.parent.rmdir()
         self.note(_line(task.case, record, first=first))
-
-
-class _Listener(Progress):
-    """Hears the statistics of a run, also of one that fails in the end."""
-
-    def __init__(self, comm: MPI.Intracomm) -> None:
-        super().__init__(comm, None)
-        self.statistics: Mapping[str, Any] = {}
-
-    def finish(self, statistics: Mapping[str, Any]) -> None:
-        self.statistics = statistics
-
-
-def collect_garbage(comm: MPI.Intracomm) -> None:
-    """Free meshes and matrices now, on all ranks: each holds communicators, of which there are only so many."""
-    gc.collect()
-    PETSc.garbage_cleanup(cast(PETSc.Comm, comm))
 
 
 def _summary(directory: RunDirectory) -> Mapping[str, Any] | None:

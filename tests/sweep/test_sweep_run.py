@@ -250,7 +250,7 @@ def test_a_store_that_cannot_be_one_is_refused(tmp_path: Path) -> None:
 def test_thirty_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     """Kills of whole runs at random moments: what was committed stays as it is, and what was not is done at the end."""
     chance = random.Random(5)
-    steps = {"strategy": "fixed", "steps": 30}
+    steps = {"strategy": "fixed", "steps": 60}
     sweep = write_sweep(
         tmp_path, [{"grid": {"material.mu": [8000 + 200 * i for i in range(60)]}}], set={"solver": steps}
     )
