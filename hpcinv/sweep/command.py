@@ -1,4 +1,4 @@
-"""Command line of sweeps: ``python -m hpcinv sweep plan | run | status | retry | table | plot | submit``."""
+"""Command line of sweeps, ``python -m hpcinv sweep …``: plan, run, status, retry, table, statistics, plot, submit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that look at what a store has of a sweep: ``sweep status | table | plot``."""
+"""Commands that look at what a store has of a sweep: ``sweep status | table | statistics | plot``."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> N
 
     table = action("table", _table, "a row for each case: parameters, quantities, certificate, costs")
     table.add_argument("--output", type=_table_file, metavar="FILE", help=".csv or .h5 (default: CSV to the screen)")
+
+    action("statistics", _statistics, "means, standard deviations and quantiles of the quantities, as CSV")
 
     plot = action("plot", _plot, "a quantity over one or two parameters, as PNG and SVG")
     plot.add_argument("quantity", help="a column of the table, or 'failures' for where cases fail")
@@ -61,6 +63,17 @@ def _table(options: argparse.Namespace) -> int:
         _write(options.output, as_csv(columns(plan, records)).encode())
     else:
         _write(options.output, as_hdf5(plan, records, provenance(plan, ledger)))
+    return 0
+
+
+def _statistics(options: argparse.Namespace) -> int:
+    plan = load_sweep(options.sweep)
+    records = results(plan, ledger_of(plan))
+
+    from hpcinv.study.tables import as_csv
+    from hpcinv.sweep.statistics import statistics
+
+    sys.stdout.write(as_csv(statistics(plan, records)))
     return 0
 
 

@@ -80,6 +80,13 @@ def units(plan: Plan, records: Mapping[str, Record]) -> dict[str, str]:
     return found
 
 
+def quantity_columns(plan: Plan, records: Mapping[str, Record]) -> list[str]:
+    """The columns of quantities of interest, a vector's components each."""
+    taken = _taken(plan)
+    found = (_parts(n, v) for record in records.values() for n, v in record.statistics.get("quantities", {}).items())
+    return list(dict.fromkeys(_result_name(part, taken) for parts in found for part in parts))
+
+
 def as_hdf5(plan: Plan, records: Mapping[str, Record], provenance: Iterable[str]) -> bytes:
     """The table as HDF5: in ``cases`` a dataset for each column, and ``provenance``, JSON text for each case."""
     content = io.BytesIO()

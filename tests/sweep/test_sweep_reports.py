@@ -80,6 +80,43 @@ def commit(tmp_path: Path) -> Iterator[Callable[[Case, Record], None]]:
         yield done
 
 
+# Statistics
+
+
+def test_statistics_of_each_branch_leave_out_what_failed(
+    tmp_path: Path, commit: Callable[[Case, Record], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    law = {"law": "neo-hookean", "lam": "40 kPa"}
+    values = {"soft": [1.0, 2.0, 6.0], "hard": [5.0]}
+    branches = {
+        label: {"set": {"material": law}, "axes": [{"grid": {MU: [5e3 * (10 * i + n) for n in range(4)]}}]}
+        for i, label in enumerate(values, start=1)
+    }
+    found = plan(tmp_path, {"name": "kind", "branches": branches})
+    for label, tops in values.items():
+        cases = [case for case in found.cases if case.parameters["kind"] == label]
+        for case, top in zip(cases, tops, strict=False):
+            commit(case, good(quantities={"top": top, "where": [top, 0.0, -top]}))
+        commit(cases[-1], bad())
+    assert main(["sweep", "statistics", str(found.path)]) == 0
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert [(row["kind"], row["quantity"]) for row in rows][:5] == [
+        ("soft", "top"),
+        ("soft", "where[0]"),
+        ("soft", "where[1]"),
+        ("soft", "where[2]"),
+        ("hard", "top"),
+    ]
+    soft, hard = rows[0], rows[4]
+    assert (soft["cases"], soft["unit"], soft["minimum"], soft["maximum"]) == ("3", "m", "1.0", "6.0")
+    assert float(soft["mean"]) == 3.0
+    assert float(soft["sd"]) == pytest.approx(math.sqrt(7.0))  # ((1-3)² + (2-3)² + (6-3)²) / 2
+    assert float(soft["sd of mean"]) == pytest.approx(math.sqrt(7 / 3))
+    assert float(soft["median"]) == 2.0
+    assert float(soft["95 %"]) == pytest.approx(2 + 0.9 * 4)
+    assert (hard["cases"], hard["sd"], float(hard["mean"])) == ("1", "", 5.0)
+
+
 # Outlook
 
 

@@ -1,0 +1,52 @@
+"""What a sample of cases says of the quantities of interest: mean, standard deviation and quantiles, of each branch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hpcinv.sweep.table import Columns, columns, quantity_columns, units
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.plan import Plan
+    from hpcinv.sweep.record import Record
+
+QUANTILES = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "maximum": 1.0}
+
+
+def statistics(plan: Plan, records: Mapping[str, Record]) -> Columns:
+    """A row for each quantity of interest and each combination of branches, over the cases that have converged; SI.
+
+    ``sd`` is that of the population from which the sample is, estimated with ``n - 1``; ``sd of mean`` is ``sd/√n``,
+    as for independent draws.
+    """
+    table, quantities = columns(plan, records), quantity_columns(plan, records)
+    names, unit = _branches(plan), units(plan, records)
+    labels = list(zip(*(table[name] for name in names), strict=True)) or [()] * len(plan.cases)
+    found: Columns = {
+        name: [] for name in (*names, "quantity", "unit", "cases", "mean", "sd", "sd of mean", *QUANTILES)
+    }
+    for group in dict.fromkeys(labels):
+        for quantity in quantities:
+            values = [v for v, of in zip(table[quantity], labels, strict=True) if of == group and v is not None]
+            if values:
+                row = [*group, quantity, unit.get(quantity, ""), len(values), *_moments(values)]
+                row += [float(np.quantile(values, share)) for share in QUANTILES.values()]
+                for column, value in zip(found.values(), row, strict=True):
+                    column.append(value)
+    return found
+
+
+def _branches(plan: Plan) -> list[str]:
+    """The columns that tell branches apart."""
+    return [axis.name for axis in plan.sweep.axes if axis.branches is not None]
+
+
+def _moments(values: Sequence[float]) -> tuple[float, float | None, float | None]:
+    mean = float(np.mean(values))
+    if len(values) < 2:
+        return mean, None, None
+    sd = float(np.std(values, ddof=1))
+    return mean, sd, sd / len(values) ** 0.5
