@@ -107,15 +107,16 @@ class Equilibrium(LinearSystem):
         snes.setLineSearchPreCheck(self._back_off)
         return snes
 
-    def solve(self, load: float, tolerance: float) -> Solve:
+    def solve(self, load: float, tolerance: float, *, begins_near: bool = False) -> Solve:
         """Newton's method from the present state, which is left unchanged if the outcome is not accepted.
 
         Args:
             load: load factor.
             tolerance: estimated error of the state relative to its norm.
+            begins_near: whether the present state is known to be near the solution.
         """
         self.set_load(load)
-        self._monitor = self._new_monitor(tolerance)
+        self._monitor = self._new_monitor(tolerance, begins_near=begins_near and self.reuse > 0)
         self._outcome, self._fault, self._fresh, self._correction, self._tangents = None, None, False, None, 0
         self._signs, self._judged = [], False
         start, x = self.state.x.petsc_vec, self._x
@@ -190,8 +191,8 @@ class Equilibrium(LinearSystem):
             part.destroy()
         super().destroy()
 
-    def _new_monitor(self, tolerance: float) -> NewtonMonitor:
-        return NewtonMonitor(tolerance, self.limit, self.reuse)
+    def _new_monitor(self, tolerance: float, *, begins_near: bool = False) -> NewtonMonitor:
+        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near)
 
     def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         self.set_state(x)

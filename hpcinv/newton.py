@@ -108,16 +108,18 @@ class NewtonMonitor:
         tolerance: estimated error of the state, relative to its norm, at which a solve ends.
         limit: number of iterations after which it is given up.
         reuse: largest contraction at which a tangent is kept (Shamanskii's method); 0 is full Newton.
+        begins_near: whether the first correction can be trusted, small as it may be.
     """
 
     tolerance: float
     limit: int
     reuse: float
+    begins_near: bool = False
     history: list[NewtonIteration] = field(default_factory=list)
 
     # The first corrections may shrink by chance, far from the solution: a tangent found there must not be kept.
     near = 0.02
-    # A first correction as small as this begins next to the solution, where the tangent hardly changes.
+    # Where it is known to begin near the solution, a first correction as small as this keeps its tangent.
     next_to = 5e-3
     # Corrections smaller than this that no longer shrink are rounding errors; larger ones are not.
     round_off = 1e-8
@@ -136,7 +138,7 @@ class NewtonMonitor:
         if not self.history:
             return True
         last = self.history[-1]
-        if len(self.history) == 1 and self.reuse and last.correction <= self.next_to * last.state:
+        if len(self.history) == 1 and self.begins_near and last.correction <= self.next_to * last.state:
             return False
         return not (self.contraction <= self.reuse and last.correction <= self.near * last.state)
 

@@ -41,7 +41,7 @@ class Guess:
         It is not accepted where the tangent's determinant has another sign than in the similar problem: between the
         two there is a fold or a branching point, and on the path from the unloaded body lies another solution.
         """
-        solve = replace(equilibrium.solve(1.0, tolerance), strategy="guess")
+        solve = replace(equilibrium.solve(1.0, tolerance, begins_near=True), strategy="guess")
         if solve.outcome.accepted and self.sign and solve.signs and solve.signs[-1] != self.sign:
             return replace(solve, outcome=Outcome.ANOTHER_PATH)
         return solve

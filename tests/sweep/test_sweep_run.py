@@ -258,7 +258,7 @@ def test_thirty_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     reported: list[str] = []
     kills = 0
     while kills < 30:
-        with Started(1 + kills % 2, "sweep", "run", sweep, cwd=tmp_path) as started:
+        with Started(1 + (kills % 3 == 0), "sweep", "run", sweep, cwd=tmp_path) as started:
             before = len(committed)
             deadline = time.monotonic() + 60
             # Some are killed while they start, most while they work on a first or a second case.
