@@ -95,6 +95,9 @@ def main() -> None:
             for way in shared.values():
                 way.run(job, case, space)
 
+    for way in shared.values():
+        if way.workspace is not None:
+            way.workspace.clear()
     print(f"{count} cases of {plan.path.name} on 1 rank; per case")
     print(f"  {'':28} seconds  share saved  factorizations  iterations")
     base = shared["nothing shared"].seconds

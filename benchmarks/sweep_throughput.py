@@ -19,6 +19,7 @@ from pathlib import Path
 
 import yaml
 
+from hpcinv.loading import read_yaml
 from hpcinv.sweep.plan import Plan, load_sweep
 
 ROOT = Path(__file__).parents[1]
@@ -49,7 +50,7 @@ def shell_loop(plan: Plan, count: int, directory: Path) -> float:
 
 def sweep(plan: Plan, ranks: int, directory: Path) -> float:
     """Seconds per case of the sweep in an empty store."""
-    content = yaml.safe_load(plan.path.read_text())
+    content = read_yaml(plan.path)
     file = plan.path.with_name(f".{plan.sweep.sweep}-benchmark.yaml")
     file.write_text(yaml.safe_dump(content | {"store": str(directory / f"store-{ranks}")}, sort_keys=False))
     try:

@@ -19,8 +19,8 @@ os.environ.setdefault("MPIEXEC_TIMEOUT", "300")
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Two tests at a time, so that kernels compile side by side; the ranks of a parallel test share its one process."""
-    return 0 if "_PYTEST_MPI_CHILD_PROCESS" in os.environ else min(2, os.cpu_count() or 1)
+    """Three tests on two cores, since many wait, for Slurm, signals or leases; the ranks of a parallel test share one."""
+    return 0 if "_PYTEST_MPI_CHILD_PROCESS" in os.environ else min(3, (os.cpu_count() or 1) + 1)
 
 
 @pytest.fixture

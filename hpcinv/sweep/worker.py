@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from hpcinv.certificate import Verdict
 from hpcinv.driver import run
 from hpcinv.errors import CheckpointError, HpcinvError, Interrupted, JobError, MeshError, SolveError
 from hpcinv.methods.guess import Guess
@@ -165,15 +166,16 @@ class Worker:
         return ("", None) if found is None else (found[1], found[0])
 
     def _remember(self, task: Task, result: Result) -> None:
-        """Keep the solution for the cases to come."""
+        """Keep the solution for the cases to come, unless it lies beyond a fold or is not to be trusted."""
         leg = result.legs[0]
-        if not self.plan.sweep.warm_start or result.accuracy is not None:
+        signs = {sign for solve in leg.solves if solve.outcome.accepted for sign in solve.signs}
+        doubtful = len(signs) > 1 or result.certificate.verdict is Verdict.FAIL
+        if not self.plan.sweep.warm_start or result.accuracy is not None or doubtful:
             return
         if self.neighbours[0] != task.case.structure:
             self.neighbours = task.case.structure, Neighbours()
-        signs = [s.signs[-1] for s in leg.solves if s.outcome.accepted and s.signs]
         pressure = None if leg.pressure is None else leg.pressure.x.array.copy()
-        guess = Guess(leg.displacement.x.array.copy(), pressure, signs[-1] if signs else 0)
+        guess = Guess(leg.displacement.x.array.copy(), pressure, signs.pop() if signs else 0)
         solution = Solution(task.case.key, task.point, guess)
         self.neighbours[1].add(solution, self.comm.allreduce(solution.bytes, op=MPI.MAX))
 
