@@ -15,6 +15,7 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 # isort: split
 from petsc4py import PETSc
 
+from hpcinv.errors import HpcinvError
 from hpcinv.fingerprint import file_digest
 from hpcinv.mesh import build_body
 from hpcinv.model import Model
@@ -69,22 +70,26 @@ class Workspace:
         """
         assert self._body is not None
         key = on_root(self.comm, lambda: structure_of(job))
-        kept, self._model = self._model, None  # of no use any more if it refuses the job
-        if kept is not None and kept[0] == key:
-            model = kept[1]
-            model.adopt(job, timings)
-        else:
-            if kept is not None:
-                kept[1].destroy()
-            model = Model(job, self._body[1], timings)
-        self._model = key, model
-        return model
+        if self._model is not None and self._model[0] == key:
+            try:
+                self._model[1].adopt(job, timings)
+            except HpcinvError:
+                self._forget_model()
+                raise
+            return self._model[1]
+        self._forget_model()
+        self._model = key, Model(job, self._body[1], timings)
+        return self._model[1]
 
     def clear(self) -> None:
         """Forget all, and free what PETSc holds of it."""
+        self._forget_model()
+        self._body = None
+
+    def _forget_model(self) -> None:
         if self._model is not None:
             self._model[1].destroy()
-        self._model = self._body = None
+        self._model = None
 
 
 def collect_garbage(comm: MPI.Intracomm) -> None:

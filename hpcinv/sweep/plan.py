@@ -89,6 +89,8 @@ def load_sweep(path: Path) -> Plan:
     Raises:
         JobError: with a line for each thing that is wrong, of the form ``file: case (and n more cases): key: what``.
     """
+    if not is_sweep(path):
+        raise JobError([f"{path}: is no sweep, since it has no 'axes'; 'run' takes jobs, 'study' takes studies"])
     sweep = read_spec(Sweep, "sweep", path)
     base, data = read_base(path, sweep.job)
     faults: dict[str, _Fault] = {}

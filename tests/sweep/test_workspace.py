@@ -9,6 +9,7 @@ import pytest
 from verification import box, job
 
 from hpcinv.driver import run
+from hpcinv.errors import MeshError
 from hpcinv.job import Job
 from hpcinv.methods.guess import Guess
 from hpcinv.result import Result
@@ -101,6 +102,18 @@ def test_what_two_runs_share_is_made_once(comm: MPI.Intracomm) -> None:
         assert workspace._body is not None
         assert workspace._body[1] is body[1]
         assert workspace._model[1] is not model[1]
+
+
+def test_a_job_that_is_refused_leaves_nothing_behind(comm: MPI.Intracomm) -> None:
+    def moved(k: float) -> Job:
+        return block(supports=[{"region": "x0", "displacement": ["0.05*k/k", 0, 0], "constants": {"k": k}}])
+
+    alone = run(moved(2.0), comm)
+    with Workspace(comm) as workspace:
+        run(moved(1.0), comm, workspace=workspace)
+        with pytest.raises(MeshError, match="is not finite"):
+            run(moved(0.0), comm, workspace=workspace)
+        assert differs(alone, run(moved(2.0), comm, workspace=workspace)) < 1e-11
 
 
 def test_only_numbers_may_differ_within_a_structure() -> None:
