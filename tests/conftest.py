@@ -19,8 +19,8 @@ os.environ.setdefault("MPIEXEC_TIMEOUT", "300")
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Three tests on two cores: many wait for Slurm or signals. The ranks of a parallel test share a process."""
-    return 0 if "_PYTEST_MPI_CHILD_PROCESS" in os.environ else min(3, (os.cpu_count() or 1) + 1)
+    """Two tests at a time, so that kernels compile side by side; the ranks of a parallel test share its one process."""
+    return 0 if "_PYTEST_MPI_CHILD_PROCESS" in os.environ else min(2, os.cpu_count() or 1)
 
 
 @pytest.fixture
