@@ -151,4 +151,4 @@ def test_a_run_from_a_guess_ends_where_it_ends_without(comm: MPI.Intracomm) -> N
         cold = run(wanted, comm, guess=guess)
         assert [s.strategy for s in cold.legs[0].solves][:2] == ["guess", "load steps"]
         assert not cold.legs[0].solves[0].outcome.accepted
-        assert differs(alone, cold) == 0.0
+        assert differs(alone, cold) < 1e-13  # on two ranks MUMPS adds up in the order in which messages arrive
