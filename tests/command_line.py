@@ -36,6 +36,15 @@ CUBE: Mapping[str, Any] = {
     "supports": [{"region": "boundary", "displacement": ["-0.1*y", 0, 0]}],
     "certificate": NO_CERTIFICATE,
 }
+BLOCK: Mapping[str, Any] = {
+    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"nx": 2, "ny": 2, "nz": 2}},
+    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+    "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}],
+    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
+    "quantities": [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}],
+    "certificate": NO_CERTIFICATE,
+}
+"""A unit cube that stands on its clamped bottom; its height before it was loaded is asked for."""
 
 
 def write_job(path: Path, base: Mapping[str, Any], **changes: Any) -> Path:

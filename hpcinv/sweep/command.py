@@ -102,6 +102,7 @@ def _run(options: argparse.Namespace) -> int:
             return tally.exit_code(strict=options.strict), tally.unfinished
 
         on_root(world, begin)
+        interrupted = False
         try:
             conduct(
                 plan,
@@ -113,10 +114,10 @@ def _run(options: argparse.Namespace) -> int:
                 stop_asked=stop,
             )
         except Interrupted:
-            _, left = on_root(world, end)
-            if left:
-                raise Interrupted(f"stopped by a signal, {left} cases left", "The same command goes on.") from None
-        code, _ = on_root(world, end)
+            interrupted = True
+        code, left = on_root(world, end)
+        if interrupted and left:
+            raise Interrupted(f"stopped by a signal, {left} cases left", "The same command goes on.")
     return code
 
 

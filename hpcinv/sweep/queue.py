@@ -42,7 +42,6 @@ class Queue:
             members = np.flatnonzero(self._structures == structure)
             self._spaces[structure] = space = Space([listed[i].numbers for i in members])
             self._members[structure] = members, np.stack([space.point(listed[i].numbers) for i in members])
-        self._open = np.ones(len(listed), dtype=bool)  # as far as is known; those that others hold may be so again
         self._last = min(int(begin * len(listed)), len(listed) - 1)
         self._look()
 

@@ -11,21 +11,13 @@ from subprocess import CompletedProcess
 import pytest
 import yaml
 from batch import Batch
-from command_line import NO_CERTIFICATE, ROOT
+from command_line import BLOCK
 
 pytestmark = pytest.mark.slurm
 
 CASES = 8
-JOB = {
-    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"nx": 2, "ny": 2, "nz": 2}},
-    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
-    "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}],
-    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
-    "quantities": [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}],
-    "certificate": NO_CERTIFICATE,
-    # So that each takes a second or more.
-    "solver": {"strategy": "fixed", "steps": 100},
-}
+# So that each takes a second or more.
+JOB = {**BLOCK, "solver": {"strategy": "fixed", "steps": 100}}
 AXES = [{"grid": {"material.mu": [10e3 + 100 * i for i in range(CASES)]}}]
 
 

@@ -7,21 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from command_line import NO_CERTIFICATE, ROOT
+from command_line import BLOCK
 
 from hpcinv.sweep.plan import Plan, load_sweep
 from hpcinv.sweep.record import Record
 from hpcinv.sweep.results import ledger_of
-
-BLOCK: Mapping[str, Any] = {
-    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"nx": 2, "ny": 2, "nz": 2}},
-    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
-    "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}],
-    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
-    "quantities": [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}],
-    "certificate": NO_CERTIFICATE,
-}
-"""A unit cube that stands on its clamped bottom; its height before it was loaded is asked for."""
 
 
 def write_sweep(directory: Path, axes: list[dict[str, Any]], *, job: Mapping[str, Any] = BLOCK, **more: Any) -> Path:
