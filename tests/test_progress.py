@@ -6,6 +6,7 @@ import contextlib
 import io
 import os
 import pty
+import threading
 from types import SimpleNamespace
 from typing import Any
 
@@ -107,15 +108,24 @@ def test_without_a_stream_nothing_is_said(capfd: pytest.CaptureFixture[str]) -> 
 def test_a_terminal_shows_a_bar_and_has_its_cursor_back_after_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
     ours, theirs = pty.openpty()
-    with os.fdopen(theirs, "w") as terminal:
-        with contextlib.suppress(RuntimeError), Progress(rank(0), terminal) as progress:
-            progress.leg("forward")
-            progress.solve(SOLVES[1], 0.1, 0.9)
-            raise RuntimeError
-        terminal.flush()
-        shown = os.read(ours, 100_000).decode()
+    seen: list[bytes] = []
+    reader = threading.Thread(target=read_to_the_end, args=(ours, seen))
+    reader.start()  # a terminal holds only 4 kB that nobody has read
+    with os.fdopen(theirs, "w") as terminal, contextlib.suppress(RuntimeError), Progress(rank(0), terminal) as progress:
+        progress.leg("forward")
+        progress.solve(SOLVES[1], 0.1, 0.9)
+        raise RuntimeError
+    reader.join()
     os.close(ours)
+    shown = b"".join(seen).decode()
     assert "━" in shown
     assert "load 0.5: 2 iterations" in shown
     hidden, back = "\x1b[?25l", "\x1b[?25h"
     assert shown.rindex(back) > shown.rindex(hidden)
+
+
+def read_to_the_end(terminal: int, seen: list[bytes]) -> None:
+    """Reads what is written to a pseudo-terminal until its other side is closed, which Linux reports as an error."""
+    with contextlib.suppress(OSError):
+        while piece := os.read(terminal, 4096):
+            seen.append(piece)
