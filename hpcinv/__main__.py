@@ -1,4 +1,4 @@
-"""Command line: ``python -m hpcinv run | resume | study | sweep | validate | explain | laws | effects | schema``."""
+"""Command line: ``python -m hpcinv run | resume | study | sweep | mesh | bench | …``; ``--help`` lists them all."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv import __version__
+from hpcinv.bench.command import add_bench
 from hpcinv.errors import HpcinvError
 from hpcinv.job import Job, json_schema, load
+from hpcinv.meshcommand import add_mesh
+from hpcinv.precompile import add_compile
 from hpcinv.rundirectory import RunDirectory, choose
 from hpcinv.signals import end_on_interrupt
 from hpcinv.study.plan import is_study, load_plan
@@ -195,6 +198,9 @@ def _parser() -> argparse.ArgumentParser:
     study.set_defaults(command=_study)
 
     add_sweep(commands)
+    add_mesh(commands)
+    add_compile(commands)
+    add_bench(commands)
 
     for parallel in (run, resume):
         parallel.add_argument(

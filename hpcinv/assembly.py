@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -16,6 +17,7 @@ from petsc4py import PETSc
 
 from hpcinv.admissibility import Admissibility
 from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.tangent import Tangent
 
 if TYPE_CHECKING:
     from hpcinv.newton import Outcome
@@ -41,11 +43,10 @@ class Assembly:
         self.state = scene.unknowns.state
         with timings("compile"):
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
-            trial = ufl.TrialFunction(scene.unknowns.space)
-            self._tangent = fem.form(ufl.derivative(scene.residual, self.state, trial), jit_options=JIT_OPTIONS)
+            self._tangent = Tangent(scene)
             self._admissibility = Admissibility(scene)
         with timings("tangent"):
-            self.matrix = fem_petsc.create_matrix(self._tangent)
+            self.matrix = self._tangent.create_matrix(supports.conditions)
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
 
@@ -65,7 +66,7 @@ class Assembly:
         conditions, state = self.supports.conditions, self.state.x.petsc_vec
         with self.timings("residual"):
             if self.supports.prescribe_motion:
-                fem_petsc.apply_lifting(b, [self._tangent], bcs=[conditions], x0=[state], alpha=-1.0)
+                self._add_lifting(b, self.state.x.array)
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
             fem_petsc.set_bc(b, conditions, x0=state, alpha=-1.0)
 
@@ -75,7 +76,8 @@ class Assembly:
         with self.timings("residual"):
             with b.localForm() as local:
                 local.set(0.0)
-            fem_petsc.apply_lifting(b, [self._tangent], bcs=[conditions])
+                self._add_lifting(b, None)
+                local.scale(-1.0)
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
             fem_petsc.set_bc(b, conditions)
 
@@ -89,9 +91,7 @@ class Assembly:
     def tangent(self) -> None:
         """Assemble K at the present state and load into ``matrix``."""
         with self.timings("tangent"):
-            self.matrix.zeroEntries()
-            fem_petsc.assemble_matrix(self.matrix, self._tangent, bcs=self.supports.conditions)
-            self.matrix.assemble()
+            self._tangent.assemble()
 
     def min_mesh_J(self) -> float:
         """Smallest determinant of the position map over all quadrature points; it must stay positive."""
@@ -111,3 +111,20 @@ class Assembly:
         with self.timings("residual"), b.localForm() as local:
             local.set(0.0)
             fem_petsc.assemble_vector(b, self._residual)
+
+    def _add_lifting(self, b: PETSc.Vec, x: npt.NDArray[np.float64] | None) -> None:
+        """Add ``K (ū - x)`` with prescribed values ``ū``, and nothing for what is not prescribed."""
+        self._step.x.array[:] = 0.0
+        for condition in self.supports.conditions:
+            condition.set(self._step.x.array, x)
+        fem_petsc.assemble_vector(b, self._along_step)
+
+    @cached_property
+    def _step(self) -> fem.Function:
+        return fem.Function(self.scene.unknowns.space)
+
+    @cached_property
+    def _along_step(self) -> fem.Form:
+        """The tangent times a step, which is cheaper to compile and to evaluate than the tangent."""
+        with self.timings("compile"):
+            return fem.form(ufl.derivative(self.scene.residual, self.state, self._step), jit_options=JIT_OPTIONS)

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from hpcinv.errors import JobError
 from hpcinv.ingredient import Ingredient, Refers
+from hpcinv.meanings import meanings
 from hpcinv.quantities import Quantity
 from hpcinv.schema import metadata_in
 from hpcinv.spelling import did_you_mean
@@ -51,7 +52,7 @@ def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> No
     for key in sorted(kind.model_fields, key=lambda key: key not in kind.__annotations__):  # its own come first
         if key != tag:
             info = kind.model_fields[key]
-            table.add_row(key, _unit(info), _default(info), _meaning(info))
+            table.add_row(key, _unit(info), _default(info), _meaning(info, meanings(kind).get(key, "")))
     console.print(table)
     console.print()
     section = {"material": kind.example} if tag == "law" else {"effects": [kind.example]}
@@ -75,8 +76,7 @@ def _default(info: FieldInfo) -> str:
     return "none" if info.default is None else str(info.default)
 
 
-def _meaning(info: FieldInfo) -> str:
-    text = info.description or ""
+def _meaning(info: FieldInfo, text: str) -> str:
     notes = []
     if choices := _choices(info.annotation):
         notes.append(" | ".join(choices))

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from hpcinv.chainrule import without_stages
 from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.runtime import MPI
 
@@ -67,7 +68,7 @@ class QuadratureValues:
 
     def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: Cells | None = None) -> None:
         points, _ = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
-        self._compiled = fem.Expression(expression, points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._compiled = fem.Expression(without_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self._mesh = mesh
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self._cells = owned if cells is None else cells

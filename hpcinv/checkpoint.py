@@ -25,6 +25,7 @@ import adios4dolfinx
 from hpcinv.equilibrium import Solve
 from hpcinv.errors import CheckpointError
 from hpcinv.fingerprint import difference
+from hpcinv.mesh.rows import Rows
 from hpcinv.newton import NewtonIteration, Outcome
 from hpcinv.runtime import MPI, on_root
 
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
     from hpcinv.mesh import Body
 
-_FORMAT = 2
+_FORMAT = 3
 _NAME = re.compile(r"\d{4,}")
 
 
@@ -174,8 +175,9 @@ class Restart:
 
 
 def cells_digest(body: Body) -> str:
-    """SHA-256 of the cells of a body's mesh, on rank 0: functions are saved in their order."""
-    return hashlib.sha256(body.source.cells.tobytes()).hexdigest()
+    """Checksum of the cells of a body's mesh, in whose order functions are saved; collective."""
+    cells = body.source.cells
+    return Rows.of(body.mesh.comm, len(cells)).checksum(cells)
 
 
 class _Damaged(Exception):

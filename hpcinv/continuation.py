@@ -12,11 +12,15 @@ from hpcinv.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.equilibrium import Equilibrium, Solve
+    from hpcinv.increments import Increment
 
 
 @dataclass(frozen=True)
 class AdaptiveSteps:
     """Try the whole remaining load, halve the step where Newton's method fails, and lengthen it where it is easy.
+
+    A step is shortened beforehand where its tangent foretells that it turns or stretches the body too far: in forward
+    problems linear steps of much more than a radian are no use. In inverse problems they are, as the loads do not turn.
 
     Steps before the last only lead the way, so they are solved to ``path_tolerance``. Steps are shares of a load case,
     and none goes beyond the end of its case.
@@ -28,8 +32,16 @@ class AdaptiveSteps:
     easy: int = 6  # Newton iterations up to which the next step is twice as long
     cases: int = 1
 
+    farthest = 2.0  # rad, and norm of the strain, of a step as it is foretold
+    share = 0.75  # of that, to which a longer one is shortened
+
     def start(self) -> float:
         return self.first / self.cases
+
+    def shortened(self, step: float, foretold: Increment, *, forward: bool) -> float:
+        """The part of a step that may be tried."""
+        excess = max(foretold.stretch, foretold.turn if forward else 0.0) / self.farthest
+        return step if not 1 < excess < math.inf else max(self.share * step / excess, self.least)
 
     @property
     def least(self) -> float:
@@ -102,13 +114,21 @@ def follow(
     if isinstance(steps, ArcLengthSteps):
         yield from trace(equilibrium, steps, tolerance, load=load, passed=turned)
         return
-    state = equilibrium.state.x
+    state, forward = equilibrium.state.x, equilibrium.scene.kinematics.direction == "forward"
     step, has_tangent, ahead = steps.start(), False, FoldAhead()
     while load < 1.0:
         target = _target(load, step, steps.cases)
         accepted = state.array.copy()
-        if has_tangent:
-            ahead.rates.append(equilibrium.predict(target) / (target - load))
+        if has_tangent or isinstance(steps, AdaptiveSteps):
+            foretold = equilibrium.predict(target, anew=not has_tangent)
+            if has_tangent:
+                ahead.rates.append(foretold.length / (target - load))
+            if isinstance(steps, AdaptiveSteps):
+                shorter = steps.shortened(target - load, foretold.increment, forward=forward)
+                if shorter < target - load:
+                    state.array[:] = accepted
+                    target = _target(load, shorter, steps.cases)
+                    equilibrium.predict(target)
         solve = equilibrium.solve(target, tolerance if target == 1.0 else steps.path_tolerance)
         step = steps.after(solve, target - load)
         if solve.outcome.accepted:

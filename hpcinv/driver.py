@@ -119,7 +119,7 @@ class _Run:
                 self.body.mesh.geometry.x[:] = self.legs[-1].other_nodes / self.body.length_scale
 
         errors = {}
-        if job.expected_shape is not None:
+        if expected is not None:
             errors["expected_shape"] = distance(self.body, self.legs[0], expected)
         if len(self.legs) == 2:
             errors["round_trip"] = closure(*self.legs)
@@ -130,7 +130,7 @@ class _Run:
         return self._finish(result, "converged")
 
     def _prepare(self) -> Floats | None:
-        """Body and model as the job gives them, and the nodes of the expected shape."""
+        """Body and model as the job gives them, and the local nodes of the expected shape."""
         job = self.job
         with self.timings("mesh"):
             self.body = self.workspace.body(job)
@@ -152,7 +152,7 @@ class _Run:
             return None, None
         directory, job = self.directory, self.job
         # Functions are saved cell by cell: a generator must have made the same cells again.
-        problem = on_root(self.comm, lambda: job.fingerprint() | {"cells": cells_digest(self.body)})
+        problem = on_root(self.comm, job.fingerprint) | {"cells": cells_digest(self.body)}
         # A search for accuracy saves nothing and begins anew.
         checkpoints = None
         if not job.accuracy:
@@ -174,7 +174,7 @@ class _Run:
         method = method_for(model, direction, self.stop_asked)
         method.turned = sum(solve.turning_point for solve in solves)
         method.guess = None if number or resumed else self.guess
-        self.progress.leg(direction)
+        self.progress.leg(direction, method.equilibrium.used)
         stop, begin, every = False, load, self.job.checkpoint.every
         for solve in method.solves(load, resumed=resumed):
             self.progress.solve(solve, self._largest_displacement(), method.min_mesh_J())
@@ -199,7 +199,7 @@ class _Run:
             raise self._interrupted(number, load, saved=restartable)
         scene = model.scene(direction)
         scene.parameters.set_load(load)
-        self.legs.append(leg_of(model, direction, scene, tuple(solves), load))
+        self.legs.append(leg_of(model, direction, scene, tuple(solves), load, method.equilibrium.used))
 
     def _take_up(self, number: int, restart: Restart) -> tuple[float, list[Solve]]:
         """Make the state of a checkpoint the model's; its load factor in this leg, and the solves that led to it."""
@@ -234,7 +234,7 @@ class _Run:
         if self.directory is None:
             return
         with self.timings("output"):
-            for suffix in self.job.output.mesh:
+            for suffix in self.job.shape_formats:
                 write_mesh(self.directory.path / f"shape.{suffix}", self.body, self.legs[0].other_nodes)
             if self.job.output.fields:
                 write_fields(self.directory.path / "fields", self.body, self.legs[0], slopes.fields() if slopes else ())

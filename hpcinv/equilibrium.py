@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -13,13 +12,17 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.linearsystem import LinearSystem
+from hpcinv.extrapolation import ExtrapolatedStress
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.petsc_log import logged_seconds
 from hpcinv.petsc_options import SolverOptions, Value
+from hpcinv.predictor import INEXACT, Predictor
 from hpcinv.runtime import MPI
+from hpcinv.solve import Solve as Solve  # part of this module's interface
 from hpcinv.vectors import norm
 
 if TYPE_CHECKING:
+    from hpcinv.linear.choice import Choice
     from hpcinv.scene import Scene
     from hpcinv.supports import Supports
     from hpcinv.timings import Timings
@@ -36,37 +39,19 @@ _OUTCOMES_BY_REASON: dict[int, Outcome] = {
 }
 
 
-@dataclass(frozen=True)
-class Solve:
-    """What one solve at a fixed load factor did; ``iterations`` is empty if a test of the user's options ended it.
-
-    ``signs`` are those of the determinants of its tangents (empty if the linear solver does not tell them): the number
-    of negative eigenvalues has changed by an odd number where it changes. ``gap`` is the distance of the loaded body
-    from the given one (m) after a step of a fixed-point method. ``strategy`` is what it was a part of; at a
-    ``turning_point`` the load is an extremum along the path.
-    """
-
-    load: float
-    outcome: Outcome
-    iterations: tuple[NewtonIteration, ...]
-    factorizations: int
-    signs: tuple[int, ...] = ()
-    gap: float | None = None
-    strategy: str = "load steps"
-    turning_point: bool = False
-
-
-class Equilibrium(LinearSystem):
+class Equilibrium(Predictor):
     """Newton's method for the discrete equations of one scene.
 
     The tangent is kept while corrections contract (Shamanskii); the matrix is then left untouched, so that PETSc keeps
-    its factors too, and its symbolic analysis serves the whole run. A correction that would turn an element inside out,
-    or strain it beyond what its law is defined for, is halved before the line search sees it.
+    its factors too, and its symbolic analysis serves the whole run. Before the line search sees a correction, one of a
+    kept tangent that does not contract is found anew, and one that would turn an element inside out, or strain it
+    beyond what its law is defined for, is halved.
 
     Args:
         scene: residual and load factor.
         supports: Dirichlet conditions on the scene's unknowns.
         options: PETSc options of the job, beside the defaults.
+        choice: preset of the linear solver.
         limit: Newton iterations after which a solve is given up.
         reuse: largest contraction at which the tangent is kept, 0 for full Newton.
         stop_asked: whether a signal asks to stop; all ranks are asked before each iteration.
@@ -79,22 +64,25 @@ class Equilibrium(LinearSystem):
         timings: Timings,
         *,
         options: Mapping[str, Value],
+        choice: Choice,
         limit: int = 30,
         reuse: float = 0.3,
         stop_asked: Callable[[], bool] = lambda: False,
     ) -> None:
-        super().__init__(scene, supports, timings, options)
+        super().__init__(scene, supports, timings, options, choice)
         self.limit, self.reuse, self.stop_asked = limit, reuse, stop_asked
         with timings("set-up"):
             # SNES iterates on a vector of its own: the state moves along with every trial of the line search.
             self._x, self._before = self.rhs.duplicate(), self.rhs.duplicate()
             self.snes = self._create_snes()
+            self._extrapolated = ExtrapolatedStress(scene, supports)
         self._monitor = self._new_monitor(1.0)
         self._fresh, self._judged, self._signs = False, False, list[int]()
         self._tangents = 0
         self._correction: float | None = None
         self._outcome: Outcome | None = None
         self._fault: Outcome | None = None
+        self._verdict: Outcome | None = None  # of a correction, before it is taken
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.comm)
@@ -104,7 +92,7 @@ class Equilibrium(LinearSystem):
         snes.setJacobian(self._assemble_tangent, self.matrix)
         snes.setConvergenceTest(self._judge)
         snes.setFromOptions()
-        snes.setLineSearchPreCheck(self._back_off)
+        snes.setLineSearchPreCheck(self._check)
         return snes
 
     def solve(self, load: float, tolerance: float, *, begins_near: bool = False) -> Solve:
@@ -117,16 +105,24 @@ class Equilibrium(LinearSystem):
         """
         self.set_load(load)
         self._monitor = self._new_monitor(tolerance, begins_near=begins_near and self.reuse > 0)
-        self._outcome, self._fault, self._fresh, self._correction, self._tangents = None, None, False, None, 0
-        self._signs, self._judged = [], False
+        self._outcome, self._fault, self._verdict, self._fresh, self._correction = None, None, None, False, None
+        self._judged = False
+        self._tangents, self._signs = self._new_tangents, self._new_signs
+        self._new_tangents, self._new_signs = 0, []
         start, x = self.state.x.petsc_vec, self._x
         accepted = start.copy()
         start.copy(x)
         start.copy(self._before)
+        self._extrapolated.begin(None)
+        if self.predicted is not None and self._takes_full_steps:
+            self._monitor.predicted = self.predicted.length
+            self._extrapolated.begin(self.predicted.increment)
+            self._origin.copy(self._before)
+        self.predicted = None
         with self.timings("newton"):
-            before = _logged_seconds()
+            before = logged_seconds()
             self.snes.solve(None, x)
-            for event, seconds in _logged_seconds().items():
+            for event, seconds in logged_seconds().items():
                 self.timings.move("newton", event, seconds - before[event])
         reason: Any = self.snes.getConvergedReason()  # an int, whatever its stub says
         # Without an outcome of ours, PETSc ended the solve: it failed, or by a test that the user's options chose.
@@ -137,7 +133,12 @@ class Equilibrium(LinearSystem):
             outcome = Outcome.LINE_SEARCH if self._judged else Outcome.CONVERGED
         if outcome in (Outcome.ITERATION_LIMIT, Outcome.DIVERGED):
             outcome = self._fault or outcome  # what kept the last correction short is why
+        self.count_iterations(self.snes.getLinearSolveIterations())
         if outcome is Outcome.LINEAR_SOLVER:
+            if self.fall_back():
+                self.set_state(accepted)
+                accepted.destroy()
+                return self.solve(load, tolerance, begins_near=begins_near)
             self.forget_factors()
         self.set_state(x)
         if outcome.accepted:
@@ -145,28 +146,14 @@ class Equilibrium(LinearSystem):
         if not outcome.accepted:
             self.set_state(accepted)
         accepted.destroy()
-        return Solve(load, outcome, tuple(self._monitor.history), self._tangents, tuple(self._signs))
-
-    def predict(self, load: float) -> float:
-        """Move the state along the tangent of the solution path to another load factor, with the factors at hand.
-
-        A step that would turn an element inside out is not taken.
-
-        Returns:
-            The length of the step, taken or not.
-        """
-        start, x = self.state.x.petsc_vec.copy(), self._x
-        self.set_load(load)
-        self._assemble_residual(self.snes, start, self.rhs)
-        with self.timings("linear solve"):
-            self.ksp.solve(self.rhs, x)
-        length = norm(x)
-        x.aypx(-1.0, start)
-        self.set_state(x)
-        if not np.isfinite(length) or self.fault():
-            self.set_state(start)
-        start.destroy()
-        return length
+        return Solve(
+            load,
+            outcome,
+            tuple(self._monitor.history),
+            self._tangents,
+            tuple(self._signs),
+            linear_iterations=self.counted_iterations(),
+        )
 
     @contextmanager
     def newton(self, line_search: str) -> Iterator[None]:
@@ -180,6 +167,10 @@ class Equilibrium(LinearSystem):
         finally:
             search.setType(kept)
             self.reuse = reuse
+
+    def compile(self) -> None:
+        """Compile what solves may come to need."""
+        self._extrapolated.compile()
 
     def interrupted(self) -> bool:
         """Whether a signal has asked any rank to stop; collective."""
@@ -201,9 +192,19 @@ class Equilibrium(LinearSystem):
     def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, _A: PETSc.Mat, _P: PETSc.Mat) -> None:
         self._fresh = self._monitor.wants_new_tangent
         if self._fresh:
-            self._tangents += 1
-            self.set_state(x)
-            self.tangent()
+            self._renew(x)
+        self.aim(INEXACT)
+
+    def _renew(self, x: PETSc.Vec) -> None:
+        self._tangents += 1
+        self.set_state(x)
+        self.tangent()
+        if self._extrapolated.wanted:
+            with self.timings("compile"):
+                self._extrapolated.compile()
+            with self.timings("tangent"):
+                self._extrapolated.add_to(self.matrix, self._before)
+        self.factorize()
 
     def _judge(self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]) -> int:
         """PETSc's convergence test."""
@@ -228,14 +229,48 @@ class Equilibrium(LinearSystem):
             x.copy(self._before)
         iteration = NewtonIteration(self._correction, norm(x), residual, self._fresh)
         self._outcome = self._monitor.judge(iteration)
+        if self._outcome is None or not self._outcome.accepted:
+            self._outcome = self._verdict or self._outcome
         if self._outcome is None:
             return 0
         return _DONE if self._outcome.accepted else _GIVEN_UP
 
-    def _back_off(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Halve the correction ``-y`` until the state is admissible, at most ten times."""
+    @property
+    def _takes_full_steps(self) -> bool:
+        return self.snes.getType() == "newtonls" and self.snes.getLineSearch().getType() == "basic"
+
+    def _check(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """What becomes of the correction ``-y`` before the line search takes it; whether it is another one then."""
+        changed = False
+        if self._takes_full_steps:
+            changed = not self._fresh and not self._monitor.may_take(norm(y), norm(x))
+            if changed:
+                self._find_anew(x, y)
+            self.set_state(x)
+            increment = self.increments(y)
+            if not self._monitor.history and not self._monitor.predicted:
+                self._extrapolated.begin(increment)
+            if self._monitor.is_hopeless(increment):
+                self._verdict = self._verdict or Outcome.DIVERGED
         # The whole correction is what measures the error: a damped one is small even far from the solution.
         self._correction = norm(y)
+        changed |= self._back_off(x, y)
+        x.copy(self._before)
+        return changed
+
+    def _find_anew(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """The correction with a new tangent."""
+        self._fresh = True
+        self._renew(x)
+        self.ksp.solve(self.snes.getFunction()[0], y)
+        self.count_iterations(self.ksp.getIterationNumber())
+        reason: Any = self.ksp.getConvergedReason()  # an int, whatever its stub says
+        if reason < 0 or not np.isfinite(norm(y)):
+            self._verdict = Outcome.LINEAR_SOLVER
+            y.set(0.0)
+
+    def _back_off(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Halve the correction ``-y`` until the state is admissible, at most ten times."""
         trial = x.duplicate()
         shortened = False
         with self.timings("admissibility check"):
@@ -251,11 +286,3 @@ class Equilibrium(LinearSystem):
                 shortened = True
         trial.destroy()
         return shortened
-
-
-def _logged_seconds() -> dict[str, float]:
-    """Seconds that PETSc's log has counted on this rank, by phase."""
-    if not PETSc.Log.isActive():
-        PETSc.Log.begin()
-    events = {"factorization": "PCSetUp", "linear solve": "KSPSolve"}
-    return {phase: PETSc.Log.Event(event).getPerfInfo()["time"] for phase, event in events.items()}

@@ -10,7 +10,7 @@ import os
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,13 +19,13 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 # isort: split
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
-import ufl
 from dolfinx import fem
 
 from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.mesh import build_body
 from hpcinv.model import Model
 from hpcinv.runtime import MPI
+from hpcinv.tangent import Tangent
 from hpcinv.timings import Timings
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     for name, scene in scenes.items():
         if scene not in compiled:
             note(f"compiling {name}")
-            compiled[scene] = _Compiled(scene)
+            compiled[scene] = _Compiled(scene, model.supports.conditions)
     measured = _measured(compiled)
     costs = {name: measured[scene] for name, scene in scenes.items()}
     total = _row("scene", everything, None, costs["the whole scene"], None)
@@ -137,29 +137,22 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
 class _Compiled:
     """Residual and tangent of a scene, compiled as on a machine that has never seen them."""
 
-    def __init__(self, scene: Scene) -> None:
-        state, space = scene.unknowns.state, scene.unknowns.space
-        comm = scene.unknowns.mesh.comm
-        tangent = ufl.derivative(scene.residual, state, ufl.TrialFunction(space))
+    def __init__(self, scene: Scene, conditions: Sequence[fem.DirichletBC]) -> None:
+        space, comm = scene.unknowns.space, scene.unknowns.mesh.comm
         directory = tempfile.TemporaryDirectory(prefix="hpcinv-explain-")
         options = JIT_OPTIONS | {"cache_dir": comm.bcast(directory.name)}
         comm.Barrier()
         start = _processor_seconds()
-        self.residual, self.tangent = (fem.form(form, jit_options=options) for form in (scene.residual, tangent))
+        self.residual, self.tangent = fem.form(scene.residual, jit_options=options), Tangent(scene, options)
         self.seconds = comm.bcast(_processor_seconds() - start)  # rank 0 compiles, the others wait
         directory.cleanup()  # the kernels are loaded
         self.vector = fem_petsc.create_vector(space)
-        self.matrix = fem_petsc.create_matrix(self.tangent)
+        self.matrix = self.tangent.create_matrix(conditions)
 
     def assemble_residual(self) -> None:
         with self.vector.localForm() as local:
             local.set(0.0)
         fem_petsc.assemble_vector(self.vector, self.residual)
-
-    def assemble_tangent(self) -> None:
-        self.matrix.zeroEntries()
-        fem_petsc.assemble_matrix(self.matrix, self.tangent)
-        self.matrix.assemble()
 
 
 def _processor_seconds() -> float:
@@ -173,7 +166,7 @@ def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, Cost]:
     best = {scene: [np.inf, np.inf] for scene in compiled}
     for _ in range(_ROUNDS):
         for scene, forms in compiled.items():
-            for i, assemble in enumerate((forms.assemble_residual, forms.assemble_tangent)):
+            for i, assemble in enumerate((forms.assemble_residual, forms.tangent.assemble)):
                 best[scene][i] = min(best[scene][i], _seconds(forms.vector.comm.tompi4py(), assemble))
     return {scene: Cost(forms.seconds, *best[scene]) for scene, forms in compiled.items()}
 
@@ -182,13 +175,11 @@ def _linear_solver(model: Model, scene: Scene, forms: _Compiled) -> tuple[float,
     """Seconds of one numerical factorization and of one solution, with the solver that the job asks for."""
     equilibrium = model.equilibrium(scene, lambda: False)
     ksp, A, comm = equilibrium.snes.ksp, forms.matrix, scene.unknowns.mesh.comm
-    b, x = A.createVecs()
+    b, x = A.createVecLeft(), A.createVecRight()
     b.set(1.0)
     times = []
     for _ in range(3):  # the symbolic analysis is done in the first, and serves the whole run
-        A.zeroEntries()
-        fem_petsc.assemble_matrix(A, forms.tangent, bcs=model.supports.conditions)
-        A.assemble()
+        forms.tangent.assemble()
         ksp.setOperators(A)
         times.append((_seconds(comm, ksp.setUp), _seconds(comm, lambda: ksp.solve(b, x))))
     equilibrium.destroy()

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.meshheader import SUFFIX, read_header
 from hpcinv.schema import Location, at
 
 if TYPE_CHECKING:
@@ -18,7 +19,12 @@ _MESH = {"parameters", "unit", "geometry_degree"}  # not its path: a moved file 
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a mesh file and of the HDF5 files that an XDMF file keeps its numbers in."""
+    """SHA-256 of a mesh file, and of the HDF5 files that an XDMF file keeps its numbers in.
+
+    Of a partitioned mesh it is that of its header, which has checksums of all that is in it.
+    """
+    if path.suffix == SUFFIX:
+        return read_header(path).digest()
     digest = hashlib.sha256()
     content = path.read_bytes()
     digest.update(content)

@@ -18,6 +18,7 @@ from dolfinx import la
 from dolfinx.mesh import entities_to_geometry
 
 from hpcinv.errors import JobError, MeshError, told_with
+from hpcinv.extent import extent
 from hpcinv.mesh.location import Location, locate
 from hpcinv.mesh.regions import find
 from hpcinv.placement import placed
@@ -52,7 +53,7 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
         elif locate(body, np.array(quantity.at)) is None:
             problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")
     if problems:
-        low, high = _box(body)
+        low, high = extent(body.mesh.comm, body.mesh.geometry.x * body.length_scale)
         raise MeshError(
             "\n".join(f"{body.source.path}: {p}" for p in problems),
             f"It extends from ({_triple(low)}) to ({_triple(high)}) m; points are in metres unless they have a unit.",
@@ -212,14 +213,6 @@ def _owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
     # The owner of a node on the region's edge may have none of the region's facets itself.
     marks.scatter_reverse(la.InsertMode.add)
     return np.flatnonzero(marks.array[: nodes.size_local])
-
-
-def _box(body: Body) -> tuple[Floats, Floats]:
-    points = body.mesh.geometry.x * body.length_scale
-    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
-    body.mesh.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
-    body.mesh.comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
-    return low, high
 
 
 def _triple(point: Any) -> str:

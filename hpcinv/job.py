@@ -95,6 +95,13 @@ class Job(Spec):
         return (self._path.parent if self._path else Path()) / path
 
     @property
+    def shape_formats(self) -> tuple[str, ...]:
+        """In which the recovered shape is written."""
+        if self.output.mesh is not None:
+            return self.output.mesh
+        return ("bp",) if self.mesh.is_partitioned else ("msh", "vtu")
+
+    @property
     def legs(self) -> tuple[Direction, ...]:
         """The directions to solve in, in order."""
         if self.analysis != "round_trip":
@@ -249,6 +256,24 @@ class Job(Spec):
             raise_if_any(unsuited(discretisation, _laws(info.data["material"])))
         return discretisation
 
+    @field_validator("output")
+    @classmethod
+    def _can_be_written(cls, output: Output, info: ValidationInfo) -> Output:
+        mesh = info.data.get("mesh")
+        if mesh is not None and mesh.is_partitioned and {"msh", "vtu"} & set(output.mesh or ()):
+            text = "of a partitioned mesh must be bp, which 'hpcinv mesh gather shape.bp shape.msh' makes one file of"
+            raise Problems((("mesh",), text))
+        return output
+
+    @field_validator("expected_shape")
+    @classmethod
+    def _is_partitioned_alike(cls, expected: MeshFile | None, info: ValidationInfo) -> MeshFile | None:
+        mesh = info.data.get("mesh")
+        if expected is not None and mesh is not None and expected.is_partitioned != mesh.is_partitioned:
+            text = "must be a partitioned mesh (.bp) if, and only if, that of the job is"
+            raise Problems((("file",), f"{text}: 'hpcinv mesh partition' makes one, with the same --parts"))
+        return expected
+
     @field_validator("accuracy", mode="plain")
     @classmethod
     def _can_be_met(cls, given: object, info: ValidationInfo) -> Mapping[str, float]:
@@ -260,6 +285,8 @@ class Job(Spec):
             raise ValueError("cannot go with 'expected_shape', which needs the job's own mesh; remove one of them")
         if demands and info.data.get("method", "direct") != "direct":
             raise ValueError("needs 'method: direct'")
+        if demands and (mesh := info.data.get("mesh")) is not None and mesh.is_partitioned:
+            raise ValueError("needs a mesh that can be refined, not a partitioned one: the file that this was made of")
         solver = info.data.get("solver")
         if not demands and solver is not None and "maximum_unknowns" in solver.model_fields_set:
             raise ValueError("is needed if solver.maximum_unknowns is given, which bounds what it may take")

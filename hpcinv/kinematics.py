@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 import ufl
 
+from hpcinv.chainrule import stage
 from hpcinv.elementary import log1p_remainder
 
 if TYPE_CHECKING:
@@ -63,12 +64,12 @@ class Deformation:
         """Right Cauchy–Green tensor ``C = Fᵀ F``."""
         return self.I + 2 * self.E
 
-    @cached_property
+    @stage
     def E(self) -> Any:
         """Green–Lagrange strain ``E = sym H + ½ Hᵀ H``."""
         return ufl.sym(self.H) + self.H.T * self.H / 2
 
-    @cached_property
+    @stage
     def J_minus_1(self) -> Any:
         """``det F - 1 = tr H + ½ (tr² H - tr H²) + det H``."""
         return ufl.tr(self.H) + self._second_order
@@ -78,33 +79,33 @@ class Deformation:
         """Volume ratio ``J = det F``."""
         return 1 + self.J_minus_1
 
-    @cached_property
+    @stage
     def ln_J(self) -> Any:
         return self.J_minus_1 + log1p_remainder(self.J_minus_1)
 
-    @cached_property
+    @stage
     def I1_minus_3(self) -> Any:
         """``tr C - 3``."""
         return 2 * ufl.tr(self.E)
 
-    @cached_property
+    @stage
     def I2_minus_3(self) -> Any:
         """``½ (tr² C - tr C²) - 3``."""
         return 4 * ufl.tr(self.E) + self._second_of_E
 
-    @cached_property
+    @stage
     def I1_minus_3_minus_2_ln_J(self) -> Any:
         """``tr C - 3 - 2 ln J``, the shear part of compressible neo-Hookean laws, of second order in ``H``."""
         return 2 * (self._trE_minus_J_minus_1 - log1p_remainder(self.J_minus_1))
 
-    @cached_property
+    @stage
     def I1_bar_minus_3(self) -> Any:
         """``J^(-2/3) tr C - 3``."""
         s = self._cbrt_J_minus_1
         remainder = -(s**2) * (2 * s + 3) / 3  # J^(2/3) - 1 - 2/3 (J - 1)
         return (2 * self._trE_minus_J_minus_1 - 3 * remainder) / (1 + s) ** 2
 
-    @cached_property
+    @stage
     def I2_bar_minus_3(self) -> Any:
         """``J^(-4/3) I2 - 3``."""
         s = self._cbrt_J_minus_1
@@ -119,24 +120,24 @@ class Deformation:
         """``a0·(C - I) b0`` of two families: ``a·b`` of the deformed fibres, if they are orthogonal at first."""
         return 2 * ufl.inner(self.fibres[family], self.E * self.fibres[other])
 
-    @cached_property
+    @stage
     def _cbrt_J_minus_1(self) -> Any:
         """``J^(1/3) - 1``, from ``t³ - 1 = (t - 1)(1 + t + t²)``."""
         t = self.J ** (1 / 3)
         return self.J_minus_1 / (1 + t + t**2)
 
-    @cached_property
+    @stage
     def _second_order(self) -> Any:
         """``J - 1 - tr H``."""
         H = self.H
         return (ufl.tr(H) ** 2 - ufl.tr(H * H)) / 2 + ufl.det(H)
 
-    @cached_property
+    @stage
     def _trE_minus_J_minus_1(self) -> Any:
         """``tr E - (J - 1)``: the first-order terms drop out by hand, not by rounding."""
         return ufl.inner(self.H, self.H) / 2 - self._second_order
 
-    @cached_property
+    @stage
     def _second_of_E(self) -> Any:
         return 2 * (ufl.tr(self.E) ** 2 - ufl.inner(self.E, self.E))
 
@@ -152,7 +153,7 @@ class Fibre:
         """``a0⊗a0``."""
         return ufl.outer(self.direction, self.direction)
 
-    @cached_property
+    @stage
     def E_aa(self) -> Any:
         """Green–Lagrange strain along the fibre, ``a0·E a0``."""
         return ufl.inner(self.direction, self._k.E * self.direction)
@@ -162,7 +163,7 @@ class Fibre:
         """``a0·C a0 - 1``, the squared stretch of the fibre less 1."""
         return 2 * self.E_aa
 
-    @cached_property
+    @stage
     def I5_minus_1(self) -> Any:
         """``a0·C² a0 - 1``."""
         Ea = self._k.E * self.direction

@@ -9,11 +9,19 @@ from hpcinv.result import Leg
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
     from hpcinv.equilibrium import Solve
+    from hpcinv.linear.choice import Used
     from hpcinv.model import Model
     from hpcinv.scene import Scene
 
 
-def leg_of(model: Model, direction: Direction, scene: Scene, solves: tuple[Solve, ...], load: float = 1.0) -> Leg:
+def leg_of(
+    model: Model,
+    direction: Direction,
+    scene: Scene,
+    solves: tuple[Solve, ...],
+    load: float = 1.0,
+    linear: Used | None = None,
+) -> Leg:
     """The model's present state, a solution at a load factor, and what follows from it, in SI units; collective."""
     body, length, stress = model.body, model.scales.length, model.scales.stress
     with model.timings("results"):
@@ -32,4 +40,5 @@ def leg_of(model: Model, direction: Direction, scene: Scene, solves: tuple[Solve
             strain_energy=scene.means.strain_energy() * stress * length**3,
             solves=solves,
             load=load,
+            linear=linear,
         )

@@ -12,13 +12,19 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.assembly import Assembly
+from hpcinv.linear.choice import Choice, Used
+from hpcinv.linear.direct import Direct
+from hpcinv.linear.iterative import Iterative
 from hpcinv.petsc_options import SolverOptions, Value
 from hpcinv.vectors import norm
 
 if TYPE_CHECKING:
+    from hpcinv.linear.preset import Preset
     from hpcinv.scene import Scene
     from hpcinv.supports import Supports
     from hpcinv.timings import Timings
+
+_PRECISE = 1e-10  # where a solution is wanted for its own sake, not as a correction
 
 
 class LinearSystem(Assembly):
@@ -27,53 +33,119 @@ class LinearSystem(Assembly):
     Args:
         scene: residual and load factor.
         supports: Dirichlet conditions on the scene's unknowns.
-        options: PETSc options of the job, beside the defaults.
+        options: PETSc options of the job, beside those of the preset.
+        choice: preset of the linear solver, and whether the other one may be tried where it fails.
+
+    Attributes:
+        fallback: why the other preset was taken, if it was.
     """
 
-    def __init__(self, scene: Scene, supports: Supports, timings: Timings, options: Mapping[str, Value]) -> None:
+    def __init__(
+        self, scene: Scene, supports: Supports, timings: Timings, options: Mapping[str, Value], choice: Choice
+    ) -> None:
         super().__init__(scene, supports, timings)
+        self.choice = choice
+        self.fallback: str | None = None
+        self._iterations = 0
         with timings("set-up"):
             self.options = SolverOptions(options)
             self.ksp = PETSc.KSP().create(self.comm)
             self.ksp.setOptionsPrefix(SolverOptions.prefix)
-            self.ksp.setOperators(self.matrix)
-            self.ksp.setFromOptions()
+            self.preset = self._use(choice.preset)
+
+    def _use(self, name: str) -> Preset:
+        own = self.choice.is_own
+        preset: Preset = Direct(symmetric=not own) if name == "direct" else Iterative(self.scene)
+        self._is_factorized = False
+        self.options.use(preset.options)
+        self.ksp.reset()
+        self.ksp.setOperators(self.matrix)
+        self.ksp.setFromOptions()
+        return preset
 
     def position(self) -> PETSc.Vec:
         """A copy of the present state."""
         x: PETSc.Vec = self.state.x.petsc_vec.copy()
         return x
 
+    @property
+    def used(self) -> Used:
+        """Which linear solver it is by now, and why."""
+        return Used(self.preset.name, self.choice.why, self.fallback)
+
     def linearise(self, load: float) -> None:
         """Assemble the tangent at the present state and a load factor."""
         self.set_load(load)
         self.tangent()
 
-    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """``x = K⁻¹ b`` with the tangent that was last assembled, factorized if need be; false if that failed."""
+    def tangent(self) -> None:
+        super().tangent()
+        self._is_factorized = False
+
+    def factorize(self) -> None:
+        """Factorize the tangent that was last assembled, or make its preconditioner, unless that is done already."""
+        if self._is_factorized:
+            return
         with self.timings("factorization"):
             self.ksp.setOperators(self.matrix)
+            self.preset.prepare(self.ksp, self.matrix)
             self.ksp.setUp()
+            if self.preset.distrusts(self.ksp):
+                self.ksp.setUp()
+            self.ksp.setUpOnBlocks()
+        self._is_factorized = True
+
+    def aim(self, tolerance: float) -> None:
+        """Solve systems to this relative residual, if the solver is one that can be asked to."""
+        if not self.preset.exact:
+            self.ksp.setTolerances(rtol=tolerance)
+
+    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """``x = K⁻¹ b`` with the tangent that was last assembled, factorized if need be; false if that failed."""
+        self.aim(_PRECISE)
+        self.factorize()
         with self.timings("linear solve"):
             self.ksp.solve(b, x)
+        self.count_iterations(self.ksp.getIterationNumber())
         reason: Any = self.ksp.getConvergedReason()  # an int, whatever its stub says
-        solved = bool(reason >= 0 and np.isfinite(norm(x)))
-        if not solved:
-            self.forget_factors()
-        return solved
+        if reason >= 0 and np.isfinite(norm(x)):
+            return True
+        if self.fall_back():
+            return self.solve_linear(b, x)
+        self.forget_factors()
+        return False
+
+    def count_iterations(self, number: int) -> None:
+        """Take note of what a linear solve took."""
+        if not self.preset.exact:
+            self._iterations += number
+
+    def counted_iterations(self) -> int:
+        """Krylov iterations since this was asked last."""
+        number, self._iterations = self._iterations, 0
+        return number
+
+    def fall_back(self) -> bool:
+        """Go over to the other preset after a failure, if that may help."""
+        if self.fallback is not None or self.choice.other is None:
+            return False
+        if self.preset.exact and not self.preset.lacked_memory(self.ksp):
+            return False  # a singular tangent stays singular
+        what = "did not converge" if not self.preset.exact else "ran out of memory"
+        self.fallback = f"the {self.preset.name} solver {what}: {self.choice.other} from there on"
+        self.preset.destroy()
+        self.preset = self._use(self.choice.other)
+        return True
 
     def forget_factors(self) -> None:
         """Begin anew after a factorization that failed: MUMPS cannot go on."""
+        self._is_factorized = False
         self.options.restore()
         self.ksp.pc.reset()
 
     def sign_of_determinant(self) -> int:
         """Of the tangent whose factors are at hand; 0 if the linear solver does not tell."""
-        pc = self.ksp.pc
-        if pc.getType() != PETSc.PC.Type.LU or pc.getFactorSolverType() != "mumps":
-            return 0
-        mantissa = pc.getFactorMatrix().getMumpsRinfog(12)
-        return (mantissa > 0) - (mantissa < 0)
+        return self.preset.sign_of_determinant(self.ksp)
 
     def correct(self, load: float) -> None:
         """Add one full Newton correction to the present state, whatever it does to the elements."""
@@ -89,5 +161,6 @@ class LinearSystem(Assembly):
     def destroy(self) -> None:
         """Free what PETSc holds."""
         self.options.remove()
+        self.preset.destroy()
         for part in (self.ksp, self.matrix, self.rhs):
             part.destroy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from hpcinv.arclength import ArcLengthSteps
@@ -12,6 +13,7 @@ from hpcinv.equilibrium import Equilibrium
 from hpcinv.errors import MeshError
 from hpcinv.fieldchecks import check_fields, shear_modulus
 from hpcinv.kinematics import ForwardKinematics, InverseKinematics
+from hpcinv.linear.choice import Chooser
 from hpcinv.scales import Scales, power_of_two
 from hpcinv.scene import Scene
 from hpcinv.supports import Supports
@@ -74,6 +76,11 @@ class Model:
             for scene in self._scenes.values():
                 scene.adopt(job, self.scales)
 
+    @cached_property
+    def chooser(self) -> Chooser:
+        """Which linear solver suits; collective when first asked for."""
+        return Chooser(self.unknowns, self.job.discretisation.displacement)
+
     def _scales(self) -> Scales:
         return Scales(self.body.length_scale, power_of_two(shear_modulus(self.job, self.fields)))
 
@@ -97,6 +104,7 @@ class Model:
                 self.supports,
                 self.timings,
                 options=solver.petsc,
+                choice=self.chooser.choose(solver),
                 limit=solver.maximum_iterations,
                 reuse=0.3 if solver.reuse_tangent else 0.0,
             )

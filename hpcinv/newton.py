@@ -12,6 +12,10 @@ import enum
 import itertools
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hpcinv.increments import Increment
 
 
 class Outcome(enum.Enum):
@@ -109,12 +113,14 @@ class NewtonMonitor:
         limit: number of iterations after which it is given up.
         reuse: largest contraction at which a tangent is kept (Shamanskii's method); 0 is full Newton.
         begins_near: whether the first correction can be trusted, small as it may be.
+        predicted: length of the step, by the tangent at hand, that has foretold where it begins; 0 if none has.
     """
 
     tolerance: float
     limit: int
     reuse: float
     begins_near: bool = False
+    predicted: float = 0.0
     history: list[NewtonIteration] = field(default_factory=list)
 
     # The first corrections may shrink by chance, far from the solution: a tangent found there must not be kept.
@@ -124,6 +130,10 @@ class NewtonMonitor:
     # Corrections smaller than this that no longer shrink are rounding errors; larger ones are not.
     round_off = 1e-8
     growths_allowed = 2
+    # A correction by a kept tangent that exceeds the one before by more than this is found anew.
+    renewal = 1.0
+    # A correction that turns or stretches the body more than this leads nowhere, unless it is the first.
+    too_far = 10.0
 
     @property
     def contraction(self) -> float:
@@ -136,11 +146,28 @@ class NewtonMonitor:
     @property
     def wants_new_tangent(self) -> bool:
         if not self.history:
-            return True
+            return not (self.predicted and self.reuse)
         last = self.history[-1]
         if len(self.history) == 1 and self.begins_near and last.correction <= self.next_to * last.state:
             return False
-        return not (self.contraction <= self.reuse and last.correction <= self.near * last.state)
+        theta = self.contraction
+        if len(self.history) == 1 and self.predicted:
+            theta = last.correction / self.predicted
+        return not (theta <= self.reuse and last.correction <= self.near * last.state)
+
+    def may_take(self, correction: float, state: float) -> bool:
+        """Whether to take a correction that a kept tangent gives, or to find it anew, from the same state.
+
+        To know it costs no factorization (Deuflhard's simplified correction).
+        """
+        if not self.history:
+            return correction <= self.reuse * self.predicted and correction <= self.near * state
+        return correction <= self.renewal * self.history[-1].correction
+
+    def is_hopeless(self, increment: Increment) -> bool:
+        """Whether to give up, by what the next correction would do to the body."""
+        is_first = not self.history and not self.predicted
+        return not is_first and not (increment.turn <= self.too_far and increment.stretch <= self.too_far)
 
     def judge(self, iteration: NewtonIteration) -> Outcome | None:
         """Take in one iteration; ``None`` means go on."""

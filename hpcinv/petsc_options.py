@@ -11,16 +11,11 @@ from petsc4py import PETSc
 
 type Value = str | float | int | bool | None  # None is a flag
 
-DEFAULTS: Mapping[str, Value] = {
+NEWTON: Mapping[str, Value] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",  # monotone ones stall: the residual rises on the way to the solution
     "snes_divergence_tolerance": "unlimited",
     "snes_max_it": 10_000,  # the limit is NewtonMonitor's
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_33": 1,  # the determinant, whose sign tells whether a path crossed a fold
-    "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
 }
 
 
@@ -30,18 +25,27 @@ class SolverOptions:
     prefix = "hpcinv_"
 
     def __init__(self, of_the_job: Mapping[str, Value]) -> None:
-        self._values, self._names = {**DEFAULTS, **of_the_job}, set(of_the_job)
+        self._of_the_job, self._names = of_the_job, set(of_the_job)
+        self._values: dict[str, Value] = {}
+        self._texts: dict[str, str] = {}  # the same as PETSc has them
         self._database = PETSc.Options(self.prefix)
-        for name, value in self._values.items():
-            self._database.setValue(name, value)
+        self.use(NEWTON)
+
+    def use(self, defaults: Mapping[str, Value]) -> None:
+        """Set defaults, but for those that the job sets itself."""
+        self._values |= {**defaults, **self._of_the_job}
+        self.restore()
 
     def restore(self) -> None:
-        """Put back what another solver has removed: the linear solver may ask again."""
+        """Put back what other solvers have removed or changed: the linear solver may ask again."""
         there = self._database.getAll()
         for name, value in self._values.items():
-            if name not in there:
+            if name not in there or there[name] != self._texts.get(name):
                 self._database.setValue(name, value)
-                self._names.discard(name)  # it may have been used before
+                if name in self._texts:
+                    self._names.discard(name)  # it may have been used before
+        now = self._database.getAll()
+        self._texts = {name: now.get(name, "") for name in self._values}
 
     def unused(self) -> list[str]:
         """Options of the job that nothing in PETSc has asked for so far: misspelt, or without effect here."""

@@ -7,16 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
-from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as LiveBar
-
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
+    from rich.console import Console
+    from rich.progress import Progress as LiveBar
 
     from hpcinv.checkpoint import Restart
     from hpcinv.equilibrium import Solve
     from hpcinv.job import Job
+    from hpcinv.linear.choice import Used
     from hpcinv.mesh import Body
 
 _ERRORS = {
@@ -32,11 +31,11 @@ class Progress:
     """
 
     def __init__(self, comm: Intracomm, stream: TextIO | None) -> None:
-        self._console = (
-            Console(file=stream, highlight=False, markup=False, soft_wrap=True)
-            if stream is not None and comm.rank == 0
-            else None
-        )
+        self._console: Console | None = None
+        if stream is not None and comm.rank == 0:
+            from rich.console import Console  # a tenth of the files of a start, which other ranks need not read
+
+            self._console = Console(file=stream, highlight=False, markup=False, soft_wrap=True)
         self._ranks = comm.size
         self._bar: LiveBar | None = None
         self._direction = ""
@@ -63,12 +62,16 @@ class Progress:
                 self.note(f"  not used: {complaint}")
             self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}")
 
-    def leg(self, direction: str) -> None:
-        """A direction begins."""
+    def leg(self, direction: str, linear: Used) -> None:
+        """A direction begins, with a linear solver."""
         self.close()
         self._direction, self._last = direction, time.perf_counter()
         self.note(f"{direction}:")
+        self.note(f"  {linear.preset} linear solver: {linear.why}")
         if self._console is not None and self._console.is_terminal:
+            from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+            from rich.progress import Progress as LiveBar
+
             columns = TextColumn("  load"), BarColumn(), TextColumn("{task.completed:.3f}"), TimeElapsedColumn()
             self._bar = LiveBar(*columns, console=self._console, transient=True, refresh_per_second=2)
             self._bar.add_task(direction, total=1.0)
@@ -79,6 +82,8 @@ class Progress:
         now = time.perf_counter()
         seconds, self._last = now - self._last, now
         effort = f"{_count(len(solve.iterations), 'iteration')}, {_count(solve.factorizations, 'factorization')}"
+        if solve.linear_iterations:
+            effort = f"{effort.replace('factorization', 'tangent')}, {solve.linear_iterations} Krylov iterations"
         if solve.outcome.accepted:
             F = {"forward": "det F", "inverse": "det F^-1"}[self._direction]
             state = f"largest displacement {largest_displacement:.4g} m, {F} > {min_mesh_J:.4g}"
@@ -121,8 +126,12 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     slowest = sorted(((p["max"], phase) for phase, p in timings["phases"].items()), reverse=True)
     lines.append("  seconds: " + ", ".join(f"{phase} {seconds:.1f}" for seconds, phase in slowest if seconds >= 0.05))
     lines.append(f"  outside compilation, assembly and linear solver: {100 * timings['overhead']:.0f} %")
-    lines.append(f"  memory: {max(statistics['peak_memory']) / 1e6:.0f} MB on the fullest rank")
+    memory = statistics["peak_memory"]
+    most = max(memory["phases"], key=lambda phase: memory["phases"][phase]["max"])
+    lines.append(f"  memory: {max(memory['ranks']) / 1e6:.0f} MB on the fullest rank; most in {most}")
     for leg in legs:
+        if leg["linear"] and leg["linear"]["fallback"]:
+            lines.append(f"  {leg['direction']}: {leg['linear']['fallback']}")
         lines.append(
             f"  {leg['direction']}: J from {_number(leg['J']['min'])} to {_number(leg['J']['max'])}, "
             f"strain energy {_number(leg['strain_energy'])} J"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hpcinv.effects import Direction
     from hpcinv.equilibrium import Solve
     from hpcinv.job import Job
+    from hpcinv.linear.choice import Used
     from hpcinv.mesh import Body
     from hpcinv.sensitivity.analysis import Sensitivities
 
@@ -41,6 +42,7 @@ class Leg:
         strain_energy: energy stored in the body, in J.
         solves: every solve of the method, failed ones too.
         load: load factor at which it is a solution, 1 if all went well.
+        linear: the linear solver, where one was asked.
     """
 
     direction: Direction
@@ -54,6 +56,7 @@ class Leg:
     strain_energy: float
     solves: tuple[Solve, ...]
     load: float = 1.0
+    linear: Used | None = None
 
     @property
     def sign(self) -> int:

@@ -28,6 +28,7 @@ import ufl
 from ufl.classes import Label, Variable
 
 from hpcinv.bodyfields import law_cells
+from hpcinv.chainrule import gradient, without_stages
 from hpcinv.effects import Effect
 from hpcinv.integration import Integration
 from hpcinv.kinematics import Deformation, Kinematics
@@ -52,7 +53,8 @@ class Part:
 
     ``constraint`` belongs to the pressure, and is ``None`` without; ``domain`` are the scalars that must stay positive
     for the law to be defined; ``fixed_volume`` is the elastic volume ratio where the law does not let it change, else
-    ``None``.
+    ``None``; ``compliance`` is 1/μ + 1/Λ of the undeformed material, where the pressure is an unknown. ``pressure`` is
+    -∂ψ/∂θ per reference volume, an unknown or not, and ``dilatation`` θ.
     """
 
     cells: npt.NDArray[np.int32] | None
@@ -61,6 +63,9 @@ class Part:
     constraint: Any
     domain: tuple[Any, ...]
     fixed_volume: Any
+    compliance: Any
+    pressure: Any
+    dilatation: Any
 
 
 class Scene:
@@ -75,6 +80,7 @@ class Scene:
         parameters: the load factors, and the parameters of laws, effects and fibres.
         strain_energy: UFL form of the energy stored in the body (scaled stress × length³).
         J: volume ratio; mesh_J: the determinant that must stay positive at every point.
+        H: displacement gradient, of which everything in `parts` is made.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks a region or an array that the job names.
@@ -108,7 +114,7 @@ class Scene:
         }
         # UFL's running number would make the kernels of each scene's expressions new ones, and a small number of our
         # own might be that of a variable in somebody's law.
-        H = Variable(kin.H, Label(1_000_000))
+        self.H = H = Variable(kin.H, Label(1_000_000))
         total = Deformation(H, directions)
         elastic, J_g = _elastic(total, of_effects)
         potentials = [e.potential(total, load, p) for e, load, p in of_effects]
@@ -117,17 +123,30 @@ class Scene:
             p, theta = par.of(number), law.dilatation(elastic)
             modulus = None if law.is_incompressible else law.dilatation_modulus(p)
             psi = energy = law.distortion(elastic, p)
-            constraint = None
+            constraint = compliance = None
             if unknowns.p is None:
                 psi = energy = psi + modulus * theta**2 / 2
+                pressure = -J_g * modulus * theta
             else:
                 psi = psi - unknowns.p * theta
+                pressure = J_g * unknowns.p
                 constraint = J_g * (theta if modulus is None else theta + unknowns.p / modulus)
                 energy = energy if modulus is None else energy + unknowns.p**2 / (2 * modulus)
+                compliance = 1 / law.shear_modulus(p) + (0 if modulus is None else 1 / modulus)
             psi = sum((w for w in potentials if w is not None), J_g * psi)
             where = cells[number] if cells else None
             volume = elastic.J if law.is_incompressible else None
-            return Part(where, J_g * energy, ufl.diff(psi, H), constraint, law.domain(elastic, p), volume)
+            return Part(
+                where,
+                J_g * energy,
+                gradient(psi, H),
+                constraint,
+                law.domain(elastic, p),
+                volume,
+                compliance,
+                pressure,
+                theta,
+            )
 
         self.parts = tuple(part(number, law) for number, law in enumerate(job.laws.values()))
         residual: Any = 0
@@ -151,6 +170,15 @@ class Scene:
         """Take the numbers of another job of the same structure."""
         self.parameters.adopt(_ingredients(job), scales)
 
+    def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
+        """``∫ (1/μ + 1/Λ) p q`` over the mesh: like what couples the pressures once displacements are eliminated.
+
+        Source: Wathen & Silvester, SIAM J. Numer. Anal. 30, 630–649, 1993, doi:10.1137/0730031.
+        """
+        p, q = ufl.TrialFunction(pressures), ufl.TestFunction(pressures)
+        dx = self.kinematics.integration.part
+        return sum(part.compliance * p * q * dx(number) for number, part in enumerate(self.parts))
+
     @cached_property
     def means(self) -> SceneMeans:
         """What a leg reports of the scene."""
@@ -165,7 +193,7 @@ class Scene:
     def cauchy_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
         """``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3), of each part and the cells of that part (``None`` for all)."""
         F = ufl.Identity(3) + self.kinematics.H
-        return [(part.P * F.T / self.J, part.cells) for part in self.parts]
+        return [(without_stages(part.P * F.T / self.J), part.cells) for part in self.parts]
 
 
 def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:

@@ -16,6 +16,7 @@ import ufl
 from dolfinx import fem
 from ufl.classes import FacetJacobianDeterminant
 
+from hpcinv.chainrule import without_stages
 from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.mesh.cells import FACET_KIND
 from hpcinv.runtime import MPI
@@ -113,7 +114,7 @@ class SceneFields:
             if (kind, number) not in self._compiled:
                 expressions = [field for field, _ in self._fields(number).values()] + self._sizes(kind)
                 self._compiled[kind, number] = fem.Expression(
-                    ufl.as_vector(expressions),
+                    without_stages(ufl.as_vector(expressions)),
                     points,
                     comm=comm,
                     form_compiler_options=_EXACT,

@@ -20,6 +20,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
+from hpcinv.meanings import describe, meanings
 from hpcinv.spelling import did_you_mean
 
 if TYPE_CHECKING:
@@ -66,8 +67,16 @@ class Spec(BaseModel):
         strict=True,
         allow_inf_nan=False,
         validate_default=True,
-        use_attribute_docstrings=True,
     )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """With what the keys mean."""
+        found = handler(schema)
+        describe(handler.resolve_ref_schema(found), cls)
+        return found
 
     @model_validator(mode="wrap")
     @classmethod
@@ -117,6 +126,7 @@ class OneOf:
         choices = []
         for member in members_of(self.family, self.tag).values():
             choice = handler.resolve_ref_schema(handler(member.__pydantic_core_schema__))
+            describe(choice, member)
             choice["required"] = [self.tag, *choice.get("required", ())]
             choices.append(choice)
         return {"oneOf": choices}
@@ -194,7 +204,7 @@ def _reworded(line: ErrorDetails, spec: type[BaseModel] | None) -> str:
     if line["type"] == "extra_forbidden":
         return f"unknown key.{did_you_mean(key, fields)}"
     text = _WORDS[line["type"]](line) if line["type"] in _WORDS else line["msg"]
-    meaning = fields[key].description if key in fields else None
+    meaning = meanings(spec).get(key) if spec and key in fields else None
     return f"{text}: {meaning}" if meaning and line["type"] in _EXPLAINED else text
 
 

@@ -15,6 +15,7 @@ from pydantic import (
 
 from hpcinv.expressions import Expression, faults, faults_with_constants
 from hpcinv.generators import Value, in_unit, is_generator, read_parameters
+from hpcinv.meshheader import HEADER, SUFFIX
 from hpcinv.quantities import AnyQuantity, Length
 from hpcinv.scalars import Number, with_scalar
 from hpcinv.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
@@ -31,7 +32,7 @@ STRESSES = ("sxx", "syy", "szz", "sxy", "syz", "sxz", "p", "von_mises", "energy"
 FIELDS: dict[str, Dimension | None] = {"J": Dimension(), **dict.fromkeys(STRESSES, STRESS)}
 
 LengthUnit = Annotated[Length, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
-FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu")
+FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
 
 
 def directory_of(info: ValidationInfo) -> Path:
@@ -44,12 +45,18 @@ class MeshFile(Spec):
     """A mesh: a generator, run when it is needed, or a ready-made file."""
 
     file: str
-    """path from the job file to a gmsh generator (.py, .geo) or a ready-made mesh (.msh, .xdmf, .vtu)"""
+    """path from the job file to a gmsh generator (.py, .geo), a ready-made mesh (.msh, .xdmf, .vtu), or one that
+    'hpcinv mesh partition' has made of these (.bp), which no rank reads as a whole"""
     parameters: Mapping[str, Value] = {}
     """parameters of the generator, as numbers in SI or quantities"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a ready-made file, or that a Python generator works in, such as mm: lengths
     reach it in that unit, for bodies so small or large that gmsh's absolute tolerances do not suit metres"""
+
+    @property
+    def is_partitioned(self) -> bool:
+        """Whether all ranks read some parts of it each, and none the whole."""
+        return Path(self.file).suffix == SUFFIX
 
     @field_validator("file")
     @classmethod
@@ -57,9 +64,11 @@ class MeshFile(Spec):
         path = directory_of(info) / file
         if path.suffix not in FORMATS:
             raise ValueError(f"{shown(file)} is no mesh that can be read; the endings are {', '.join(FORMATS)}")
-        if not path.is_file():
+        if not path.exists():
             others = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
             raise ValueError(f"there is no file '{path}'.{did_you_mean(path.name, others, list_all=False)}".rstrip("."))
+        if not (path / HEADER if path.suffix == SUFFIX else path).is_file():
+            raise ValueError(f"'{path}' is not what its ending says; 'hpcinv mesh partition' makes a partitioned mesh")
         return file
 
     @field_validator("parameters", mode="plain")
@@ -79,6 +88,8 @@ class MeshFile(Spec):
 
     @model_validator(mode="after")
     def _unit_of_a_file(self, info: ValidationInfo) -> Self:
+        if "unit" in self.model_fields_set and self.is_partitioned:
+            raise Problems((("unit",), "has no use with a partitioned mesh, which is in metres"))
         if "unit" not in self.model_fields_set or not is_generator(Path(self.file)):
             return self
         if Path(self.file).suffix == ".geo":
@@ -98,7 +109,14 @@ class MeshSpec(MeshFile):
     geometry_degree: Literal[1, 2] | None = None
     """degree of the cells' geometry; left out, that of the file, and 1 for generators"""
     partition: Literal["metis", "scotch"] = "metis"
-    """what distributes the cells over the ranks"""
+    """what distributes the cells over the ranks; a partitioned mesh (.bp) is so already, unless scotch does it anew"""
+
+    @model_validator(mode="after")
+    def _degree_of_parts(self) -> Self:
+        if self.geometry_degree is not None and self.is_partitioned:
+            text = "is that of the partitioned mesh; give it to 'hpcinv mesh partition' as --geometry-degree"
+            raise Problems((("geometry_degree",), text))
+        return self
 
 
 class Support(Spec):

@@ -87,6 +87,8 @@ class Solver(Spec):
     """largest number of unknowns that 'accuracy' may take"""
     reuse_tangent: bool = True
     """keep a factorized tangent for as long as it converges well"""
+    linear: Literal["auto", "direct", "iterative"] = "auto"
+    """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto goes by size, shape and memory"""
     petsc: Mapping[str, PetscValue] = {}
     """PETSc options by name, without the dash"""
 
@@ -154,8 +156,8 @@ class Output(Spec):
 
     fields: bool = True
     """displacement, pressure, volume ratio and Cauchy stress for ParaView"""
-    mesh: ListOf[Literal["msh", "vtu"]] = ("msh", "vtu")
-    """formats of the recovered shape"""
+    mesh: ListOf[Literal["bp", "msh", "vtu"]] | None = None
+    """formats of the recovered shape; left out, bp if the job's mesh is a partitioned one, else msh and vtu"""
     summary: ListOf[Literal["json", "h5"]] = ("json", "h5")
     """formats of the summary; json must be among them"""
 

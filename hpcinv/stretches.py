@@ -35,7 +35,7 @@ class IsochoricStretches:
     def __init__(self, k: Deformation) -> None:
         g = k.J ** (-2 / 3)
         e = ufl.dev(k.E)  # s = 2 g e
-        square, det = ufl.inner(e, e), ufl.det(e)
+        square, det = ufl.variable(ufl.inner(e, e)), ufl.variable(ufl.det(e))  # smooth stages on the way of derivatives
         self._is_largest = ufl.ge(det, 0)
         self._sign = ufl.conditional(self._is_largest, 1, -1)
         radius = self._sign * ufl.sqrt(square / 6)

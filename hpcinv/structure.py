@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hpcinv.job import Job
     from hpcinv.sections import Support
 
-_EQUATIONS = {"petsc", "maximum_iterations", "reuse_tangent"}
+_EQUATIONS = {"linear", "petsc", "maximum_iterations", "reuse_tangent"}
 _NUMBER = "#"
 
 

@@ -26,6 +26,8 @@ class Unknowns:
 
     Attributes:
         state: every unknown in one function, ``u`` alone or ``(u, p)``.
+        scalar_elements: of a component of the displacement, and of the pressure if there is one.
+        displacement_space, pressure_space: of the parts alone; there is no latter in the displacement form.
         u, p: its parts as UFL expressions; ``p`` is ``None`` in the displacement form.
         v, q: the test functions that belong to them.
     """
@@ -34,6 +36,8 @@ class Unknowns:
         self.mesh = mesh
         cell = mesh.basix_cell()
         vector = basix.ufl.element("Lagrange", cell, displacement, shape=(3,))
+        degrees = (displacement,) if pressure is None else (displacement, pressure)
+        self.scalar_elements = tuple(basix.ufl.element("Lagrange", cell, degree) for degree in degrees)
         self.q: Any
         self.p: Any
         if pressure is None:
@@ -44,15 +48,15 @@ class Unknowns:
             self.displacement_space = self.space
             self._displacement_dofs = np.arange(self.state.x.array.size, dtype=np.int32)
         else:
-            scalar = basix.ufl.element("Lagrange", cell, pressure)
+            scalar = self.scalar_elements[1]
             self.space = fem.functionspace(mesh, basix.ufl.mixed_element([vector, scalar]))
             self.state = fem.Function(self.space, name="up")
             self.u, self.p = ufl.split(self.state)
             self.v, self.q = ufl.TestFunctions(self.space)
             self.displacement_space = fem.functionspace(mesh, vector)
             self._displacement_dofs = _dofs_in(self.space, 0, self.displacement_space)
-            self._pressure_space = fem.functionspace(mesh, scalar)
-            self._pressure_dofs = _dofs_in(self.space, 1, self._pressure_space)
+            self.pressure_space = fem.functionspace(mesh, scalar)
+            self._pressure_dofs = _dofs_in(self.space, 1, self.pressure_space)
 
     @property
     def size(self) -> int:
@@ -62,13 +66,26 @@ class Unknowns:
     @property
     def pressure_size(self) -> int:
         """Number of pressures over all ranks; 0 in the displacement form."""
-        return 0 if self.p is None else int(self._pressure_space.dofmap.index_map.size_global)
+        return 0 if self.p is None else int(self.pressure_space.dofmap.index_map.size_global)
 
     @property
     def owned_displacement_dofs(self) -> npt.NDArray[np.int32]:
-        """Local numbers of the displacements in the state, without ghosts."""
-        dofmap, dofs = self.space.dofmap, self._displacement_dofs
-        return np.extract(dofs < dofmap.index_map.size_local * dofmap.index_map_bs, dofs)
+        """Local numbers of the displacements in the state, without ghosts; the three of a node follow each other."""
+        return np.extract(self._is_owned(self._displacement_dofs), self._displacement_dofs)
+
+    @property
+    def owned_pressure_dofs(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the pressures in the state, without ghosts."""
+        return np.extract(self._is_owned(self._pressure_dofs), self._pressure_dofs)
+
+    def owned_displacement_points(self) -> npt.NDArray[np.float64]:
+        """Where the nodes of `owned_displacement_dofs` are as the mesh now lies, (nodes, 3) in scaled lengths."""
+        points: npt.NDArray[np.float64] = self.displacement_space.tabulate_dof_coordinates()
+        return points[self._is_owned(self._displacement_dofs[::3])]
+
+    def _is_owned(self, dofs: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+        dofmap = self.space.dofmap
+        return np.asarray(dofs < dofmap.index_map.size_local * dofmap.index_map_bs)
 
     def displacement_component(self, i: int) -> fem.FunctionSpace:
         """The ``i``-th displacement component as a subspace of the whole, for supports."""
@@ -89,7 +106,7 @@ class Unknowns:
         """A copy of the pressure alone, in scaled stresses; ``None`` in the displacement form."""
         if self.p is None:
             return None
-        p = fem.Function(self._pressure_space, name="pressure")
+        p = fem.Function(self.pressure_space, name="pressure")
         p.x.array[:] = self.state.x.array[self._pressure_dofs]
         return p
 

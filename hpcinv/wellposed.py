@@ -11,10 +11,12 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 # isort: split
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+from dolfinx import fem, la
 
 from hpcinv.errors import MeshError
+from hpcinv.extent import extent
 from hpcinv.mesh.cells import vertex_count
+from hpcinv.mesh.rows import Rows
 from hpcinv.mesh.topology import connected
 from hpcinv.rigid import Floats, Frame, free_motions, names
 from hpcinv.runtime import MPI, agree, on_root
@@ -120,16 +122,28 @@ def check_held(body: Body, supports: Supports, assembly: Assembly | None = None)
 
 
 def _labels(body: Body) -> tuple[int, Ints]:
-    """Number of parts of the body, and the part of each local cell; collective."""
-    comm, source = body.mesh.comm, body.source
-    here = np.asarray(body.mesh.topology.original_cell_index)
+    """Number of parts of the body, which share no node, and the part of each local cell; collective.
 
-    def on_rank_0() -> Ints | None:
-        of_cell = connected(source.cells[:, : vertex_count(source.kind)], len(source.points))
-        return of_cell if of_cell.any() else None  # a body of one part has nothing to hand out
-
-    of_cell = on_root(comm, on_rank_0)
-    return (1, np.zeros(len(here), dtype=np.int64)) if of_cell is None else (int(of_cell.max()) + 1, of_cell[here])
+    Cells of one rank that hang together are a piece; pieces of different ranks that share a node are of one part.
+    Parts are numbered in the order of the source's cells.
+    """
+    comm, nodes, numbers = body.mesh.comm, body.mesh.geometry.index_map(), body.mesh.topology.original_cell_index
+    cells = body.mesh.geometry.dofmaps[0][:, : vertex_count(body.source.kind)].astype(np.int64)
+    mine = connected(cells, nodes.size_local + nodes.num_ghosts)
+    pieces = Rows.of(comm, int(mine.max(initial=-1)) + 1)
+    mine += pieces.first
+    of_node = la.vector(nodes, 1, np.int64)
+    of_node.array[cells] = mine[:, None]
+    here = of_node.array[nodes.size_local :].copy()
+    of_node.scatter_forward()
+    vertices = np.unique(cells[cells >= nodes.size_local]) - nodes.size_local
+    meeting = np.unique(np.stack([here, of_node.array[nodes.size_local :]])[:, vertices], axis=1)
+    joined = connected(np.hstack([*comm.allgather(meeting), np.tile(np.arange(pieces.total), (2, 1))]).T, pieces.total)
+    part = joined[-pieces.total :]
+    first = np.full(int(part.max()) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(first, part[mine], numbers)
+    comm.Allreduce(MPI.IN_PLACE, first, MPI.MIN)
+    return len(first), np.argsort(np.argsort(first))[part[mine]]
 
 
 def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool) -> _Part:
@@ -147,9 +161,7 @@ def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool)
 
 def _box(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, float]:
     """Middle and half the diagonal of the bounding box of points (n, 3) of all ranks; 0 without any."""
-    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
-    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
-    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+    low, high = extent(comm, points)
     if not np.isfinite(low).all():
         return np.zeros(3), 0.0
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2

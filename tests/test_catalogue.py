@@ -12,6 +12,7 @@ import yaml
 from hpcinv.__main__ import main
 from hpcinv.effects import effects
 from hpcinv.materials import laws
+from hpcinv.meanings import meanings
 
 EVERYTHING = [("laws", name, kind) for name, kind in laws().items()]
 EVERYTHING += [("effects", name, kind) for name, kind in effects().items()]
@@ -34,7 +35,7 @@ def test_each_is_shown_with_its_parameters_and_an_example(
     table, example = printed.split("\nmaterial:" if command == "laws" else "\neffects:")
     for key in kind.model_fields.keys() - {"law", "effect"}:
         assert f"\n{key} " in table
-        assert kind.model_fields[key].description, f"{key} has no meaning"
+        assert meanings(kind).get(key), f"{key} has no meaning"
     section = yaml.safe_load(f"section:{example}")["section"]
     assert kind.model_validate(section if command == "laws" else section[0])
     if command == "laws":

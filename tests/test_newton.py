@@ -11,6 +11,7 @@ from verification import job
 
 import hpcinv
 from hpcinv.errors import SolveError
+from hpcinv.increments import Increment
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
 from hpcinv.result import Result
 from hpcinv.runtime import MPI
@@ -51,13 +52,59 @@ def test_reuse_and_steps_do_not_change_the_answer(direction: str, comm: MPI.Intr
     assert np.abs(default.shape - careful.shape).max() < 1e-10 * 0.182
 
 
-def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.Intracomm) -> None:
+def test_step_that_would_turn_too_far_is_shortened_beforehand(comm: MPI.Intracomm) -> None:
     result = beam(comm, load=2.0)
-    outcomes = [s.outcome for s in result.legs[0].solves]
-    assert not outcomes[0].accepted
-    assert outcomes[-1].accepted
+    solves = result.legs[0].solves
+    assert solves[0].load < 1.0
+    assert all(s.outcome.accepted for s in solves)
     small_steps = beam(comm, load=2.0, initial_step=0.05)
     assert np.abs(result.shape - small_steps.shape).max() < 1e-10 * 0.182
+
+
+def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.Intracomm) -> None:
+    """A block whose top is moved sideways by twice its height."""
+    sheared, small_steps = (
+        hpcinv.run(
+            job(
+                analysis="forward",
+                mesh={"file": "../meshes/box.py", "parameters": {"nx": 3, "ny": 3, "nz": 3}},
+                material={"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+                supports=[
+                    {"region": "z0", "fix": ["x", "y", "z"]},
+                    {"region": "z1", "displacement": ["2 m", 0, 0]},
+                ],
+                solver=solver,
+            ),
+            comm,
+        )
+        for solver in ({}, {"initial_step": 0.1})
+    )
+    outcomes = [s.outcome for s in sheared.legs[0].solves]
+    assert not outcomes[0].accepted
+    assert outcomes[-1].accepted
+    assert np.abs(sheared.shape - small_steps.shape).max() < 1e-10
+
+
+@pytest.mark.parametrize(("load", "most"), [(1.0, 8), (2.0, 14), (4.0, 18), (8.0, 20)])
+def test_forward_beam_takes_few_factorizations(load: float, most: int, comm: MPI.Intracomm) -> None:
+    assert beam(comm, load=load).legs[0].factorizations <= most
+
+
+def test_slender_beam_of_stiff_volume_needs_no_rescue(comm: MPI.Intracomm) -> None:
+    """In the displacement form, with a bulk modulus 1e5 times the shear modulus, and 21 times as long as thick."""
+    result = hpcinv.run(
+        job(
+            analysis="forward",
+            mesh={"file": "../meshes/pdms_beam.py", "parameters": {"size": "4 mm"}, "geometry_degree": 2},
+            material={"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 2.5e10},
+            effects=[{"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 963}],
+            supports=[{"region": "clamp", "fix": ["x", "y", "z"]}],
+            discretisation={"formulation": "displacement"},
+        ),
+        comm,
+    )
+    assert {s.strategy for s in result.legs[0].solves} == {"load steps"}
+    assert result.legs[0].factorizations <= 25
 
 
 def test_a_correction_that_would_invert_an_element_is_backed_off_from(comm: MPI.Intracomm) -> None:
@@ -114,3 +161,24 @@ def test_tangent_is_kept_only_near_the_solution_and_while_it_contracts() -> None
     assert monitored(1.0, 0.1)[0].wants_new_tangent  # still far
     assert not monitored(1.0, 0.01)[0].wants_new_tangent
     assert monitored(0.01, 0.008)[0].wants_new_tangent  # hardly contracts
+
+
+def test_correction_of_a_kept_tangent_is_taken_only_if_it_contracts() -> None:
+    foretold = NewtonMonitor(1e-10, limit=30, reuse=0.3, predicted=1.0)
+    assert not foretold.wants_new_tangent
+    assert foretold.may_take(0.01, 1.0)
+    assert not foretold.may_take(0.1, 1.0)  # contracts, far from the solution
+    assert not NewtonMonitor(1e-10, limit=30, reuse=0.3, predicted=0.01).may_take(0.005, 1.0)
+    assert foretold.judge(NewtonIteration(1e-12, 1.0, 1.0, False)) is None  # one correction tells no contraction
+    assert monitored(1.0, 0.01)[0].may_take(0.009, 1.0)
+    assert not monitored(1.0, 0.01)[0].may_take(0.011, 1.0)
+    assert NewtonMonitor(1e-10, limit=30, reuse=0.0, predicted=1.0).wants_new_tangent
+
+
+def test_solve_is_given_up_where_a_correction_would_wind_the_body_up() -> None:
+    first, wild = NewtonMonitor(1e-10, limit=30, reuse=0.3), Increment(turn=20.0, stretch=0.1)
+    assert not first.is_hopeless(wild)  # linear, as nothing is known yet
+    assert monitored(1.0)[0].is_hopeless(wild)
+    assert monitored(1.0)[0].is_hopeless(Increment(turn=0.1, stretch=20.0))
+    assert monitored(1.0)[0].is_hopeless(Increment(turn=float("nan"), stretch=0.0))
+    assert not monitored(1.0)[0].is_hopeless(Increment(turn=3.0, stretch=3.0))

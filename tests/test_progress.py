@@ -13,11 +13,22 @@ from typing import Any
 import pytest
 from legs import SOLVES
 
+from hpcinv.linear.choice import Used
 from hpcinv.progress import Progress
+
+DIRECT = Used("direct", "at 9 unknowns, multigrid would take about 2 times as long", None)
 
 STATISTICS: dict[str, Any] = {
     "status": "converged",
-    "legs": [{"direction": "inverse", "factorizations": 4, "J": {"min": 0.9, "max": None}, "strain_energy": 2e-3}],
+    "legs": [
+        {
+            "direction": "inverse",
+            "factorizations": 4,
+            "linear": None,
+            "J": {"min": 0.9, "max": None},
+            "strain_energy": 2e-3,
+        }
+    ],
     "quantities": {"tip": [0.0, -0.1325, 1e-9], "roundness": 1.5e-6},
     "certificate": {
         "verdict": "warning",
@@ -42,7 +53,7 @@ STATISTICS: dict[str, Any] = {
         "overhead": 0.083,
         "phases": {"tangent": {"min": 1.0, "max": 2.0}, "x": {"min": 0, "max": 0.01}},
     },
-    "peak_memory": [250_000_000, 350_000_000],
+    "peak_memory": {"ranks": [250_000_000, 350_000_000], "phases": {"mesh": {"max": 3e8}, "newton": {"max": 3.5e8}}},
     "errors": {
         "expected_shape": {"max": 1.34e-14, "rms": 1e-15, "relative": 7.3e-14},
         "round_trip": {"max": 1e-12, "rms": 1e-13, "relative": 2e-12},
@@ -51,7 +62,7 @@ STATISTICS: dict[str, Any] = {
 
 
 def tell(progress: Progress) -> None:
-    progress.leg("inverse")
+    progress.leg("inverse", DIRECT)
     for solve in SOLVES:
         progress.solve(solve, 0.132456, 0.87654321)
     progress.finish(STATISTICS)
@@ -76,7 +87,7 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
     assert lines[3].startswith("  load 1: 2 iterations, 2 factorizations, ")
     assert lines[4] == "converged, 4 factorizations, 12.3 s"
     assert "  seconds: tangent 2.0" in lines
-    assert "  memory: 350 MB on the fullest rank" in lines
+    assert "  memory: 350 MB on the fullest rank; most in newton" in lines
     assert "  inverse: J from 0.9 to not finite, strain energy 0.002 J" in lines
     at = lines.index("certificate: warning")
     assert lines[at + 1 : at + 4] == [
@@ -112,7 +123,7 @@ def test_a_terminal_shows_a_bar_and_has_its_cursor_back_after_a_failure(monkeypa
     reader = threading.Thread(target=read_to_the_end, args=(ours, seen))
     reader.start()  # a terminal holds only 4 kB that nobody has read
     with os.fdopen(theirs, "w") as terminal, contextlib.suppress(RuntimeError), Progress(rank(0), terminal) as progress:
-        progress.leg("forward")
+        progress.leg("forward", DIRECT)
         progress.solve(SOLVES[1], 0.1, 0.9)
         raise RuntimeError
     reader.join()

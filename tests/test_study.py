@@ -86,7 +86,7 @@ def statistics(
         "mesh": {"unknowns": unknowns, "cells": unknowns},
         "legs": [{"factorizations": 2, "newton_iterations": 3}],
         "timings": {"total": total, "phases": {k: {"min": 0.0, "max": v} for k, v in phases.items()}},
-        "peak_memory": [100, 200],
+        "peak_memory": {"ranks": [100, 200], "phases": {}},
         **more,
     }
 

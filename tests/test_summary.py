@@ -17,6 +17,7 @@ from legs import made_up
 from hpcinv.certificate import Certificate, Estimate, at_most, skipped
 from hpcinv.errors import OutputError
 from hpcinv.job import Job, parse
+from hpcinv.memory import peak, resident
 from hpcinv.mesh import build_body
 from hpcinv.newton import Outcome
 from hpcinv.result import Result
@@ -136,8 +137,11 @@ def test_a_summary_is_finite_the_same_in_both_files_and_documented(comm: MPI.Int
     assert (phases["only on rank 0"]["min"] == 0) == (comm.size > 1)
     assert sum(p["min"] for p in phases.values()) <= total <= sum(p["max"] for p in phases.values()) * (1 + 1e-12)
     assert 1 - phases["tangent"]["max"] / total - 1e-9 <= found["timings"]["overhead"] < 1
-    assert len(found["peak_memory"]) == comm.size
-    assert all(3e7 < m < 1e11 for m in found["peak_memory"])
+    assert len(found["peak_memory"]["ranks"]) == comm.size
+    assert all(3e7 < m < 1e11 for m in found["peak_memory"]["ranks"])
+    sizes = found["peak_memory"]["phases"]
+    assert sizes.keys() == {"tangent", "other"} | {"only on rank 0"}
+    assert all(3e7 < size["max"] <= max(found["peak_memory"]["ranks"]) for size in sizes.values())
 
     # Every key has its row, and every row its key.
     text = (ROOT / "docs" / "summary.md").read_text()
@@ -148,6 +152,24 @@ def test_a_summary_is_finite_the_same_in_both_files_and_documented(comm: MPI.Int
     assert [d for d in documented if not any(k == d or k.startswith(f"{d}.") for k in there)] == []
     outcomes = set(re.findall(r"`([A-Z_]+)`", text))
     assert outcomes == {outcome.name for outcome in Outcome}
+
+
+def test_the_memory_of_a_phase_is_what_it_holds_or_the_peak_that_it_makes() -> None:
+    timings, block = Timings(), 200_000_000
+    with timings("before"):
+        beyond = peak() - resident() + 2 * block
+    with timings("outer"):
+        held = np.ones(block // 8)
+        with timings("inner"):
+            del held
+        with timings("peak"):  # of the process, but gone when the phase ends
+            assert np.ones(beyond // 8).sum() > 0
+    sizes = timings.memory.phases
+    assert sizes["outer"] >= sizes["before"] + 0.95 * block
+    assert sizes["inner"] <= sizes["outer"] - 0.95 * block
+    assert sizes["peak"] >= sizes["before"] + 0.95 * beyond
+    timings.move("peak", "of PETSc", 0.1)
+    assert sizes["of PETSc"] == sizes["peak"] == peak()
 
 
 @pytest.mark.parallel([2])

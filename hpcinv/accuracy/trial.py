@@ -95,7 +95,8 @@ def attempt(
         method.equilibrium.destroy()
         scene = model.scene(job.legs[0])
         scene.parameters.set_load(method.reached)
-        leg = leg_of(model, job.legs[0], scene, (*_path(before, model), *solves), method.reached)
+        path = (*_path(before, model), *solves)
+        leg = leg_of(model, job.legs[0], scene, path, method.reached, method.equilibrium.used)
     reached = method.reached == 1.0
     quantities: Mapping[str, Value] = evaluate(job.quantities, body, leg, model) if reached else {}
     with _measured(timings) as estimated:

@@ -16,6 +16,7 @@ from hpcinv.placement import placed
 
 if TYPE_CHECKING:
     from hpcinv.interest import Value
+    from hpcinv.linear.forecast import Forecast
     from hpcinv.model import Model
     from hpcinv.result import Leg
 
@@ -36,9 +37,9 @@ def certify(
     with model.timings.as_one("certificate"):
         with placed(model.body.mesh, leg.mesh_nodes / model.body.length_scale):
             lines += _of_the_solution(model, leg)
-            if found is None and model.job.certificate.estimate:
+            if found is None and model.job.certificate.estimate and _can_estimate(model):
                 found = estimate(model, leg, computed)
-            lines += _discretisation(leg, found)
+            lines += _discretisation(model, leg, found)
         lines += shape(model, leg)
         lines += round_trip(model, leg) if len(legs) == 1 else [gap(model, leg, legs[1].u)]
         lines += stability(model, leg)
@@ -56,9 +57,22 @@ def _of_the_solution(model: Model, leg: Leg) -> Iterator[Line]:
     yield at_most("largest volume ratio J", largest, warn=10.0, fail=float("inf"))
 
 
-def _discretisation(leg: Leg, found: Estimate | None) -> Iterator[Line]:
+def _can_estimate(model: Model) -> bool:
+    """Whether there is memory for the spaces of one degree more."""
+    return _finer(model).least <= model.chooser.room
+
+
+def _finer(model: Model) -> Forecast:
+    forecast = model.chooser.forecast
+    return forecast.of_degree(forecast.degree + 1)
+
+
+def _discretisation(model: Model, leg: Leg, found: Estimate | None) -> Iterator[Line]:
     if found is None:
-        yield skipped(DISCRETISATION, "switched off: certificate.estimate")
+        needed = f"there is no memory for {_finer(model).least / 1e9:.2g} GB"
+        yield skipped(
+            DISCRETISATION, needed if model.job.certificate.estimate else "switched off: certificate.estimate"
+        )
         return
     size = leg.largest_displacement
     if not isfinite(found.shape):

@@ -75,6 +75,10 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
         yield skipped(STABILITY, "switched off: certificate.stability")
         yield skipped(FOLD, "switched off: certificate.stability")
         return
+    if not model.chooser.can_factorize_symmetric:
+        yield skipped(STABILITY, f"there is no memory for factors of {model.chooser.forecast.factors / 2e9:.2g} GB")
+        yield _fold(leg)
+        return
     with placed(model.body.mesh, leg.reference_nodes / model.body.length_scale):
         model.set_solution(leg.displacement, leg.pressure)
         # Fibres and stiffness that were seen on the loaded body stay with the material as it moves on from there.
@@ -117,7 +121,7 @@ def _fold(leg: Leg) -> Line:
         return Line(FOLD, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
     signs = [s.signs for s in leg.solves if s.outcome.accepted and s.signs]
     if not signs:
-        return skipped(FOLD, "only MUMPS tells the sign of the tangent's determinant")
+        return skipped(FOLD, "an iterative solver does not tell the sign of the tangent's determinant")
     changes = len({signs[0][0], *(of_solve[-1] for of_solve in signs)}) - 1
     if not changes:
         return Line(FOLD, 0.0, "", rule, Verdict.PASS)

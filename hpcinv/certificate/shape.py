@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from hpcinv.certificate.overlap import overlap
+from hpcinv.certificate.overlap import MOST_FACETS, overlap
 from hpcinv.certificate.quality import worst_cells
 from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.certificate.verdict import Line, Verdict, at_least, at_most, skipped
+from hpcinv.mesh.regions import BOUNDARY
 
 if TYPE_CHECKING:
     from hpcinv.model import Model
@@ -31,6 +32,9 @@ def shape(model: Model, leg: Leg) -> Iterator[Line]:
         yield at_most(name, plane.crossed / body.length_scale, warn=1e-9, fail=1e-3, note=note)
     if not model.job.certificate.overlap:
         yield skipped(OVERLAP, "switched off: certificate.overlap")
+        return
+    if (facets := body.regions[BOUNDARY].facet_count) > MOST_FACETS:
+        yield skipped(OVERLAP, f"there are {facets} of them, and one rank searches no more than {MOST_FACETS}")
         return
     found = overlap(body, moved)
     rule = "number of pairs; fail above 0"

@@ -11,6 +11,7 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 import dolfinx
 import numpy as np
 
+from hpcinv.extent import extent
 from hpcinv.runtime import MPI
 from hpcinv.sections import AXES
 
@@ -57,10 +58,10 @@ def symmetry_planes(job: Job, body: Body, given: Floats, moved: Floats) -> list[
 
 def _plane(body: Body, region: str, axis: Axis, given: Floats, moved: Floats) -> SymmetryPlane | None:
     comm, i = body.mesh.comm, AXES.index(axis)
-    low, high = _extent(comm, given)
+    low, high = extent(comm, given)
     near = _ROUND_OFF * float(np.linalg.norm(high - low))
     facets, boundary = body.facets(region), body.facets("boundary")
-    first, last = (end[i] for end in _extent(comm, given[_nodes(body, facets)].reshape(-1, 3)))
+    first, last = (end[i] for end in extent(comm, given[_nodes(body, facets)].reshape(-1, 3)))
     if last - first > near or (first - low[i] > near and high[i] - last > near):
         return None
     position, side = float(first + last) / 2, 1.0 if first - low[i] <= near else -1.0
@@ -76,11 +77,3 @@ def _nodes(body: Body, facets: LocalIndices) -> LocalIndices:
     if not len(facets):
         return np.zeros((0, 3), dtype=np.int32)
     return np.asarray(dolfinx.mesh.entities_to_geometry(body.mesh, 2, facets))
-
-
-def _extent(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, Floats]:
-    """Least and greatest coordinates of the points (n, 3) of all ranks."""
-    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
-    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
-    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
-    return low, high

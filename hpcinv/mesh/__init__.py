@@ -1,11 +1,11 @@
-"""Meshes: read or generated on rank 0, checked, partitioned, and given to all ranks as a ``Body``."""
+"""Meshes: read or generated on rank 0, checked and partitioned, or read in parts; given to all ranks as a ``Body``."""
 
 from __future__ import annotations
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-from hpcinv.mesh.body import Body, build_body, gather_nodes, read_source
+from hpcinv.mesh.body import Body, at_local_nodes, build_body, in_source_order, read_source
 from hpcinv.mesh.export import write_mesh, write_msh, write_vtu
 from hpcinv.mesh.partition import Partition
 from hpcinv.mesh.regions import Region
@@ -17,8 +17,9 @@ __all__ = [
     "MeshSource",
     "Partition",
     "Region",
+    "at_local_nodes",
     "build_body",
-    "gather_nodes",
+    "in_source_order",
     "read_source",
     "write_mesh",
     "write_msh",

@@ -12,15 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
+from hpcinv.extent import diagonal
 from hpcinv.generators import in_unit
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.degree import of_degree
-from hpcinv.mesh.partition import PARTITIONERS, Partition, measure
+from hpcinv.mesh.partition import Partition, measure, partitioner
+from hpcinv.mesh.partitioned import read_partitioned
 from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
+from hpcinv.mesh.rows import Rows
 from hpcinv.mesh.source import Floats, MeshSource
-from hpcinv.mesh.topology import FacetTable
 from hpcinv.runtime import MPI, on_root
 from hpcinv.scales import power_of_two
 
@@ -75,7 +77,7 @@ class Body:
 
 def read_source(spec: MeshSpec, path: Path) -> MeshSource:
     """Read or generate the mesh on this process, in metres and of the geometry degree asked for; not collective."""
-    if not path.is_file():
+    if not path.exists():
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
         if path.suffix in GENERATORS:
@@ -99,6 +101,8 @@ def build_body(
 ) -> Body:
     """Read the mesh on rank 0, check it, partition it, and name its regions; collective.
 
+    A partitioned mesh is read by all ranks, and was checked when it was partitioned.
+
     Args:
         resolve: path of a mesh file as one that can be opened.
         given: on rank 0, a mesh that stands in for that of the file, such as a refined one.
@@ -106,41 +110,54 @@ def build_body(
     Raises:
         MeshError, SystemPartMissing: the same on every rank.
     """
-    read: list[tuple[MeshSource, FacetTable]] = []
-
-    def on_rank_0() -> MeshSource:
-        source = given or read_source(spec, resolve(str(spec.file)))
-        read.append((source, check(source)))
-        return source.header()
-
-    header = on_root(comm, on_rank_0)
-    source, table = read[0] if read else (header, None)
-    length_scale = on_root(comm, lambda: length_scale_of(source.points))
+    source = read_anywhere(spec, resolve, comm, given)
+    if not source.is_partitioned:
+        on_root(comm, lambda: check(source))
+    length_scale = power_of_two(diagonal(comm, source.points))  # so that scaling is exact in floating point
+    method, destinations = partitioner(comm, source, spec.partition)
     mesh = dolfinx.mesh.create_mesh(
         comm,
         source.cells,
         coordinate_element(source.kind, source.degree),
         source.points / length_scale,
-        PARTITIONERS[spec.partition](comm, source),
+        destinations,
     )
     named = build_regions(mesh, source, regions, length_scale)
-    return Body(mesh, length_scale, named, measure(mesh, spec.partition, table), source)
+    return Body(mesh, length_scale, named, measure(mesh, method), source)
 
 
-def length_scale_of(points: Floats) -> float:
-    """The power of two next to the diagonal of the bounding box, so that scaling is exact in floating point."""
-    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
-    return power_of_two(diagonal)
+def read_anywhere(
+    spec: MeshSpec, resolve: Callable[[str], Path], comm: MPI.Intracomm, given: MeshSource | None = None
+) -> MeshSource:
+    """The mesh of a file, or the ``given`` one: all of it on rank 0, or some rows on each if partitioned; collective.
+
+    Raises:
+        MeshError, SystemPartMissing: the same on every rank.
+    """
+    if spec.is_partitioned:
+        return read_partitioned(on_root(comm, lambda: resolve(spec.file)), comm)
+    whole: list[MeshSource] = []
+
+    def on_rank_0() -> MeshSource:
+        whole.append(given or read_source(spec, resolve(spec.file)))
+        return whole[0].header()
+
+    header = on_root(comm, on_rank_0)
+    return whole[0] if whole else header
 
 
-def gather_nodes(body: Body, values: npt.NDArray[np.float64]) -> Floats | None:
-    """Values at the local geometry nodes (n_local, …) in the node order of the source, on rank 0; collective."""
+def in_source_order(body: Body, values: npt.NDArray[np.float64]) -> Floats:
+    """Of values (n, c) at the local geometry nodes those at the nodes that this rank's source has; collective.
+
+    These are all of them on rank 0, or some on each rank if the mesh is a partitioned one.
+    """
     geometry = body.mesh.geometry
     owned = geometry.index_map().size_local
-    gathered = body.mesh.comm.gather((geometry.input_global_indices[:owned], values[:owned]))
-    if gathered is None:
-        return None
-    result = np.full((len(body.source.points), *values.shape[1:]), np.nan)
-    for nodes, part in gathered:
-        result[nodes] = part
-    return result
+    rows = Rows.of(body.mesh.comm, len(body.source.points))
+    return rows.deliver(values[:owned], geometry.input_global_indices[:owned])
+
+
+def at_local_nodes(body: Body, values: Floats) -> Floats:
+    """Of values (n, c) at the nodes that this rank's source has those at the local geometry nodes; collective."""
+    rows = Rows.of(body.mesh.comm, len(body.source.points))
+    return rows.fetch(values, body.mesh.geometry.input_global_indices)

@@ -15,8 +15,8 @@ FLAT = 1e-12  # |det J| / ∏|∂x/∂ξᵢ| below which a cell has no volume: f
 CHUNK = 50_000
 
 
-def check(source: MeshSource) -> FacetTable:
-    """The facets of a sound mesh.
+def check(source: MeshSource) -> None:
+    """Check a whole mesh.
 
     Raises:
         MeshError: for nodes at no finite or at the same place, overlapping cells, inverted or flat cells, and groups
@@ -31,7 +31,6 @@ def check(source: MeshSource) -> FacetTable:
             "\n".join(f"{source.path}: {problem}" for problem, _ in problems),
             "\n  ".join(dict.fromkeys(advice for _, advice in problems)),
         )
-    return table
 
 
 type Problems = Iterator[tuple[str, str]]

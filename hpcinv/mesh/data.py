@@ -10,8 +10,8 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.source import DataArray, Floats
-from hpcinv.runtime import on_root
+from hpcinv.mesh.rows import Rows
+from hpcinv.mesh.source import DataArray
 from hpcinv.spelling import did_you_mean
 
 if TYPE_CHECKING:
@@ -26,13 +26,11 @@ def distribute(body: Body, name: str) -> DataArray:
     Raises:
         MeshError: on all ranks, if the mesh has no such array, or where values of it are missing or not finite.
     """
-    array, comm = _find(body, name), body.mesh.comm
-    on_root(comm, lambda: _check(body, array))
-    mesh = body.mesh
+    array, mesh = _find(body, name), body.mesh
+    rows = Rows.of(mesh.comm, len(array.values))
+    _check(body, array, rows)
     mine = mesh.geometry.input_global_indices if array.on == "nodes" else mesh.topology.original_cell_index
-    asked = comm.gather(np.asarray(mine))
-    values: Floats = comm.scatter(None if asked is None else [array.values[rows] for rows in asked])
-    return dataclasses.replace(array, values=values)
+    return dataclasses.replace(array, values=rows.fetch(array.values, np.asarray(mine)))
 
 
 def as_function(body: Body, array: DataArray) -> fem.Function:
@@ -54,7 +52,7 @@ def as_function(body: Body, array: DataArray) -> fem.Function:
 
 
 def _find(body: Body, name: str) -> DataArray:
-    """The array as this rank knows it: with its values on rank 0 alone."""
+    """The array with those of its values that this rank's source has."""
     data = body.source.data
     if name in data:
         return data[name]
@@ -66,13 +64,14 @@ def _find(body: Body, name: str) -> DataArray:
     )
 
 
-def _check(body: Body, array: DataArray) -> None:
+def _check(body: Body, array: DataArray, rows: Rows) -> None:
     wrong = np.flatnonzero(~np.isfinite(array.values).all(axis=1))
-    if len(wrong):
-        tags = body.source.node_tags if array.on == "nodes" else body.source.cell_tags
-        first = f"{array.on.removesuffix('s')} {tags[wrong[0]]}"
+    tags = body.source.node_tags if array.on == "nodes" else body.source.cell_tags
+    found = rows.comm.allgather((tags[wrong[:1]].tolist(), len(wrong)))
+    if count := sum(number for _, number in found):
+        first = next(tag for some, _ in found for tag in some)
         raise MeshError(
-            f"{body.source.path}: data array '{array.name}' is missing or not finite on {len(wrong)} of {len(tags)}"
-            f" {array.on} (first: {first})",
+            f"{body.source.path}: data array '{array.name}' is missing or not finite on {count} of {rows.total}"
+            f" {array.on} (first: {array.on.removesuffix('s')} {first})",
             f"Give it a finite value on all {array.on} of the body.",
         )

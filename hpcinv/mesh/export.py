@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
 from hpcinv.errors import OutputError
-from hpcinv.mesh.body import Body, gather_nodes
+from hpcinv.mesh.body import Body, in_source_order
 from hpcinv.mesh.gmsh_model import save_msh
+from hpcinv.mesh.partitioned import write_partitioned
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.vtu import save_vtu
+from hpcinv.meshheader import SUFFIX
 from hpcinv.runtime import on_root
 
 SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {".msh": save_msh, ".vtu": save_vtu}
@@ -19,24 +22,33 @@ def write_mesh(path: Path, body: Body, coordinates: Floats) -> None:
     """Write the body at ``coordinates`` (m) of its local geometry nodes, as the suffix of ``path`` says; collective.
 
     Node order, node and cell tags, physical groups and data arrays are those of the source (vectors too: they are not
-    turned with the body); the file appears whole or not at all.
+    turned with the body); the file appears whole or not at all. A ``.bp`` is written by all ranks; others by rank 0,
+    which cannot of a partitioned mesh.
 
     Raises:
         OutputError: on every rank, if it cannot be written.
     """
-    points = gather_nodes(body, coordinates)
+    points, comm = in_source_order(body, coordinates), body.mesh.comm
+    if path.suffix == SUFFIX:
+        write_partitioned(path, comm, dataclasses.replace(body.source, points=points))
+    else:
+        assert not body.source.is_partitioned
+        on_root(comm, lambda: save(path, body.source, points))
 
-    def on_rank_0() -> None:
-        assert points is not None
-        partial = path.with_name(f".{path.stem}.partial{path.suffix}")
-        try:
-            SAVERS[path.suffix](partial, body.source, points)
-            partial.replace(path)
-        except Exception as exc:  # gmsh and VTK raise nothing narrower
-            partial.unlink(missing_ok=True)
-            raise OutputError(f"{path}: cannot be written: {exc}", "Is there such a directory, and space?") from exc
 
-    on_root(body.mesh.comm, on_rank_0)
+def save(path: Path, source: MeshSource, points: Floats) -> None:
+    """Write a whole mesh at ``points`` (n, 3) m as the suffix of ``path`` says; the file appears whole or not at all.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    try:
+        SAVERS[path.suffix](partial, source, points)
+        partial.replace(path)
+    except Exception as exc:  # gmsh and VTK raise nothing narrower
+        partial.unlink(missing_ok=True)
+        raise OutputError(f"{path}: cannot be written: {exc}", "Is there such a directory, and space?") from exc
 
 
 def write_msh(path: Path, body: Body, coordinates: Floats) -> None:

@@ -1,4 +1,4 @@
-"""Which rank owns which cell: METIS through gmsh, or PT-SCOTCH through DOLFINx; and how good the partition is."""
+"""Which rank owns which cell: METIS through gmsh, now or beforehand, or PT-SCOTCH; and how good the partition is."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ import numpy as np
 
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.gmsh_model import metis
+from hpcinv.mesh.partitioned import cells_of
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Ints, MeshSource
-from hpcinv.mesh.topology import FacetTable
 from hpcinv.runtime import MPI, on_root
+
+_UNEVEN = 0.1  # share of cells beyond the mean, of the fullest rank, above which a partition is made anew
 
 
 @dataclass(frozen=True)
@@ -31,56 +33,46 @@ class Partition:
         return max(self.cells) * len(self.cells) / sum(self.cells) - 1.0
 
 
-def metis_partitioner(comm: MPI.Intracomm, source: MeshSource) -> Callable[..., Any]:
-    """A partitioner for ``dolfinx.mesh.create_mesh`` that sends each cell where METIS says; collective."""
+def partitioner(comm: MPI.Intracomm, source: MeshSource, wanted: str) -> tuple[str, Callable[..., Any]]:
+    """What distributes the cells of a source, for ``dolfinx.mesh.create_mesh``, and its name; collective.
 
-    def assign() -> Ints:
-        corners = source.cells[:, : vertex_count(source.kind)]
-        return metis(corners, source.kind, comm.size)
-
+    Args:
+        wanted: "metis" or "scotch"; METIS has partitioned a partitioned mesh beforehand, and SCOTCH does it again where
+            the ranks cannot have equal numbers of its parts.
+    """
+    if wanted == "scotch" or (source.is_partitioned and not _fit(source.parts, comm.size)):
+        scotch = dolfinx.graph.partitioner_scotch()
+        return "scotch", dolfinx.mesh.create_cell_partitioner(scotch, dolfinx.mesh.GhostMode.none, 2)
+    if source.is_partitioned:
+        return "parts", _sends(np.full(len(source.cells), comm.rank))
     # Run now, not inside DOLFINx, where an exception on rank 0 would leave the others waiting.
     owner: list[Ints] = []
-    on_root(comm, lambda: owner.append(assign()))
-    destinations = owner[0] if owner else np.zeros(0, dtype=np.int64)
+    corners = source.cells[:, : vertex_count(source.kind)]
+    on_root(comm, lambda: owner.append(metis(corners, source.kind, comm.size)))
+    return "metis", _sends(owner[0] if owner else np.zeros(0, dtype=np.int64))
 
-    def partitioner(_comm: Any, _parts: int, _kinds: Any, _cells: Any) -> Any:
+
+def _fit(parts: tuple[int, ...], size: int) -> bool:
+    """Whether as many ranks have about as many cells each, if they take the parts of a mesh as they are."""
+    if size >= len(parts):
+        return False
+    fullest = max(last - first for first, last in (cells_of(parts, size, rank) for rank in range(size)))
+    return fullest * size <= (1 + _UNEVEN) * parts[-1]
+
+
+def _sends(destinations: Ints) -> Callable[..., Any]:
+    """A partitioner that sends each cell of this rank to a rank that is known."""
+
+    def send(_comm: Any, _parts: int, _kinds: Any, _cells: Any) -> Any:
         return dolfinx.graph.adjacencylist(destinations.astype(np.int32).reshape(-1, 1))._cpp_object
 
-    return partitioner
+    return send
 
 
-def scotch_partitioner(comm: MPI.Intracomm, source: MeshSource) -> Callable[..., Any]:
-    """PT-SCOTCH on the dual graph, as DOLFINx offers it."""
-    scotch = dolfinx.graph.partitioner_scotch()
-    partitioner: Callable[..., Any] = dolfinx.mesh.create_cell_partitioner(scotch, dolfinx.mesh.GhostMode.none, 2)
-    return partitioner
+def measure(mesh: Mesh, method: str) -> Partition:
+    """Cells of each rank and the edge cut, of a mesh with facets and without ghost cells; collective.
 
-
-PARTITIONERS: dict[str, Callable[[MPI.Intracomm, MeshSource], Callable[..., Any]]] = {
-    "metis": metis_partitioner,
-    "scotch": scotch_partitioner,
-}
-
-
-def owners(mesh: Mesh) -> Ints:
-    """Rank that owns each cell, in input order, on rank 0; empty elsewhere; collective."""
-    mine = np.asarray(mesh.topology.original_cell_index)[: mesh.topology.index_map(3).size_local]
-    gathered = mesh.comm.gather(mine)
-    if gathered is None:
-        return np.zeros(0, dtype=np.int64)
-    owner = np.full(sum(map(len, gathered)), -1, dtype=np.int64)
-    for rank, cells in enumerate(gathered):
-        owner[cells] = rank
-    return owner
-
-
-def measure(mesh: Mesh, method: str, table: FacetTable | None) -> Partition:
-    """Cells of each rank and the edge cut, from the facets that rank 0 knows; collective."""
-    owner = owners(mesh)
-
-    def count() -> Partition:
-        assert table is not None
-        cells = np.bincount(owner, minlength=mesh.comm.size)
-        return Partition(method, tuple(cells.tolist()), table.edge_cut(owner))
-
-    return on_root(mesh.comm, count)
+    Of the two ranks that share a facet one does not own it.
+    """
+    cells = mesh.comm.allgather(mesh.topology.index_map(3).size_local)
+    return Partition(method, tuple(cells), mesh.comm.allreduce(int(mesh.topology.index_map(2).num_ghosts)))

@@ -1,4 +1,4 @@
-"""One reader for each suffix; all run on rank 0 alone and give a ``MeshSource``."""
+"""One reader for each suffix; all run on one process and give a whole ``MeshSource``."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.generators import Value
 from hpcinv.mesh.gmsh_model import extract, session
 from hpcinv.mesh.gmsh_views import read_views
+from hpcinv.mesh.partitioned import read_partitioned
+from hpcinv.mesh.parts import by_tags
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.vtu import read_vtu
 from hpcinv.mesh.xdmf import read_xdmf
+from hpcinv.runtime import MPI
 
 
 def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None) -> MeshSource:
@@ -88,4 +91,9 @@ GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None], MeshSour
     ".py": build_python,
     ".geo": build_geo,
 }
-FILES: dict[str, Callable[[Path], MeshSource]] = {".msh": read_msh, ".vtu": read_vtu, ".xdmf": read_xdmf}
+FILES: dict[str, Callable[[Path], MeshSource]] = {
+    ".msh": read_msh,
+    ".xdmf": read_xdmf,
+    ".vtu": read_vtu,
+    ".bp": lambda path: by_tags(read_partitioned(path, MPI.COMM_SELF)),
+}

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.extent import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.source import MeshSource
 from hpcinv.runtime import MPI, agree
@@ -76,7 +77,7 @@ def build_regions(
         if region.facet_count == region.cell_count == 0:
             problems.append(f"region '{name}': no boundary facet and no cell satisfies '{condition}'")
     if problems:
-        low, high = _box(mesh.comm, points)
+        low, high = (", ".join(f"{v:g}" for v in corner) for corner in extent(mesh.comm, points))
         raise MeshError(
             "\n".join(f"{source.path}: {p}" for p in problems),
             f"The mesh extends from ({low}) to ({high}) m; a condition must hold at all vertices of a facet or a cell.",
@@ -124,11 +125,7 @@ def _physical(mesh: Mesh, source: MeshSource) -> dict[str, Region]:
 
 def _distribute(mesh: Mesh, source: MeshSource, dim: int) -> tuple[LocalIndices, LocalIndices]:
     """Local entities of dimension ``dim`` that are in a group, and the place of that group in the source's."""
-    nodes = source.cells if dim == 3 else source.facets
-    label = np.full(len(nodes), -1, dtype=np.int32)
-    for i, group in enumerate(source.groups):
-        if group.dim == dim:
-            label[group.members] = i
+    nodes, label = source.cells if dim == 3 else source.facets, source.labels(dim).astype(np.int32)
     known = label >= 0
     entities, labels = dolfinx.io.distribute_entity_data(mesh, dim, nodes[known], label[known])
     mesh.topology.create_connectivity(dim, 0)
@@ -151,12 +148,3 @@ def _count(mesh: Mesh, name: str, origin: str, facets: LocalIndices, cells: Loca
     total = np.empty_like(counts)
     mesh.comm.Allreduce(counts, total)
     return Region(name, origin, facets, cells, int(total[0]), int(total[1]))
-
-
-def _box(comm: MPI.Intracomm, points: npt.NDArray[np.float64]) -> tuple[str, str]:
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    if len(points):
-        low, high = points.min(axis=0), points.max(axis=0)
-    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
-    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
-    return ", ".join(f"{v:g}" for v in low), ", ".join(f"{v:g}" for v in high)

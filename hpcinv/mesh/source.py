@@ -1,4 +1,4 @@
-"""A mesh as it was read: plain arrays on rank 0, in the order and with the tags of the file that it came from."""
+"""A mesh as it was read: plain arrays, in the order and with the tags of the file that it came from."""
 
 from __future__ import annotations
 
@@ -58,8 +58,11 @@ def data_arrays(found: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]) -> 
 class MeshSource:
     """Nodes, cells and named groups of one mesh; every array is empty on ranks other than 0.
 
-    ``points`` (n, 3) in metres; ``cells`` (m, k) and ``facets`` (f, l) are rows of ``points``, vertices first, in the
-    node order of DOLFINx. ``facets`` are only those that a group names.
+    Of a partitioned mesh each rank has some rows of every array, in rank order; ``parts`` are then the rows of all
+    ranks at which its parts begin, and the number of cells.
+
+    ``points`` (n, 3) in metres; ``cells`` (m, k) and ``facets`` (f, l) are rows of all ranks' ``points``, vertices
+    first, in the node order of DOLFINx. ``facets`` are only those that a group names.
     """
 
     path: Path
@@ -73,6 +76,20 @@ class MeshSource:
     groups: tuple[Group, ...] = ()
     thin_groups: tuple[str, ...] = ()  # names of groups of points and curves, which are no regions
     data: Mapping[str, DataArray] = field(default_factory=dict)  # by name; cell arrays are of ``cells`` alone
+    parts: tuple[int, ...] = ()
+
+    @property
+    def is_partitioned(self) -> bool:
+        """Whether no rank has all of it."""
+        return bool(self.parts)
+
+    def labels(self, dim: int) -> Ints:
+        """The place in ``groups`` of the one that each facet (``dim`` 2) or cell (3) is in, -1 for none."""
+        label = np.full(len(self.cells if dim == 3 else self.facets), -1, dtype=np.int64)
+        for i, group in enumerate(self.groups):
+            if group.dim == dim:
+                label[group.members] = i
+        return label
 
     def header(self) -> MeshSource:
         """The same source without its data: what ranks other than 0 know."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.mesh.cells import sub_entities
 from hpcinv.mesh.source import Ints
@@ -54,9 +53,9 @@ class FacetTable:
         """Rows of the table for ``facets`` given by their vertices in any order; -1 for what is no facet."""
         return find_rows(np.sort(facets, axis=1), self.vertices)
 
-    def edge_cut(self, owner: npt.NDArray[np.integer]) -> int:
-        """Number of facets between two cells of different ``owner``: the cut edges of the dual graph."""
-        of_cell = np.broadcast_to(owner[:, None], self.of_cell.shape)
+    def edge_cut(self, part: Ints) -> int:
+        """Number of facets between two cells of different ``part``: the cut edges of the dual graph."""
+        of_cell = np.broadcast_to(part[:, None], self.of_cell.shape)
         least = np.full(len(self.vertices), np.iinfo(np.int64).max)
         most = np.full(len(self.vertices), -1)
         np.minimum.at(least, self.of_cell, of_cell)

@@ -7,7 +7,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 
-import h5py
 import numpy as np
 import numpy.typing as npt
 
@@ -123,6 +122,8 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
     if match is None:
         raise MeshError(f"{path}: '{text}' is no FILE:/DATASET", "Write the mesh anew.")
     try:
+        import h5py  # where it is needed, so that not all ranks of all runs read it
+
         with h5py.File(path.parent / match[1]) as file:
             return np.asarray(file[match[2]])
     except (OSError, KeyError) as exc:

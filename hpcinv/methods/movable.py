@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.cellwise import QuadratureValues
+from hpcinv.extent import diagonal
 from hpcinv.runtime import MPI
 
 if TYPE_CHECKING:
@@ -90,10 +91,7 @@ class MovableMesh:
     @property
     def diagonal(self) -> float:
         """Of the given body's bounding box, in scaled lengths."""
-        gather, nodes = self.mesh.comm.allgather, self.given
-        low = np.min(gather(nodes.min(axis=0, initial=np.inf)), axis=0)
-        high = np.max(gather(nodes.max(axis=0, initial=-np.inf)), axis=0)
-        return float(np.linalg.norm(high - low))
+        return diagonal(self.mesh.comm, self.given)
 
     def _jacobians(self, X: Floats) -> Floats:
         """Determinants of the map from the reference cell at the quadrature points of the owned cells."""

@@ -78,7 +78,7 @@ def _row(plan: Plan, run: Run, key: str, records: Sequence[Record], parameter: s
         "newton_iterations": look_up(found, "legs[].newton_iterations"),
         "unknowns": look_up(found, "mesh.unknowns"),
         "cells": look_up(found, "mesh.cells"),
-        "memory": float(max(found["peak_memory"])) if found else None,
+        "memory": float(max(found["peak_memory"]["ranks"])) if found else None,
     }
     costs |= {name: look_up(found, cost) for name, cost in study.costs.items()}
     values = {name: look_up(found, k) if converged else None for name, k in plan.measured.items()}

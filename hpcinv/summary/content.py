@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import os
 import platform
-import resource
-import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -19,6 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv import __version__
+from hpcinv.memory import Memory, peak
 from hpcinv.runtime import MPI, on_root
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ def statistics(
         "certificate": result.certificate.as_data() | {"estimate": result.estimate and result.estimate.as_data()},
         "accuracy": comm.bcast(result.accuracy and result.accuracy.as_data()),  # with the seconds of rank 0
         "timings": _timings(timings, comm),
-        "peak_memory": comm.allgather(_peak_memory()),
+        "peak_memory": _memory(timings.memory, comm),
     }
     return _plain(found)  # type: ignore[no-any-return]  # a dict stays one
 
@@ -116,6 +115,13 @@ def _leg(leg: Leg, displacement: int) -> dict[str, Any]:
         "factorizations": leg.factorizations,
         "iterations": sum(s.gap is not None for s in leg.solves),
         "newton_iterations": sum(len(s.iterations) for s in leg.solves),
+        "linear": leg.linear
+        and {
+            "preset": leg.linear.preset,
+            "why": leg.linear.why,
+            "iterations": sum(s.linear_iterations for s in leg.solves),
+            "fallback": leg.linear.fallback,
+        },
         "J": {"min": leg.J_range[0], "max": leg.J_range[1]},
         "strain_energy": leg.strain_energy,
         "solves": [_solve(s) for s in leg.solves],
@@ -130,6 +136,7 @@ def _solve(solve: Solve) -> dict[str, Any]:
         "outcome": solve.outcome.name,
         "factorizations": solve.factorizations,
         "signs": list(solve.signs),
+        "linear_iterations": solve.linear_iterations,
         "gap": solve.gap,
         "iterations": [{name: getattr(i, name) for name in names} for i in solve.iterations],
     }
@@ -149,10 +156,15 @@ def _timings(timings: Timings, comm: MPI.Intracomm) -> dict[str, Any]:
     }
 
 
-def _peak_memory() -> int:
-    """Largest resident memory of this process so far, in bytes."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+def _memory(memory: Memory, comm: MPI.Intracomm) -> dict[str, Any]:
+    """Largest resident size in bytes of each rank, and of each phase over the ranks."""
+    phases = comm.allgather(memory.phases)
+    return {
+        "ranks": comm.allgather(peak()),
+        "phases": {
+            phase: {"max": max(sizes.get(phase, 0) for sizes in phases)} for phase in sorted(set().union(*phases))
+        },
+    }
 
 
 def _plain(value: Any) -> Any:

@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from hpcinv.errors import OutputError
 from hpcinv.runtime import on_root
 
 if TYPE_CHECKING:
+    import h5py
     from mpi4py.MPI import Intracomm
 
 
@@ -46,6 +46,8 @@ def _write_json(path: Path, statistics: Mapping[str, Any]) -> None:
 
 
 def _write_hdf5(path: Path, statistics: Mapping[str, Any]) -> None:
+    import h5py  # on rank 0 alone
+
     # In memory first: on a full disk h5py raises what is no OSError, and leaves a file that it cannot close.
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
@@ -65,12 +67,16 @@ def _fill(group: h5py.Group, content: Mapping[str, Any]) -> None:
     Mappings become groups, single values attributes (``None`` an empty one), lists of numbers datasets. Lists of
     mappings become a table where these have the same numbers, else groups 0, 1, …; any other list is JSON text.
     """
+    import h5py
+
     for key, value in content.items():
         name = key.replace("/", "|")  # HDF5 reads it as a path
         if isinstance(value, Mapping):
             _fill(group.create_group(name), value)
+        elif value is None:
+            group.attrs[name] = h5py.Empty("f8")
         elif not isinstance(value, list):
-            group.attrs[name] = h5py.Empty("f8") if value is None else value
+            group.attrs[name] = value
         elif value and all(isinstance(v, Mapping) for v in value):
             table = _table(value)
             if table is None:

@@ -29,7 +29,7 @@ COSTS: Mapping[str, Callable[[Record], Any]] = {
     "newton_iterations": lambda record: _of_legs(record, "newton_iterations"),
     "unknowns": lambda record: record.statistics.get("mesh", {}).get("unknowns"),
     "ranks": lambda record: record.statistics.get("machine", {}).get("ranks"),
-    "peak_memory": lambda record: max(record.statistics.get("peak_memory", ()), default=None),
+    "peak_memory": lambda record: max(record.statistics.get("peak_memory", {}).get("ranks", ()), default=None),
     "attempts": lambda record: record.attempts,
     "started_from": lambda record: record.start,
 }

@@ -60,7 +60,7 @@ def require_finite(statistics: Mapping[str, Any]) -> None:
 
 
 # Without a meaning for some methods and formulations.
-_OPTIONAL = ("gap", "pressure")
+_OPTIONAL = ("gap", "pressure", "fallback")
 
 
 def _missing(value: Any, where: str) -> list[str]:

@@ -48,7 +48,7 @@ def statistics(**changes: Any) -> dict[str, Any]:
         "legs": legs,
         "quantities": {"top": -0.25},
         "certificate": {"verdict": "pass", "lines": [], "estimate": None},
-        "peak_memory": [100, 300],
+        "peak_memory": {"ranks": [100, 300], "phases": {}},
     }
     return whole | changes
 

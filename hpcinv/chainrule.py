@@ -1,0 +1,136 @@
+"""Derivatives of UFL expressions in stages, so that kernels do not grow with the product of what depends on what.
+
+UFL differentiates forward: it carries the derivative by each of the nine entries of ``H`` through the whole energy, and
+the second time each of nine through each of nine. Here the strains and invariants on the way are variables (`stage`),
+and each of them is differentiated by what it is directly made of. A gradient of a scalar is then summed up from the
+energy back to ``H``, which costs a few times the energy itself, and a Jacobian from ``H`` on, stage by stage.
+
+Source: Griewank & Walther, *Evaluating Derivatives*, 2008, ch. 3 and 9, doi:10.1137/1.9780898717761.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import ufl
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.algorithms.map_integrands import map_integrands
+from ufl.classes import Variable, Zero
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
+from ufl.corealg.traversal import unique_post_traversal
+
+
+def stage(expression: Callable[[Any], Any]) -> cached_property[Any]:
+    """A property that is computed once, and is a stage on the way of derivatives."""
+    return cached_property(lambda owner: ufl.variable(expression(owner)))
+
+
+def gradient(scalar: Any, by: Variable) -> Any:
+    """``∂scalar/∂by``, of the shape of ``by``; with what else it depends on fixed."""
+    whole = ufl.variable(scalar)
+    stages = [e for e in unique_post_traversal(whole) if isinstance(e, Variable)]  # from ``by`` to the scalar
+    adjoints: dict[Any, Any] = {whole: None}
+    local = Local(ufl.domain.extract_unique_domain(by))
+    for one in reversed(stages):
+        if one == by or one not in adjoints:
+            continue
+        adjoint = adjoints[one]
+        if adjoint is not None and not one.ufl_shape:
+            adjoint = ufl.variable(adjoint)
+        for part, slope in local.derivatives(one.ufl_operands[0]):
+            share = slope if adjoint is None else _contracted(adjoint, len(one.ufl_shape), slope)
+            adjoints[part] = adjoints[part] + share if part in adjoints else share
+    return adjoints.get(by, ufl.zero(by.ufl_shape))
+
+
+class Jacobian:
+    """``∂e/∂by`` of any number of expressions, of the shape of ``e`` and then that of ``by``.
+
+    Args:
+        local: the derivatives of single stages, which Jacobians by other variables have in common.
+    """
+
+    def __init__(self, by: Variable, local: Local) -> None:
+        self._by, self._local = by, local
+        self._known: dict[Any, Any] = {}
+
+    def of(self, expression: Any) -> Any:
+        """``None`` where ``expression`` does not depend on the variable."""
+        total = None
+        for part, slope in self._local.derivatives(expression):
+            inner = self._of_stage(part)
+            if inner is None and part != self._by:
+                continue
+            share = slope if part == self._by else _contracted(slope, len(part.ufl_shape), inner)
+            total = share if total is None else total + share
+        return total
+
+    def _of_stage(self, one: Variable) -> Any:
+        if one != self._by and one not in self._known:
+            self._known[one] = self.of(one.ufl_operands[0])
+        return self._known.get(one)
+
+
+class Local:
+    """Derivatives of expressions by the stages that they are directly made of, which are held for independent."""
+
+    def __init__(self, domain: Any) -> None:
+        self._domain = domain
+        self._symbols: dict[Variable, Variable] = {}
+        self._known: dict[Any, list[tuple[Variable, Any]]] = {}
+
+    def derivatives(self, expression: Any) -> list[tuple[Variable, Any]]:
+        """Each of those stages, and the derivative by it where it does not vanish."""
+        if expression not in self._known:
+            self._known[expression] = self._derivatives(expression)
+        return self._known[expression]
+
+    def _derivatives(self, expression: Any) -> list[tuple[Variable, Any]]:
+        parts = _outermost(expression)
+        for part in parts:
+            if part not in self._symbols:
+                self._symbols[part] = Variable(ufl.Constant(self._domain, part.ufl_shape))
+        symbols = {part: self._symbols[part] for part in parts}
+        hidden, back = ufl.replace(expression, symbols), {symbol: part for part, symbol in symbols.items()}
+        hidden = apply_algebra_lowering(hidden)
+        slopes = {part: apply_derivatives(ufl.diff(hidden, symbol)) for part, symbol in symbols.items()}
+        return [(part, ufl.replace(slope, back)) for part, slope in slopes.items() if not isinstance(slope, Zero)]
+
+
+def _outermost(expression: Any) -> list[Variable]:
+    found, seen, left = [], set(), [expression]
+    while left:
+        one = left.pop()
+        if one in seen:
+            continue
+        seen.add(one)
+        if isinstance(one, Variable):
+            found.append(one)
+        else:
+            left.extend(one.ufl_operands)
+    return found
+
+
+def _contracted(a: Any, rank: int, b: Any) -> Any:
+    """The last ``rank`` indices of ``a`` summed up with the first of ``b``."""
+    i, k = ufl.indices(len(a.ufl_shape) - rank), ufl.indices(rank)
+    j = ufl.indices(len(b.ufl_shape) - rank)
+    product = (a[(*i, *k)] if i or k else a) * (b[(*k, *j)] if k or j else b)
+    return ufl.as_tensor(product, (*i, *j)) if i or j else product
+
+
+class _Plain(MultiFunction):  # type: ignore[misc]  # UFL has no types
+    expr = MultiFunction.reuse_if_untouched
+
+    def variable(self, _one: Any, operand: Any, _label: Any) -> Any:
+        return operand
+
+
+def without_stages(expression: Any) -> Any:
+    """The same expression or form without variables, whose running numbers would make each kernel a new one."""
+    rules = _Plain()
+    return map_integrands(lambda e: map_expr_dag(rules, e), expression)

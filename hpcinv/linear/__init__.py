@@ -1,0 +1,1 @@
+"""Linear solvers: two presets, and the rule that chooses between them."""

@@ -1,0 +1,89 @@
+"""Which preset a linear solver has: the one that the job names, or what size, shape and memory speak for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hpcinv.linear.forecast import Forecast, shape_of
+from hpcinv.linear.memory import available
+
+if TYPE_CHECKING:
+    from hpcinv.settings import Solver
+    from hpcinv.unknowns import Unknowns
+
+_WORTH = 1.5  # a factorization tells more than a solution: signs along the path, and a failure at once
+_ROOM = 0.8  # share of the memory that factors may take
+_OWN = frozenset({"ksp_type", "pc_type"})
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A preset, and why it was taken.
+
+    Attributes:
+        other: what is tried where it fails, ``None`` for nothing.
+        is_own: whether the job's PETSc options choose a solver of their own.
+    """
+
+    preset: str
+    why: str
+    other: str | None = None
+    is_own: bool = False
+
+
+@dataclass(frozen=True)
+class Used:
+    """The linear solver of a leg: its preset at the end, why that was chosen, and why another one had been left."""
+
+    preset: str
+    why: str
+    fallback: str | None
+
+
+class Chooser:
+    """The rule, for the unknowns of one model; collective.
+
+    Attributes:
+        forecast: of either solver's cost.
+        room: bytes that all ranks have for it.
+    """
+
+    def __init__(self, unknowns: Unknowns, degree: int) -> None:
+        self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns))
+        self.room = _ROOM * available(unknowns.mesh.comm)
+
+    @property
+    def can_factorize(self) -> bool:
+        """Whether there is memory for the factors L U."""
+        return self.forecast.factors <= self.room
+
+    @property
+    def can_factorize_symmetric(self) -> bool:
+        """Whether there is memory for the factors L D Lᵀ, which are half of that."""
+        return self.forecast.factors / 2 <= self.room
+
+    def choose(self, solver: Solver) -> Choice:
+        """What ``solver.linear`` asks for, or the faster one that there is memory for."""
+        if own := _OWN & set(solver.petsc):  # which would take the place of what another preset needs
+            preset = "iterative" if solver.linear == "iterative" else "direct"
+            return Choice(preset, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
+        fallback = "direct" if self.can_factorize else None
+        if solver.linear == "iterative":
+            return Choice("iterative", "the job asks for it", fallback)
+        if solver.linear == "direct":
+            return Choice("direct", "the job asks for it", "iterative")
+        if not self.can_factorize:
+            return Choice(
+                "iterative",
+                f"factors would take {_memory(self.forecast.factors)}, and there is room for {_memory(self.room)}",
+            )
+        ratio = self.forecast.direct / self.forecast.iterative
+        size = f"at {self.forecast.unknowns} unknowns, {self.forecast.shape.cut:.0f} of them in a cut across"
+        if ratio > _WORTH:
+            return Choice("iterative", f"{size}, factorizations would take about {ratio:.2g} times as long", fallback)
+        return Choice("direct", f"{size}, multigrid would take about {1 / ratio:.2g} times as long", "iterative")
+
+
+def _memory(size: float) -> str:
+    return f"{size / 1e9:.2g} GB"
