@@ -23,12 +23,12 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.filledtangent import FilledTangent
 from hpcinv.job import parse
 from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.mesh import build_body
 from hpcinv.model import Model
 from hpcinv.runtime import MPI
-from hpcinv.tangent import Tangent
 from hpcinv.timings import Timings
 
 JOBS = Path(__file__).parents[1] / "jobs"
@@ -97,7 +97,7 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
     scene.parameters.set_load(1.0)
     form = fem.form(ufl.derivative(scene.residual, scene.unknowns.state), jit_options=JIT_OPTIONS)
     theirs = fem_petsc.create_matrix(form)
-    tangent = Tangent(scene)
+    tangent = FilledTangent(scene)
     matrix = tangent.create_matrix(conditions)
 
     def dolfinx() -> None:
@@ -130,7 +130,7 @@ def compare_flags(repeat: int) -> None:
     scene, ways, seconds = model.scene("inverse"), {}, {}
     for flags in FLAGS:
         start = time.perf_counter()
-        tangent = Tangent(scene, JIT_OPTIONS | {"cffi_extra_compile_args": [*flags, "-g0"]})
+        tangent = FilledTangent(scene, JIT_OPTIONS | {"cffi_extra_compile_args": [*flags, "-g0"]})
         seconds[" ".join(flags)] = time.perf_counter() - start
         tangent.create_matrix(model.supports.conditions)
         ways[" ".join(flags)] = tangent.assemble

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 
 from hpcinv.admissibility import Admissibility
 from hpcinv.kernels import JIT_OPTIONS
-from hpcinv.tangent import Tangent
+from hpcinv.tangent import tangent_of
 
 if TYPE_CHECKING:
     from hpcinv.newton import Outcome
@@ -43,7 +43,7 @@ class Assembly:
         self.state = scene.unknowns.state
         with timings("compile"):
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
-            self._tangent = Tangent(scene)
+            self._tangent = tangent_of(scene)
             self._admissibility = Admissibility(scene)
         with timings("tangent"):
             self.matrix = self._tangent.create_matrix(supports.conditions)

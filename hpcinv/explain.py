@@ -25,7 +25,7 @@ from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.mesh import build_body
 from hpcinv.model import Model
 from hpcinv.runtime import MPI
-from hpcinv.tangent import Tangent
+from hpcinv.tangent import tangent_of
 from hpcinv.timings import Timings
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ class _Compiled:
         options = JIT_OPTIONS | {"cache_dir": comm.bcast(directory.name)}
         comm.Barrier()
         start = _processor_seconds()
-        self.residual, self.tangent = fem.form(scene.residual, jit_options=options), Tangent(scene, options)
+        self.residual, self.tangent = fem.form(scene.residual, jit_options=options), tangent_of(scene, options)
         self.seconds = comm.bcast(_processor_seconds() - start)  # rank 0 compiles, the others wait
         directory.cleanup()  # the kernels are loaded
         self.vector = fem_petsc.create_vector(space)

@@ -137,6 +137,12 @@ class LinearSystem(Assembly):
         self.preset = self._use(self.choice.other)
         return True
 
+    def rest(self) -> None:
+        """Keep what is worth it until the equations are used again: a symbolic factorization, but not multigrid."""
+        if not self.preset.exact:
+            self.ksp.reset()
+            self._is_factorized = False
+
     def forget_factors(self) -> None:
         """Begin anew after a factorization that failed: MUMPS cannot go on."""
         self._is_factorized = False

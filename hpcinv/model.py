@@ -123,6 +123,7 @@ class Model:
         """Take equations back that were asked for, to be used again; those of a scene of its own end here."""
         scene = equilibrium.scene
         if any(scene is kept for kept in self._scenes.values()) and id(scene) not in self._idle:
+            equilibrium.rest()
             self._idle[id(scene)] = equilibrium
         else:
             equilibrium.destroy()

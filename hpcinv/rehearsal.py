@@ -24,10 +24,12 @@ from hpcinv.model import Model
 from hpcinv.runtime import MPI
 from hpcinv.sections import Support
 from hpcinv.sensitivity.analysis import sensitivities
+from hpcinv.tangent import as_for
 from hpcinv.timings import Timings
 
 if TYPE_CHECKING:
     from hpcinv.job import Job
+    from hpcinv.mesh.source import MeshSource
     from hpcinv.result import Leg
 
 
@@ -41,6 +43,11 @@ def rehearse(job: Job) -> None:
         MeshError, SystemPartMissing: as a run would.
     """
     source = read_anywhere(job.mesh, job.resolve, MPI.COMM_SELF)
+    with as_for(len(source.cells)):
+        _rehearse(job, source)
+
+
+def _rehearse(job: Job, source: MeshSource) -> None:
     body = specimen(source, job.regions, [np.array(q.at) for q in job.quantities if q.at is not None])
     model = Model(_held(job), body, Timings())
     legs: list[Leg] = []

@@ -1,174 +1,70 @@
-"""The tangent of a scene as a PETSc matrix, whose arrays are filled in place.
+"""The tangent ``K = ∂R/∂x`` of a scene, and which of two ways to assemble it suits a mesh.
 
-Each entry of each element matrix knows its place in the matrix beforehand, which saves PETSc's search for it.
+FFCx compiles it as a form: that is known at once from the cache of kernels. Or its moduli are compiled and a matrix is
+filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but UFL works for half a second or more on the
+moduli of every scene, before a cache can be asked. The matrices are the same to rounding errors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, cast
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import dolfinx.fem.petsc as fem_petsc
-import numpy as np
-import numpy.typing as npt
-import scipy.sparse
 import ufl
-from dolfinx import fem, la
-from petsc4py import PETSc
-from ufl.algorithms import expand_derivatives
+from dolfinx import fem
 
-from hpcinv.contraction import ElementMatrices, Integers
+from hpcinv.filledtangent import FilledTangent
 from hpcinv.kernels import JIT_OPTIONS
-from hpcinv.moduli import moduli_of
 
 if TYPE_CHECKING:
+    from petsc4py import PETSc
+
     from hpcinv.scene import Scene
 
+_MANY = 10_000  # cells from which on some four tangents of a leg save what their moduli cost
+_assumed: list[int] = []
 
-class Tangent:
-    """``K = ∂R/∂x`` of the residual of a scene, with ones on the diagonal of unknowns that are prescribed."""
+
+class CompiledTangent:
+    """The tangent as FFCx compiles it and PETSc is handed its element matrices."""
 
     def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
-        unknowns, options = scene.unknowns, dict(jit_options)
-        space = unknowns.space
-        self._volume = [ElementMatrices(m, unknowns, options) for m in moduli_of(scene.residual, unknowns)]
-        surface = _surface_tangent(scene.residual, unknowns.state)
-        self._surface = None if surface is None else fem.form(surface, jit_options=options)
-        mass = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
-        self._any_form = fem.form(mass, jit_options=options)
+        unknowns = scene.unknowns
+        tangent = ufl.derivative(scene.residual, unknowns.state, ufl.TrialFunction(unknowns.space))
+        self._form = fem.form(tangent, jit_options=dict(jit_options))
 
     def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> PETSc.Mat:
         """The matrix that `assemble` fills; ``conditions`` are what prescribes unknowns."""
-        rows = _Rows(self._any_form)
         self._conditions = conditions
-        self._matrix, self._values, self._ghosts = rows.matrix, rows.values, rows.ghosts
-        self._arrays = rows.arrays  # PETSc works on them
-        prescribed = np.zeros(rows.count, dtype=bool)
-        for condition in conditions:
-            prescribed[condition.dof_indices()[0]] = True
-        self._places = [rows.places(part, prescribed) for part in self._volume]
-        owned = np.flatnonzero(prescribed[: rows.owned]).astype(np.int32)
-        self._diagonal = rows.at(owned, owned)
-        return rows.matrix
+        self._matrix = matrix = cast("PETSc.Mat", fem_petsc.create_matrix(self._form))
+        return matrix
 
     def assemble(self) -> None:
         """Evaluate it in the present state and at the present load; collective."""
-        A, values = self._matrix, self._values
-        A.zeroEntries()
-        values[:] = 0.0
-        for part, places in zip(self._volume, self._places, strict=True):
-            for chunk, entries in part:
-                np.add.at(values, places[chunk].ravel().astype(np.intp), entries.ravel())
-        values[self._diagonal] = 1.0
-        starts, columns, of_ghosts, names = self._ghosts
-        A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)  # type: ignore[arg-type]  # arrays will do
-        if self._surface is not None:
-            fem_petsc.assemble_matrix(A, self._surface, bcs=self._conditions)
-        A.assemble()
+        self._matrix.zeroEntries()
+        fem_petsc.assemble_matrix(self._matrix, self._form, bcs=self._conditions)
+        self._matrix.assemble()
 
 
-class _Rows:
-    """Rows of a matrix on this rank, and where their entries are in one array of values.
-
-    The array begins with what PETSc calls the diagonal and the off-diagonal block of the rows owned here, which PETSc
-    uses as they are. Rows of ghosts follow, whose values are for other ranks. The last value counts for nothing.
-
-    Args:
-        form: any form on the space of the unknowns.
-    """
-
-    def __init__(self, form: fem.Form) -> None:
-        dofmap = form.function_spaces[0].dofmap
-        nodes, bs, comm = dofmap.index_map, dofmap.index_map_bs, dofmap.index_map.comm
-        pattern = fem.create_sparsity_pattern(form)
-        pattern.finalize()
-        A = la.matrix_csr(pattern)
-        self.owned, self.count = bs * nodes.size_local, bs * (len(A.indptr) - 1)
-        self._dofs = _unrolled(dofmap.map(), bs)
-        names = _unrolled(_global(A.index_map(1)), bs).astype(PETSc.IntType)
-        indptr, indices = _by_entries(A.indptr, A.indices, bs)
-        del A, pattern
-        end = int(indptr[self.owned])  # of the rows owned here
-        is_diagonal = indices[:end] < self.owned
-        before = np.concatenate([[0], np.cumsum(is_diagonal)])  # entries of the diagonal block before each
-        starts = before[indptr[: self.owned + 1]]
-        other = np.flatnonzero(~is_diagonal)
-        row = np.searchsorted(indptr, other, side="right") - 1
-        other = other[np.lexsort((names[indices[other]], row))]  # PETSc wants columns in their global order
-        diagonal = int(before[-1])
-        place = np.arange(len(indices), dtype=np.int32)
-        place[:end][is_diagonal] = np.arange(diagonal)
-        place[other] = np.arange(diagonal, end)
-        self._place = scipy.sparse.csr_array((place, indices, indptr), shape=(self.count, len(names)))
-        self.values = np.zeros(len(indices) + 1)
-        own = _petsc(starts, indices[:end][is_diagonal], self.values[:diagonal])
-        off = _petsc(indptr[: self.owned + 1] - starts, names[indices[other]], self.values[diagonal:end])
-        size = (self.owned, bs * nodes.size_global)
-        self.arrays = own if comm.size == 1 else (own, off)
-        self.matrix = PETSc.Mat().createAIJWithArrays((size, size), self.arrays, bsize=bs, comm=comm)
-        here = _global(nodes).astype(PETSc.IntType)
-        numbering = PETSc.LGMap().create(here, bsize=bs, comm=comm)  # type: ignore[arg-type]  # an array will do
-        self.matrix.setBlockSizes(bs, bs)  # createAIJWithArrays drops it
-        self.matrix.setLGMap(numbering, numbering)
-        ghosts = _unrolled(here[nodes.size_local :], bs)
-        self.ghosts = (*_petsc(indptr[self.owned :] - end, names[indices[end:]], self.values[end:-1]), ghosts)
-
-    def at(self, rows: Integers, columns: Integers) -> Integers:
-        """Places of entries by their local row and column."""
-        if not len(rows):  # SciPy would give a matrix
-            return np.zeros(0, dtype=np.int32)
-        return np.asarray(self._place[rows, columns], dtype=np.int32)
-
-    def places(self, matrices: ElementMatrices, prescribed: npt.NDArray[np.bool_]) -> Integers:
-        """Of all entries of element matrices, (cells, entries), the last one for rows and columns of the prescribed."""
-        found = np.empty((len(matrices.cells), len(matrices.rows)), dtype=np.int32)
-        for chunk in matrices.chunks():
-            dofs = self._dofs[matrices.cells[chunk]]
-            rows, columns = dofs[:, matrices.rows], dofs[:, matrices.columns]
-            found[chunk] = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
-            found[chunk][prescribed[rows] | prescribed[columns]] = len(self.values) - 1
-        return found
+type Tangent = CompiledTangent | FilledTangent
 
 
-def _surface_tangent(residual: Any, state: fem.Function) -> Any:
-    """The derivative of a form's integrals over facets, ``None`` where there is none."""
-    surface = [one for one in residual.integrals() if one.integral_type() != "cell"]
-    if not surface:
-        return None
-    tangent = expand_derivatives(ufl.derivative(ufl.Form(surface), state))
-    return None if tangent.empty() else tangent
+def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> Tangent:
+    """The tangent of a scene, assembled in the way that suits its mesh."""
+    cells = _assumed[-1] if _assumed else scene.unknowns.mesh.topology.index_map(3).size_global
+    return (FilledTangent if cells >= _MANY else CompiledTangent)(scene, jit_options)
 
 
-def _by_entries(indptr: Any, indices: Integers, bs: int) -> tuple[npt.NDArray[np.int64], Integers]:
-    """Rows and columns of a pattern of blocks, entry by entry."""
-    if bs == 1:
-        return np.asarray(indptr), indices
-    blocks = np.diff(indptr)
-    lengths = np.repeat(bs * blocks, bs)
-    found = np.concatenate([[0], np.cumsum(lengths)])
-    begins = np.repeat(bs * indptr[:-1], bs)  # of the columns of the same row of blocks
-    columns = _unrolled(indices, bs)
-    return found, columns[np.arange(found[-1]) - np.repeat(found[:-1] - begins, lengths)]
-
-
-def _unrolled(blocks: npt.NDArray[Any], bs: int) -> npt.NDArray[Any]:
-    """Numbers of unknowns from those of nodes; the last axis becomes ``bs`` times as long."""
-    unrolled = bs * blocks[..., None] + np.arange(bs, dtype=blocks.dtype)
-    return unrolled.reshape(*blocks.shape[:-1], -1)
-
-
-def _global(numbering: Any) -> npt.NDArray[np.int64]:
-    """Global numbers of all that this rank knows."""
-    found: npt.NDArray[np.int64] = numbering.local_to_global(
-        np.arange(numbering.size_local + numbering.num_ghosts, dtype=np.int32)
-    )
-    return found
-
-
-def _petsc(starts: Any, columns: Any, values: Any) -> tuple[Any, Any, Any]:
-    """Compressed rows in PETSc's types, so that it takes the arrays themselves and no copies."""
-    integers = (np.ascontiguousarray(of, dtype=PETSc.IntType) for of in (starts, columns))
-    return (*integers, values)
+@contextmanager
+def as_for(cells: int) -> Iterator[None]:
+    """Within this context tangents are made as for a mesh of so many cells."""
+    _assumed.append(cells)
+    try:
+        yield
+    finally:
+        _assumed.pop()

@@ -20,6 +20,7 @@ from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.mesh import build_body
 from hpcinv.model import Model
 from hpcinv.runtime import MPI
+from hpcinv.tangent import as_for
 from hpcinv.timings import Timings
 
 MIXED: dict[str, Any] = {
@@ -48,7 +49,8 @@ def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intrac
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
     model = Model(given, body, Timings())
     scene, supports = model.scene(given.legs[0]), model.supports
-    ours = Assembly(scene, supports, Timings())
+    with as_for(cells=1_000_000):
+        ours = Assembly(scene, supports, Timings())
     ours.set_load(0.7)
     state = model.unknowns.state
     parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]
