@@ -92,6 +92,7 @@ class Iterative(Preset):
         # Made anew: what was aggregated by the motions of another state serves a body badly that has turned since.
         pc.reset()
         pc.setType(PETSc.PC.Type.NONE)
+        ksp.setOperators(matrix)
         ksp.setFromOptions()
         if pc.getType() == PETSc.PC.Type.GAMG:
             matrix.setNearNullSpace(self._rigid_motions())

@@ -48,7 +48,7 @@ PRESETS = ("direct", "iterative")
 
 
 @pytest.mark.parallel([2])
-@pytest.mark.parametrize(("material", "analysis"), itertools.product(MATERIALS, ["inverse", "forward"]))
+@pytest.mark.parametrize(("material", "analysis"), list(itertools.product(MATERIALS, ["inverse", "forward"])))
 def test_both_presets_give_one_answer(material: str, analysis: str, comm: MPI.Intracomm) -> None:
     agree_on(material, analysis, comm)
 
