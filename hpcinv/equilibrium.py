@@ -227,6 +227,9 @@ class Equilibrium(Predictor):
             self._before.aypx(-1.0, x)
             self._correction = norm(self._before)
             x.copy(self._before)
+        if self._verdict is Outcome.LINEAR_SOLVER:  # there was no correction that could tell convergence
+            self._outcome = self._verdict
+            return _GIVEN_UP
         iteration = NewtonIteration(self._correction, norm(x), residual, self._fresh)
         self._outcome = self._monitor.judge(iteration)
         if self._outcome is None or not self._outcome.accepted:

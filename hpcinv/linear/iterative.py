@@ -63,7 +63,9 @@ _SCHUR: Mapping[str, Value] = {
     "fieldsplit_p_pc_type": "jacobi",
 }
 
-_SAME = 1e-6  # share of a motion that the others must leave of it for it to count
+# Share of a motion that the others must leave of it for it to count: motions that are nearly the same in each
+# aggregate make blocks of coarse levels singular.
+_SAME = 0.05
 
 
 class Iterative(Preset):
