@@ -80,7 +80,8 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
             tell(progress)
     assert silent.getvalue() == ""
     lines = stream.getvalue().splitlines()
-    assert lines[:2] == ["inverse:", "  direct linear solver: at 9 unknowns, multigrid would take about 2 times as long"]
+    assert lines[0] == "inverse:"
+    assert lines[1] == "  direct linear solver: at 9 unknowns, multigrid would take about 2 times as long"
     assert "not reached: an element would turn inside out" in lines[2]
     step = "  load 0.5: 2 iterations, 1 factorization, largest displacement 0.1325 m, det F^-1 > 0.8765, "
     assert lines[3].startswith(step)
