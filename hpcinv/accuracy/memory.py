@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import resource
-import sys
 
+from hpcinv.memory import peak
 from hpcinv.runtime import MPI
 
 USABLE = 0.7  # share of the machine's memory
@@ -29,9 +28,3 @@ class Memory:
         taken, free = max(peak() - self.before, LEAST), max(self.share - self.before, 0.0)
         ratio = self.comm.allreduce(free / taken, op=MPI.MIN)
         return int(unknowns * ratio ** (1 / FILL))
-
-
-def peak() -> float:
-    """Largest resident memory of this process so far, in bytes."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit)
