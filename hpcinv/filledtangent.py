@@ -14,7 +14,6 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
@@ -102,7 +101,9 @@ class _Rows:
         place = np.arange(len(indices), dtype=np.int32)
         place[:end][is_diagonal] = np.arange(diagonal)
         place[other] = np.arange(diagonal, end)
-        self._place = scipy.sparse.csr_array((place, indices, indptr), shape=(self.count, len(names)))
+        from scipy.sparse import csr_array  # slow to import, and only large bodies need it
+
+        self._place = csr_array((place, indices, indptr), shape=(self.count, len(names)))
         self.values = np.zeros(len(indices) + 1)
         own = _petsc(starts, indices[:end][is_diagonal], self.values[:diagonal])
         off = _petsc(indptr[: self.owned + 1] - starts, names[indices[other]], self.values[diagonal:end])

@@ -24,9 +24,11 @@ def leg_of(
 ) -> Leg:
     """The model's present state, a solution at a load factor, and what follows from it, in SI units; collective."""
     body, length, stress = model.body, model.scales.length, model.scales.stress
-    with model.timings("results"):
+    with model.timings("compile"):
+        means = scene.means
+    with model.timings("evaluation"):
         u, p = model.solution()
-        sigma = scene.means.cauchy_stress()
+        sigma = means.cauchy_stress()
         sigma.x.array[:] *= stress
         return Leg(
             direction=direction,
@@ -34,10 +36,10 @@ def leg_of(
             u=model.unknowns.at_nodes(u),
             displacement=u,
             pressure=p,
-            J=scene.means.J(),
+            J=means.J(),
             cauchy_stress=sigma,
-            J_range=scene.means.J_at_points.range(),
-            strain_energy=scene.means.strain_energy() * stress * length**3,
+            J_range=means.J_at_points.range(),
+            strain_energy=means.strain_energy() * stress * length**3,
             solves=solves,
             load=load,
             linear=linear,

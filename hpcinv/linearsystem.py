@@ -12,6 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.assembly import Assembly
+from hpcinv.heap import give_back_memory
 from hpcinv.linear.choice import Choice, Used
 from hpcinv.linear.direct import Direct
 from hpcinv.linear.iterative import Iterative
@@ -142,6 +143,7 @@ class LinearSystem(Assembly):
         if not self.preset.exact:
             self.ksp.reset()
             self._is_factorized = False
+            give_back_memory()
 
     def forget_factors(self) -> None:
         """Begin anew after a factorization that failed: MUMPS cannot go on."""

@@ -89,7 +89,8 @@ class Model:
         if known is None and direction in self._scenes:
             return self._scenes[direction]
         kinematics = KINEMATICS[direction]
-        scene = Scene(self.job, self.fields, self.unknowns, kinematics, self.quadrature_degree, self.scales, known)
+        with self.timings("compile"):
+            scene = Scene(self.job, self.fields, self.unknowns, kinematics, self.quadrature_degree, self.scales, known)
         if known is None:
             self._scenes[direction] = scene
         return scene

@@ -125,7 +125,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     lines = [f"{statistics['status']}, {_count(total, 'factorization')}, {timings['total']:.1f} s"]
     slowest = sorted(((p["max"], phase) for phase, p in timings["phases"].items()), reverse=True)
     lines.append("  seconds: " + ", ".join(f"{phase} {seconds:.1f}" for seconds, phase in slowest if seconds >= 0.05))
-    lines.append(f"  outside compilation, assembly and linear solver: {100 * timings['overhead']:.0f} %")
+    lines.append(f"  outside kernels, PETSc and MPI: {100 * timings['overhead']:.0f} %")
     memory = statistics["peak_memory"]
     most = max(memory["phases"], key=lambda phase: memory["phases"][phase]["max"])
     lines.append(f"  memory: {max(memory['ranks']) / 1e6:.0f} MB on the fullest rank; most in {most}")

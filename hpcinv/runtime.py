@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv.errors import HpcinvError, OutputError, SystemPartMissing
+from hpcinv.heap import keep_freed_memory
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -34,6 +35,7 @@ def _prepare_environment() -> None:
     nodes = os.environ.get("SLURM_STEP_NUM_NODES", os.environ.get("SLURM_JOB_NUM_NODES", "1"))
     if ranks == local and nodes == "1":
         os.environ.setdefault("UCX_TLS", "self,sm,tcp")
+    keep_freed_memory()
 
 
 def _load_stack() -> None:

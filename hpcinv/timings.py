@@ -15,14 +15,18 @@ class Timings:
 
     Nor is its memory: that of a phase is what was there when it ended, or made way for an inner one.
 
-    Within `as_one` all is counted in the one phase that is named there.
+    Attributes:
+        seconds: by phase; what is done within `as_one` is all in the one phase that is named there.
+        within: what was done there, by phase.
     """
 
     def __init__(self) -> None:
         self.seconds: defaultdict[str, float] = defaultdict(float)
+        self.within: defaultdict[str, float] = defaultdict(float)
         self.memory = Memory()
         self.begin = time.perf_counter()
-        self._stack: list[list[float]] = []
+        self._open: list[float] = []
+        self._open_within: list[float] = []
         self._phases: list[str] = ["other"]
         self._absorbed = False
 
@@ -39,34 +43,46 @@ class Timings:
     @contextmanager
     def __call__(self, phase: str) -> Iterator[None]:
         if self._absorbed:
-            yield
+            with _clock(phase, self.within, self._open_within):
+                yield
             return
         self.memory.note(self._phases[-1])
-        started, inner = time.perf_counter(), [0.0]
-        self._stack.append(inner)
         self._phases.append(phase)
         try:
-            yield
+            with _clock(phase, self.seconds, self._open):
+                yield
         finally:
-            elapsed = time.perf_counter() - started
-            self._stack.pop()
             self.memory.note(self._phases.pop())
-            self.seconds[phase] += elapsed - inner[0]
-            if self._stack:
-                self._stack[-1][0] += elapsed
 
     def move(self, source: str, target: str, seconds: float) -> None:
         """Count seconds that were measured elsewhere, such as by PETSc's log, in a phase of their own.
 
         Memory cannot be told apart like this: both have what the source has.
         """
-        if self._absorbed:
-            return
-        self.seconds[source] -= seconds
-        self.seconds[target] += seconds
-        if seconds:
+        counted = self.within if self._absorbed else self.seconds
+        counted[source] -= seconds
+        counted[target] += seconds
+        if seconds and not self._absorbed:
             self.memory.share(source, target)
 
     @property
     def total(self) -> float:
         return time.perf_counter() - self.begin
+
+
+@contextmanager
+def _clock(phase: str, seconds: defaultdict[str, float], opened: list[float]) -> Iterator[None]:
+    """Count in a phase what passes meanwhile, but for what phases opened meanwhile count.
+
+    Args:
+        opened: for every phase that is open, what those within it have counted.
+    """
+    started = time.perf_counter()
+    opened.append(0.0)
+    try:
+        yield
+    finally:
+        elapsed = time.perf_counter() - started
+        seconds[phase] += elapsed - opened.pop()
+        if opened:
+            opened[-1] += elapsed

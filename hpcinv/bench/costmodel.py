@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _SOLVER = {"tangent": "setups", "residual": "newton", "factorization": "setups", "linear solve": "iterations"}
 """Phases, and what their seconds are proportional to beside the unknowns."""
-_ONCE = ("set-up", "results", "other")  # phases that each rank does on its part, once
+_ONCE = ("set-up", "evaluation", "other")  # phases that each rank does on its part, once
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,8 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
         known = model.unknowns.displacement() if _seen_on_the_current_body(model.job) else None
         equilibrium = model.equilibrium(model.scene("forward", known), lambda: False)
         equilibrium.linearise(1.0)
-        found = inertia(equilibrium.matrix)
+        with model.timings("factorization"):
+            found = inertia(equilibrium.matrix)
         model.release(equilibrium)
     if found is None:
         yield skipped(STABILITY, "the tangent could not be factorized")

@@ -12,7 +12,7 @@ from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable, unique_rows
 
 FLAT = 1e-12  # |det J| / ∏|∂x/∂ξᵢ| below which a cell has no volume: far under any usable sliver, far over round-off
-CHUNK = 50_000
+CHUNK = 2_000  # cells at a time, so that what is known of their points stays in the cache
 
 
 def check(source: MeshSource) -> None:
@@ -88,9 +88,15 @@ def determinants(source: MeshSource) -> tuple[Floats, Floats]:
         part = slice(start, start + CHUNK)
         gradient = jacobians(source.kind, source.degree, source.points[source.cells[part]], at)
         scale = np.linalg.norm(gradient, axis=2).prod(axis=2)
-        shape = np.divide(np.linalg.det(gradient), scale, out=np.zeros_like(scale), where=scale > 0)
+        shape = np.divide(_det(gradient), scale, out=np.zeros_like(scale), where=scale > 0)
         least[part], most[part] = shape.min(axis=1), shape.max(axis=1)
     return least, most
+
+
+def _det(matrices: Floats) -> Floats:
+    """Determinants of matrices (…, 3, 3), far faster than by factors of each."""
+    a, b, c = np.moveaxis(matrices, -1, 0)
+    return np.asarray((a * np.cross(b, c)).sum(axis=-1))
 
 
 def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:

@@ -1,0 +1,41 @@
+"""The C library's heap: what is freed is kept for the next factorization, and given back when a solver rests.
+
+glibc returns every large block to the system at once and gets the next one page by page, each cleared anew, and all
+ranks of a node do so at the same time: a quarter of a factorization's time (docs/linear-solvers.md).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from collections.abc import Callable
+from functools import cache
+
+_M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # malloc.h
+_LARGEST_INT = 2**31 - 1
+_OF_THE_SITE = ("GLIBC_TUNABLES", "MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")
+
+
+def keep_freed_memory() -> None:
+    """Take no large block from the system on its own, and return none; settings of the site win."""
+    mallopt = _of_glibc("mallopt")
+    if mallopt is not None and not any(name in os.environ for name in _OF_THE_SITE):
+        mallopt(_M_MMAP_MAX, 0)
+        mallopt(_M_TRIM_THRESHOLD, _LARGEST_INT)
+
+
+def give_back_memory() -> None:
+    """Return freed memory to the system now."""
+    malloc_trim = _of_glibc("malloc_trim")
+    if malloc_trim is not None:
+        malloc_trim(0)
+
+
+@cache
+def _of_glibc(function: str) -> Callable[..., int] | None:
+    """A function of glibc; ``None`` with other C libraries."""
+    found: Callable[..., int] | None = None
+    if sys.platform == "linux":
+        found = getattr(ctypes.CDLL(None), function, None)
+    return found

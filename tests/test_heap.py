@@ -1,0 +1,33 @@
+"""Freed memory stays with the process until a solver rests."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from command_line import environment
+
+SCRIPT = """
+import hpcinv.runtime
+import numpy as np
+from hpcinv.heap import give_back_memory
+from hpcinv.memory import resident
+before = resident()
+block = np.ones(25_000_000)
+full = resident()
+wall = np.ones(100)  # what comes after in the heap must not be what keeps it
+del block
+kept = resident()
+give_back_memory()
+print(full - before, kept - before, resident() - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a setting of glibc")
+def test_freed_memory_is_kept_until_it_is_given_back() -> None:
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment(), check=True, capture_output=True, text=True)
+    full, kept, given_back = map(int, done.stdout.split())
+    assert full > 190e6
+    assert kept > 0.9 * full
+    assert given_back < 0.1 * full
