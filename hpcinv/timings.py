@@ -9,6 +9,9 @@ from contextlib import contextmanager
 
 from hpcinv.memory import Memory
 
+WORK = ("compile", "residual", "tangent", "factorization", "linear solve", "admissibility check", "evaluation")
+"""Phases that are kernels, PETSc and MPI, and the making of kernels; the rest of the wall time is overhead."""
+
 
 class Timings:
     """Seconds spent in named phases; phases may nest, an inner one's time is not counted in the outer one's.

@@ -109,13 +109,19 @@ def test_strategies_are_compared_by_their_medians(tmp_path: Path) -> None:
 
 
 def test_ranks_and_phases(tmp_path: Path) -> None:
-    found = ranks(Played({"1 rank": run(), "2 ranks": run(scale=0.5)}, tmp_path), size=7_000, repeat=3)  # type: ignore[arg-type]
-    assert found.data["ratios"]["solver"] == pytest.approx(2.0)
-    assert found.notes == ["1 rank / 2 ranks, solver: 2.0 times (at least 1.8: met)"]
+    played = {"beam, 1": run(), "beam, 2": run(scale=0.5), "block, 1": run(10_000), "block, 2": run(10_000, scale=0.8)}
+    found = ranks(Played(played, tmp_path), size=7_000, repeat=3)  # type: ignore[arg-type]
+    assert found.data["ratios"]["beam"]["solver"] == pytest.approx(2.0)
+    assert found.notes == [
+        "beam, 1 rank / 2 ranks, solver: 2.0 times (at least 1.8: met)",
+        "block, 1 rank / 2 ranks, solver: 1.2 times (at least 1.8: MISSED)",
+    ]
     each = phases(Played({"beam": run(), "block": run(10_000)}, tmp_path), size=7_000, repeat=3)  # type: ignore[arg-type]
     table = {row[0]: row[1:] for row in each.rows}
     assert table["tangent"] == ("80.00", "400.00")  # 4 s over 50,000 and 10,000 unknowns
     assert table["mesh"] == ("40.00", "200.00")
+    # Of 120 s 6 for the certificate; 4 + 3 + 2 + 0.5 + 0.1 s of work, and 100 s to make kernels.
+    assert each.data["outside before certificate"]["beam"] == pytest.approx(1 - 109.6 / 114.0)
     assert each.notes == ["beam: 4.0% outside (at most 5%: met)"]  # the block is too small to be judged
 
 

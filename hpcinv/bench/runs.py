@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hpcinv.timings import WORK
+
 SOLVER = ("residual", "tangent", "factorization", "linear solve", "newton", "admissibility check")
 """Phases from the first assembly to the solution."""
 _OUTSIDE = ("newton", "admissibility check")  # kernels and PETSc
@@ -86,6 +88,11 @@ class Run:
     def outside(self) -> float:
         """Share of the run's wall time outside of kernels, PETSc and MPI, as the summary has it."""
         return float(self._found["timings"]["overhead"])
+
+    @property
+    def outside_before_certificate(self) -> float:
+        """The same without the certificate."""
+        return 1 - sum(map(self.phase, WORK)) / (self.total + self.phase("compile") - self.phase("certificate"))
 
     @property
     def peak_memory(self) -> int:

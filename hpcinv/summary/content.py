@@ -19,15 +19,13 @@ from petsc4py import PETSc
 from hpcinv import __version__
 from hpcinv.memory import Memory, peak
 from hpcinv.runtime import MPI, on_root
+from hpcinv.timings import WORK
 
 if TYPE_CHECKING:
     from hpcinv.equilibrium import Solve
     from hpcinv.mesh import Body
     from hpcinv.result import Leg, Result
     from hpcinv.timings import Timings
-
-# Phases that are kernels, PETSc and MPI, and the making of kernels; the rest of the wall time is overhead.
-WORK = ("compile", "residual", "tangent", "factorization", "linear solve", "admissibility check", "evaluation")
 
 
 def statistics(
