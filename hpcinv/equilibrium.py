@@ -265,10 +265,7 @@ class Equilibrium(Predictor):
         """The correction with a new tangent."""
         self._fresh = True
         self._renew(x)
-        self.ksp.solve(self.snes.getFunction()[0], y)
-        self.count_iterations(self.ksp.getIterationNumber())
-        reason: Any = self.ksp.getConvergedReason()  # an int, whatever its stub says
-        if reason < 0 or not np.isfinite(norm(y)):
+        if not self.back_substitute(self.snes.getFunction()[0], y):
             self._verdict = Outcome.LINEAR_SOLVER
             y.set(0.0)
 

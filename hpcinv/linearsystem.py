@@ -106,15 +106,20 @@ class LinearSystem(Assembly):
         self.aim(_PRECISE)
         self.factorize()
         with self.timings("linear solve"):
-            self.ksp.solve(b, x)
-        self.count_iterations(self.ksp.getIterationNumber())
-        reason: Any = self.ksp.getConvergedReason()  # an int, whatever its stub says
-        if reason >= 0 and np.isfinite(norm(x)):
+            solved = self.back_substitute(b, x)
+        if solved:
             return True
         if self.fall_back():
             return self.solve_linear(b, x)
         self.forget_factors()
         return False
+
+    def back_substitute(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """``x = K⁻¹ b`` with the factors or the preconditioner at hand; false if that failed."""
+        self.ksp.solve(b, x)
+        self.count_iterations(self.ksp.getIterationNumber())
+        reason: Any = self.ksp.getConvergedReason()  # an int, whatever its stub says
+        return reason >= 0 and bool(np.isfinite(norm(x)))
 
     def count_iterations(self, number: int) -> None:
         """Take note of what a linear solve took."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
@@ -76,16 +76,12 @@ class Predictor(LinearSystem):
         self.aim(INEXACT)
         self.factorize()
         with self.timings("linear solve"):
-            self.ksp.solve(self.rhs, x)
-        self.count_iterations(self.ksp.getIterationNumber())
-        reason: Any = self.ksp.getConvergedReason()  # an int, whatever its stub says
-        length = norm(x)
-        solved = reason >= 0 and bool(np.isfinite(length))
+            solved = self.back_substitute(self.rhs, x)
         if solved and anew and (sign := self.sign_of_determinant()):
             self._new_signs.append(sign)
         if not solved:
             self.forget_factors()
-        step = Prediction(length, self.increments(x) if solved else NOWHERE)
+        step = Prediction(norm(x), self.increments(x) if solved else NOWHERE)
         x.aypx(-1.0, start)
         self.set_state(x)
         x.destroy()

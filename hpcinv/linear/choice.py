@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hpcinv.linear.forecast import Forecast, shape_of
-from hpcinv.linear.memory import available
+from hpcinv.room import available
 
 if TYPE_CHECKING:
     from hpcinv.settings import Solver

@@ -11,9 +11,9 @@ import hpcinv.linear.choice
 from hpcinv import run
 from hpcinv.linear.choice import Chooser
 from hpcinv.linear.forecast import Forecast, Shape, shape_of
-from hpcinv.linear.memory import available
 from hpcinv.mesh import build_body
 from hpcinv.model import Model
+from hpcinv.room import available
 from hpcinv.runtime import MPI
 from hpcinv.timings import Timings
 
