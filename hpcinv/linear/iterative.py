@@ -63,11 +63,6 @@ _SCHUR: Mapping[str, Value] = {
     "fieldsplit_p_pc_type": "jacobi",
 }
 
-# PETSc's products with unrolled rows of the same pattern take 1.6 times as long as its plain ones, which compilers
-# vectorize; and matrices that multigrid makes read no options but those without a prefix.
-if not PETSc.Options().hasName("mat_no_inode"):
-    PETSc.Options().setValue("mat_no_inode", True)
-
 # Share of a motion that the others must leave of it for it to count: motions that are nearly the same in each
 # aggregate make blocks of coarse levels singular.
 _SAME = 0.05
