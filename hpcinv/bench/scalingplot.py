@@ -32,6 +32,8 @@ def draw(
         halos: of the ranks of the series, and of the largest number of ranks, which stands for more.
         start: what the prediction has of the start of a run.
     """
+    from matplotlib.ticker import NullFormatter
+
     with new_figure(9.0, 3.2) as figure:
         of_messages, of_iterations, of_seconds = figure.subplots(1, 3)
         counted = [(name, s) for name in ("weak", "strong") for s in series[name] if s.ranks > 1]
@@ -50,6 +52,7 @@ def draw(
         of_iterations.set(
             xscale="log", xlabel="unknowns", ylabel="iterations of the linear solver, in all", ylim=(0, None)
         )
+        of_iterations.xaxis.set_minor_formatter(NullFormatter())  # less than a decade has no room for them
         far = halos[max(halos)]
         for i, n in enumerate(_PREDICTED):
             ranks = [2**k for k in range(5, 20) if n / 2**k >= _LEAST]
