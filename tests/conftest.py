@@ -16,6 +16,9 @@ ROOT = Path(__file__).parents[1]
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 # A rank that fails alone leaves the others waiting: let mpiexec end them, so that the test fails instead of hanging.
 os.environ.setdefault("MPIEXEC_TIMEOUT", "300")
+# Without byte code each of some thousand processes would compile all that it imports: twice its processor time.
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+    os.environ["PYTHONPYCACHEPREFIX"] = str(ROOT / ".pytest_cache" / "bytecode")
 
 
 def pytest_xdist_auto_num_workers() -> int:
