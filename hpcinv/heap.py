@@ -1,7 +1,7 @@
-"""The C library's heap: what is freed is kept for the next factorization, and given back when a solver rests.
+"""The C library's heap: what is freed is kept for the next factorization, and given back when others may need it.
 
 glibc returns every large block to the system at once and gets the next one page by page, each cleared anew, and all
-ranks of a node do so at the same time: a quarter of a factorization's time (docs/linear-solvers.md).
+ranks of a node do so at the same time: a fifth of the time of a factorization (docs/linear-solvers.md).
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def load_file(path: Path) -> None:
     """
     path = path.resolve()
     if not path.is_file():
-        raise ValueError(f"there is no file '{path}'")
+        raise ValueError(f"there is no file '{path}'. Paths start from the directory of the job file")
     name = f"hpcinv_plugin_{sha256(str(path).encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from hpcinv.heap import give_back_memory
 from hpcinv.runtime import MPI
 
 _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
@@ -12,6 +13,7 @@ _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 def available(comm: MPI.Intracomm) -> float:
     """Bytes that all ranks of ``comm`` can still take together; collective, and the same on all ranks."""
+    give_back_memory()  # what is only kept counts as free
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     share = _of_this_node() / node.size
     node.Free()

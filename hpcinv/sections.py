@@ -66,7 +66,8 @@ class MeshFile(Spec):
             raise ValueError(f"{shown(file)} is no mesh that can be read; the endings are {', '.join(FORMATS)}")
         if not path.exists():
             others = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
-            raise ValueError(f"there is no file '{path}'.{did_you_mean(path.name, others, list_all=False)}".rstrip("."))
+            near = did_you_mean(path.name, others, list_all=False)
+            raise ValueError(f"there is no file '{path}'.{near or ' Paths start from the directory of the job file'}")
         if not (path / HEADER if path.suffix == SUFFIX else path).is_file():
             raise ValueError(f"'{path}' is not what its ending says; 'hpcinv mesh partition' makes a partitioned mesh")
         return file

@@ -1,4 +1,4 @@
-"""Freed memory stays with the process until a solver rests."""
+"""Freed memory stays with the process, and is there for whoever asks how much there is."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from command_line import environment
 SCRIPT = """
 import hpcinv.runtime
 import numpy as np
-from hpcinv.heap import give_back_memory
 from hpcinv.memory import resident
+from hpcinv.room import available
 before = resident()
 block = np.ones(25_000_000)
 full = resident()
 wall = np.ones(100)  # what comes after in the heap must not be what keeps it
 del block
 kept = resident()
-give_back_memory()
+available(hpcinv.runtime.MPI.COMM_WORLD)
 print(full - before, kept - before, resident() - before)
 """
 

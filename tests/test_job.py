@@ -217,6 +217,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"quantities": [{"name": "a", "of": "x + w", "at": [0, 0, 0]}]}, "quantities[0].of: unknown name 'w'"),
     ({"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0]}] * 2}, "quantities[1].name: 'a' is the name of an"),
     ({"expected_shape": {"file": "../meshes/none.py"}}, "expected_shape.file: there is no file"),
+    ({"mesh": {"file": "else/where.msh"}}, "where.msh'. Paths start from the directory of the job file"),
 ]
 
 
