@@ -129,8 +129,13 @@ class _Rows:
         for chunk in matrices.chunks():
             dofs = self._dofs[matrices.cells[chunk]]
             rows, columns = dofs[:, matrices.rows], dofs[:, matrices.columns]
-            found[chunk] = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
-            found[chunk][prescribed[rows] | prescribed[columns]] = len(self.values) - 1
+            at = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
+            held = prescribed[dofs]
+            some = np.flatnonzero(held.any(axis=1))  # few cells have any
+            at[some] = np.where(
+                held[some][:, matrices.rows] | held[some][:, matrices.columns], len(self.values) - 1, at[some]
+            )
+            found[chunk] = at
         return found
 
 

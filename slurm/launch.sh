@@ -6,22 +6,23 @@
 # HPCINV_LAUNCHER  what starts the ranks, such as "srun --mpi=pmi2 --kill-on-bad-exit" (left out: mpirun)
 # HPCINV_REQUEUES  how often a job is requeued at most (left out: 50)
 
-usr1='' term='' signalled='' launched=''
+usr1='' term='' signalled='' launched='' early=()
 
 pass_on() { # SIGNAL
     signalled=yes
-    [ -z "$launched" ] || kill -s "$1" "$launched" 2>/dev/null
+    if [ -n "$launched" ]; then kill -s "$1" "$launched" 2>/dev/null; else early+=("$1"); fi
 }
 # From the start: a signal without a trap would end the script.
 trap 'usr1=yes; pass_on USR1' USR1
 trap 'term=yes; pass_on TERM' TERM
 
 launch() {
-    local launcher code=75
+    local launcher signal code=75
     read -ra launcher <<<"${HPCINV_LAUNCHER:-mpirun}"
     if [ -z "$signalled" ]; then
         "${launcher[@]}" "$@" &
         launched=$!
+        for signal in "${early[@]}"; do kill -s "$signal" "$launched"; done # it runs before it has a name here
         await_launched
         code=$?
     fi

@@ -82,6 +82,21 @@ def test_no_other_end_is(code: int, signals: tuple[signal.Signals, ...], tmp_pat
     assert launched(tmp_path, code, *signals) == (code, "")
 
 
+def test_a_signal_in_the_moment_of_the_launch_is_passed_on(tmp_path: Path) -> None:
+    """When the run is there, but the script does not know its number yet."""
+    (tmp_path / "run.sh").write_text(RUN)
+    (tmp_path / "got").touch()
+    (tmp_path / "scontrol").write_text(SCONTROL)
+    (tmp_path / "scontrol").chmod(0o755)
+    between = "case $BASH_COMMAND in launched=*) until [ -e ready ]; do sleep 0.01; done; kill -USR1 $$;; esac"
+    script = f". {ROOT}/slurm/launch.sh; set -o functrace; trap '{between}' DEBUG; launch run.sh 1 75"
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "HPCINV_LAUNCHER": "bash", "SLURM_JOB_ID": "17"}
+    ended = subprocess.run(["bash", "-c", script], cwd=tmp_path, env=environment, timeout=20)
+    assert (ended.returncode, (tmp_path / "got").read_text()) == (75, "USR1\n")
+    assert (tmp_path / "asked").read_text().strip() == "requeue 17"
+
+
 def test_it_is_not_requeued_for_ever(tmp_path: Path) -> None:
     assert launched(tmp_path, 75, USR1, SLURM_RESTART_COUNT="50") == (75, "")
 
