@@ -22,7 +22,7 @@ launch() {
     if [ -z "$signalled" ]; then
         "${launcher[@]}" "$@" &
         launched=$!
-        for signal in "${early[@]}"; do kill -s "$signal" "$launched"; done # it runs before it has a name here
+        for signal in "${early[@]}"; do pass_on "$signal"; done # it runs before it has a name here
         await_launched
         code=$?
     fi
