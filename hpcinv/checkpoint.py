@@ -116,7 +116,6 @@ class Checkpoints:
 
         def search() -> Restart | None:
             complaints: list[str] = []
-            _remove_partial(self.directory)
             for path in reversed(self._all()):
                 try:
                     return self._open(path, tuple(complaints))
@@ -130,7 +129,12 @@ class Checkpoints:
                 )
             return None
 
-        return on_root(self.comm, search)
+        def found() -> Restart | None:
+            restart = search()
+            _remove_partial(self.directory)  # only now: a resume that is refused touches nothing
+            return restart
+
+        return on_root(self.comm, found)
 
     def _all(self) -> list[Path]:
         if not self.directory.is_dir():

@@ -118,9 +118,12 @@ class Started:
                 os.kill(process, number)
 
     def kill(self) -> None:
-        """End mpirun, its proxy and the ranks at once, as a node that fails does."""
-        self.send(signal.SIGKILL, [self.mpirun.pid, *self._processes()])
+        """End mpirun, its proxy and the ranks at once, as a node that fails does, and wait until they write no more."""
+        others = self._processes()
+        self.send(signal.SIGKILL, [self.mpirun.pid, *others])
         self.mpirun.wait()
+        while any(map(_is_alive, others)):
+            time.sleep(0.01)
 
     def exit_code(self) -> int:
         return self.mpirun.wait(PATIENCE)
@@ -148,6 +151,13 @@ def _children(parent: int) -> list[int]:
         except OSError:  # it has ended meanwhile
             continue
     return found
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:  # it has ended
+        return False
 
 
 def _program(process: int) -> str:
