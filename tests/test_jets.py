@@ -80,7 +80,7 @@ class Stress:
     def __init__(self, energy: Callable[[Deformation, Any], Any], law: Formula, *, tangent: bool = False) -> None:
         self._mesh = create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
         self._H, self._D = (fem.Constant(self._mesh, np.zeros((3, 3))) for _ in range(2))
-        H = Variable(self._H, Label(0))
+        H = Variable(self._H, Label(1_000_000))
         values = {name: value for name, (value, _) in law.quantities().items() if value is not None}
         symbols = fem.Constant(self._mesh, list(values.values()))
         par = SimpleNamespace(**{name: symbols[i] for i, name in enumerate(values)})

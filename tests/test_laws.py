@@ -90,7 +90,7 @@ class Compiled:
             }
         )
         self.H = fem.Constant(self.mesh, np.zeros((3, 3)))
-        H = Variable(self.H, Label(0))
+        H = Variable(self.H, Label(1_000_000))
         k = Deformation(H, {f: ufl.as_vector(list(THIRDS[i] / 3)) for i, f in enumerate(law.families)})
         self.choices = list(volumetric_choices(law))
         energies = [law.distortion(k, par)]
