@@ -8,6 +8,7 @@ functions) in BLAS, which takes a quarter of the time on tetrahedra and a sixth 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -31,11 +32,12 @@ _CHUNK = 2**19  # entries of element matrices at a time: as much as stays in the
 class ElementMatrices:
     """Those of volume integrals over the same cells.
 
-    Iterating evaluates them in the present state, for some cells at a time: (cells, entries), in the order of
-    ``rows`` and ``columns``.
+    Iterating evaluates them in the present state, for some cells at a time: (cells, entries), one of ``blocks`` after
+    the other.
 
     Attributes:
         cells: owned cells.
+        blocks: parts of the entries, by test and trial functions.
         rows, columns: place of each entry in the list of a cell's unknowns.
     """
 
@@ -46,22 +48,21 @@ class ElementMatrices:
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self.cells: Integers = owned if moduli.cells is None else moduli.cells
         tabulated = [_tabulated(element, points) for element in unknowns.scalar_elements]
-        places = [0, 3 * tabulated[0].shape[2]]  # of the first unknown of displacement and pressure
-        self._blocks: dict[tuple[int, int], _Block] = {}
+        firsts = [0, 3 * tabulated[0].shape[2]]  # the first unknown of displacement and pressure
+        blocks: dict[tuple[int, int], Block] = {}
         at = 0
         for test, trial in moduli.pairs:
             key = test.part, trial.part
-            block = self._blocks.setdefault(key, _Block(test.components, trial.components))
+            block = blocks.setdefault(key, Block(*(Nodes(firsts[s.part], s.components) for s in (test, trial))))
             block.add(at, weights, *(tabulated[slot.part][_directions(slot)] for slot in (test, trial)))
             at += int(np.prod(test.shape + trial.shape))
-        entries = [block.entries(places[r], places[c]) for (r, c), block in self._blocks.items()]
-        self.rows, self.columns = (np.concatenate(of) for of in zip(*entries, strict=True))
+        self.blocks = tuple(blocks.values())
+        self.rows, self.columns = (np.concatenate(of) for of in zip(*(b.entries() for b in self.blocks), strict=True))
 
     def __iter__(self) -> Iterator[tuple[slice, Floats]]:
         for chunk in self.chunks():
             moduli = self._expression.eval(self._mesh, self.cells[chunk])
-            parts = [block(moduli) for block in self._blocks.values()]
-            yield chunk, np.concatenate(parts, axis=1)
+            yield chunk, np.concatenate([block(moduli) for block in self.blocks], axis=1)
 
     def chunks(self) -> Iterator[slice]:
         """Which of the cells are evaluated together."""
@@ -70,31 +71,51 @@ class ElementMatrices:
             yield slice(start, min(start + step, len(self.cells)))
 
 
-class _Block:
-    """Entries that belong to the unknowns of one part of test and of trial functions."""
+@dataclass
+class Nodes:
+    """Unknowns of one part among those of a cell: from ``first`` on, ``components`` at each of ``count`` nodes."""
 
-    def __init__(self, test: int, trial: int) -> None:
-        self._components = test, trial
+    first: int
+    components: int
+    count: int = 0
+
+    def leading(self) -> Integers:
+        """The first unknown of each node."""
+        return self.first + self.components * np.arange(self.count, dtype=np.int32)
+
+
+class Block:
+    """Entries that belong to the unknowns of one part of test and of trial functions.
+
+    They stand in the order (test component, trial component, test node, trial node).
+    """
+
+    def __init__(self, rows: Nodes, columns: Nodes) -> None:
+        self.rows, self.columns = rows, columns
         self._places: list[tuple[int, int, int]] = []
         self._table: Floats = np.zeros((0, 0))
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Of the entries of one cell."""
+        return self.rows.components, self.columns.components, self.rows.count, self.columns.count
+
+    def entries(self) -> tuple[Integers, Integers]:
+        """Places of rows and columns in the list of a cell's unknowns."""
+        c, d, i, j = np.indices(self.shape, dtype=np.int32).reshape(4, -1)
+        return self.rows.leading()[i] + c, self.columns.leading()[j] + d
 
     def add(self, at: int, weights: Floats, test: Floats, trial: Floats) -> None:
         """Moduli from place ``at`` on, of functions tabulated as (directions, points, functions)."""
         self._places.append((at, len(test), len(trial)))
         products = np.einsum("q,aqi,bqj->qabij", weights, test, trial, optimize=True)
-        self._functions = test.shape[2], trial.shape[2]
+        self.rows.count, self.columns.count = test.shape[2], trial.shape[2]
         table = products.reshape(-1, test.shape[2] * trial.shape[2])
         self._table = np.concatenate([self._table, table]) if len(self._table) else table
 
-    def entries(self, row: int, column: int) -> tuple[Integers, Integers]:
-        """Places among a cell's unknowns, whose parts begin at ``row`` and ``column``."""
-        (m, n), (f, g) = self._components, self._functions
-        c, d, i, j = np.indices((m, n, f, g), dtype=np.int32).reshape(4, -1)
-        return row + m * i + c, column + n * j + d
-
     def __call__(self, moduli: Floats) -> Floats:
         cells, points, _ = moduli.shape
-        m, n = self._components
+        m, n = self.rows.components, self.columns.components
         parts = []
         for at, a, b in self._places:
             of_pair = moduli[:, :, at : at + m * a * n * b].reshape(cells, points, m, a, n, b)

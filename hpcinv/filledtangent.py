@@ -19,7 +19,7 @@ from dolfinx import fem, la
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
-from hpcinv.contraction import ElementMatrices, Integers
+from hpcinv.contraction import Block, ElementMatrices, Integers
 from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.moduli import moduli_of
 
@@ -103,6 +103,10 @@ class _Rows:
         place[other] = np.arange(diagonal, end)
         from scipy.sparse import csr_array  # slow to import, and only large bodies need it
 
+        lengths = np.diff(indptr)  # of whole rows, and of those owned here in the diagonal block and outside of it
+        self._near, self._far = lengths.astype(np.int32), lengths.astype(np.int32)
+        self._near[: self.owned] = np.diff(starts)
+        self._far[: self.owned] -= self._near[: self.owned]
         self._place = csr_array((place, indices, indptr), shape=(self.count, len(names)))
         self.values = np.zeros(len(indices) + 1)
         own = _petsc(starts, indices[:end][is_diagonal], self.values[:diagonal])
@@ -124,19 +128,32 @@ class _Rows:
         return np.asarray(self._place[rows, columns], dtype=np.int32)
 
     def places(self, matrices: ElementMatrices, prescribed: npt.NDArray[np.bool_]) -> Integers:
-        """Of all entries of element matrices, (cells, entries), the last one for rows and columns of the prescribed."""
+        """Of all entries of element matrices, (cells, entries), the last one for rows and columns of the prescribed.
+
+        Only the first components of pairs of nodes are looked up: the unknowns of a node follow each other, and their
+        rows are alike.
+        """
         found = np.empty((len(matrices.cells), len(matrices.rows)), dtype=np.int32)
         for chunk in matrices.chunks():
             dofs = self._dofs[matrices.cells[chunk]]
-            rows, columns = dofs[:, matrices.rows], dofs[:, matrices.columns]
-            at = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
+            end = 0
+            for block in matrices.blocks:
+                at = self._places(dofs, block).reshape(len(dofs), -1)
+                begin, end = end, end + at.shape[1]
+                found[chunk, begin:end] = at
             held = prescribed[dofs]
             some = np.flatnonzero(held.any(axis=1))  # few cells have any
-            at[some] = np.where(
-                held[some][:, matrices.rows] | held[some][:, matrices.columns], len(self.values) - 1, at[some]
-            )
-            found[chunk] = at
+            lost = held[some][:, matrices.rows] | held[some][:, matrices.columns]
+            found[chunk][some] = np.where(lost, len(self.values) - 1, found[chunk][some])
         return found
+
+    def _places(self, dofs: Integers, block: Block) -> Integers:
+        """Of one block of the element matrices of cells with these unknowns, cells first."""
+        rows, columns = np.broadcast_arrays(dofs[:, block.rows.leading(), None], dofs[:, None, block.columns.leading()])
+        first = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
+        length = np.where(columns < self.owned, self._near[rows], self._far[rows])
+        c, d = np.indices(block.shape[:2], dtype=np.int32)[..., None, None]
+        return first[:, None, None] + c * length[:, None, None] + d
 
 
 def _surface_tangent(residual: Any, state: fem.Function) -> Any:
