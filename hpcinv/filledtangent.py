@@ -153,7 +153,8 @@ class _Rows:
         first = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
         length = np.where(columns < self.owned, self._near[rows], self._far[rows])
         c, d = np.indices(block.shape[:2], dtype=np.int32)[..., None, None]
-        return first[:, None, None] + c * length[:, None, None] + d
+        found: Integers = first[:, None, None] + c * length[:, None, None] + d
+        return found
 
 
 def _surface_tangent(residual: Any, state: fem.Function) -> Any:
