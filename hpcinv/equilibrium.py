@@ -16,7 +16,7 @@ from hpcinv.extrapolation import ExtrapolatedStress
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
 from hpcinv.petsc_log import logged_seconds
 from hpcinv.petsc_options import SolverOptions, Value
-from hpcinv.predictor import INEXACT, Predictor
+from hpcinv.predictor import Predictor
 from hpcinv.runtime import MPI
 from hpcinv.solve import Solve as Solve  # part of this module's interface
 from hpcinv.vectors import norm
@@ -183,7 +183,7 @@ class Equilibrium(Predictor):
         super().destroy()
 
     def _new_monitor(self, tolerance: float, *, begins_near: bool = False) -> NewtonMonitor:
-        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near)
+        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=self.preset.error)
 
     def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         self.set_state(x)
@@ -193,7 +193,7 @@ class Equilibrium(Predictor):
         self._fresh = self._monitor.wants_new_tangent
         if self._fresh:
             self._renew(x)
-        self.aim(INEXACT)
+        self.preset.aim(precise=False)
 
     def _renew(self, x: PETSc.Vec) -> None:
         self._tangents += 1

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from hpcinv.supports import Supports
     from hpcinv.timings import Timings
 
-_PRECISE = 1e-10  # where a solution is wanted for its own sake, not as a correction
-
 
 class LinearSystem(Assembly):
     """Residual and tangent of a scene, and a linear solver for them, whose symbolic analysis serves the whole run.
@@ -96,14 +94,9 @@ class LinearSystem(Assembly):
             self.ksp.setUpOnBlocks()
         self._is_factorized = True
 
-    def aim(self, tolerance: float) -> None:
-        """Solve systems to this relative residual, if the solver is one that can be asked to."""
-        if not self.preset.exact:
-            self.ksp.setTolerances(rtol=tolerance)
-
     def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """``x = K⁻¹ b`` with the tangent that was last assembled, factorized if need be; false if that failed."""
-        self.aim(_PRECISE)
+        self.preset.aim(precise=True)
         self.factorize()
         with self.timings("linear solve"):
             solved = self.back_substitute(b, x)

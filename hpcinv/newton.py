@@ -114,6 +114,7 @@ class NewtonMonitor:
         reuse: largest contraction at which a tangent is kept (Shamanskii's method); 0 is full Newton.
         begins_near: whether the first correction can be trusted, small as it may be.
         predicted: length of the step, by the tangent at hand, that has foretold where it begins; 0 if none has.
+        inexact: error of a correction itself, relative, as the linear solver leaves it.
     """
 
     tolerance: float
@@ -121,6 +122,7 @@ class NewtonMonitor:
     reuse: float
     begins_near: bool = False
     predicted: float = 0.0
+    inexact: float = 0.0
     history: list[NewtonIteration] = field(default_factory=list)
 
     # The first corrections may shrink by chance, far from the solution: a tangent found there must not be kept.
@@ -174,7 +176,7 @@ class NewtonMonitor:
         self.history.append(iteration)
         if not (math.isfinite(iteration.correction) and math.isfinite(iteration.residual)):
             return Outcome.NOT_FINITE
-        theta, last, size = self.contraction, iteration.correction, iteration.state
+        theta, last, size = max(self.contraction, self.inexact), iteration.correction, iteration.state
         if last == 0.0 or (theta < 1 and last * theta / (1 - theta) <= self.tolerance * size):
             return Outcome.CONVERGED
         if last <= self.round_off * size and theta > 0.5 and iteration.new_tangent and len(self.history) > 1:

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from hpcinv.supports import Supports
     from hpcinv.timings import Timings
 
-INEXACT = 1e-5
-"""Relative residual of a correction, where the linear solver is one that can be asked to."""
-
 NOWHERE = Increment(np.inf, np.inf)
 
 
@@ -73,7 +70,7 @@ class Predictor(LinearSystem):
             self._new_tangents += 1
         self.residual(self.rhs)
         x = self.rhs.duplicate()
-        self.aim(INEXACT)
+        self.preset.aim(precise=False)
         self.factorize()
         with self.timings("linear solve"):
             solved = self.back_substitute(self.rhs, x)

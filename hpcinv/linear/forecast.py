@@ -84,7 +84,7 @@ class Forecast:
     @property
     def iterative(self) -> float:
         """Seconds in setting multigrid up and in Krylov iterations."""
-        krylov = 33 * math.sqrt(self.shape.aspect) * math.pow(self.unknowns / 2e4, 0.1)
+        krylov = 22 * math.sqrt(self.shape.aspect) * math.pow(self.unknowns / 2e4, 0.1)
         return (FACTORIZATIONS * 1.7e-5 + CORRECTIONS * krylov * 2.9e-7) * self.unknowns * self.degree**2 / 4
 
 

@@ -33,6 +33,7 @@ from petsc4py import PETSc
 
 from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.linear.preset import Preset
+from hpcinv.linear.settling import Settling
 from hpcinv.rigid import Frame
 from hpcinv.runtime import MPI
 from hpcinv.vectors import dot, norm
@@ -45,6 +46,7 @@ _KRYLOV: Mapping[str, Value] = {
     "ksp_type": "fgmres",
     "ksp_gmres_restart": 200,  # slender bodies stagnate with less; chunky ones never get there
     "ksp_max_it": 400,
+    "ksp_rtol": 1e-5,  # a correction is taken at the latest
 }
 _MULTIGRID: Mapping[str, Value] = {
     "pc_type": "gamg",
@@ -77,9 +79,11 @@ class Iterative(Preset):
 
     name = "iterative"
     exact = False
+    error = Settling.change
 
     def __init__(self, scene: Scene) -> None:
         self._scene, self._unknowns = scene, scene.unknowns
+        self._settling = Settling()
         self._mass: PETSc.Mat | None = None
         self._blocks: tuple[PETSc.IS, PETSc.IS] | None = None
 
@@ -96,6 +100,7 @@ class Iterative(Preset):
         pc.setType(PETSc.PC.Type.NONE)
         ksp.setOperators(matrix)
         ksp.setFromOptions()
+        ksp.setConvergenceTest(self._settling)
         if pc.getType() == PETSc.PC.Type.GAMG:
             matrix.setNearNullSpace(self._rigid_motions())
         elif pc.getType() == PETSc.PC.Type.FIELDSPLIT:
@@ -134,6 +139,9 @@ class Iterative(Preset):
         self._mass.assemble()
         return self._mass
 
+    def aim(self, *, precise: bool) -> None:
+        self._settling.precise = precise
+
     def sign_of_determinant(self, ksp: PETSc.KSP) -> int:
         return 0
 
@@ -141,7 +149,7 @@ class Iterative(Preset):
         return False
 
     def destroy(self) -> None:
-        for part in (self._mass, *(self._blocks or ())):
+        for part in (self._settling, self._mass, *(self._blocks or ())):
             if part is not None:
                 part.destroy()
 

@@ -18,11 +18,13 @@ class Preset(ABC):
     Attributes:
         name: as ``solver.linear`` has it.
         options: PETSc options without prefix.
-        exact: whether it solves to rounding errors, so that no tolerance is asked for.
+        exact: whether it solves to rounding errors.
+        error: of a correction, relative to its norm, as far as the solver goes where that will do.
     """
 
     name: ClassVar[str]
     exact: ClassVar[bool]
+    error: ClassVar[float] = 0.0
 
     @property
     @abstractmethod
@@ -31,6 +33,9 @@ class Preset(ABC):
     @abstractmethod
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         """Take in a tangent that was just assembled; collective."""
+
+    def aim(self, *, precise: bool) -> None:  # noqa: B027  (exact ones have no choice)
+        """Solve systems for their own sake from now on, or as far as a correction has to be."""
 
     def distrusts(self, ksp: PETSc.KSP) -> bool:
         """Whether the set-up that has just been made must be made again, in another way that is then prepared."""
