@@ -7,6 +7,7 @@ functions) in BLAS, which takes a quarter of the time on tetrahedra and a sixth 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -32,13 +33,11 @@ _CHUNK = 2**19  # entries of element matrices at a time: as much as stays in the
 class ElementMatrices:
     """Those of volume integrals over the same cells.
 
-    Iterating evaluates them in the present state, for some cells at a time: (cells, entries), one of ``blocks`` after
-    the other.
+    Iterating evaluates them in the present state, for some cells at a time: of each block (cells, *block.shape).
 
     Attributes:
         cells: owned cells.
-        blocks: parts of the entries, by test and trial functions.
-        rows, columns: place of each entry in the list of a cell's unknowns.
+        blocks: parts of the matrices, by test and trial functions.
     """
 
     def __init__(self, moduli: Moduli, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> None:
@@ -57,16 +56,15 @@ class ElementMatrices:
             block.add(at, weights, *(tabulated[slot.part][_directions(slot)] for slot in (test, trial)))
             at += int(np.prod(test.shape + trial.shape))
         self.blocks = tuple(blocks.values())
-        self.rows, self.columns = (np.concatenate(of) for of in zip(*(b.entries() for b in self.blocks), strict=True))
 
-    def __iter__(self) -> Iterator[tuple[slice, Floats]]:
+    def __iter__(self) -> Iterator[tuple[slice, list[Floats]]]:
         for chunk in self.chunks():
             moduli = self._expression.eval(self._mesh, self.cells[chunk])
-            yield chunk, np.concatenate([block(moduli) for block in self.blocks], axis=1)
+            yield chunk, [block(moduli) for block in self.blocks]
 
     def chunks(self) -> Iterator[slice]:
         """Which of the cells are evaluated together."""
-        step = max(_CHUNK // len(self.rows), 16)
+        step = max(_CHUNK // sum(math.prod(block.shape) for block in self.blocks), 16)
         for start in range(0, len(self.cells), step):
             yield slice(start, min(start + step, len(self.cells)))
 
@@ -87,7 +85,8 @@ class Nodes:
 class Block:
     """Entries that belong to the unknowns of one part of test and of trial functions.
 
-    They stand in the order (test component, trial component, test node, trial node).
+    Attributes:
+        rows, columns: those unknowns.
     """
 
     def __init__(self, rows: Nodes, columns: Nodes) -> None:
@@ -97,13 +96,8 @@ class Block:
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Of the entries of one cell."""
+        """Of the entries of one cell: test and trial component, test and trial node."""
         return self.rows.components, self.columns.components, self.rows.count, self.columns.count
-
-    def entries(self) -> tuple[Integers, Integers]:
-        """Places of rows and columns in the list of a cell's unknowns."""
-        c, d, i, j = np.indices(self.shape, dtype=np.int32).reshape(4, -1)
-        return self.rows.leading()[i] + c, self.columns.leading()[j] + d
 
     def add(self, at: int, weights: Floats, test: Floats, trial: Floats) -> None:
         """Moduli from place ``at`` on, of functions tabulated as (directions, points, functions)."""
@@ -121,7 +115,7 @@ class Block:
             of_pair = moduli[:, :, at : at + m * a * n * b].reshape(cells, points, m, a, n, b)
             parts.append(of_pair.transpose(0, 2, 4, 1, 3, 5).reshape(cells * m * n, points * a * b))
         product: Floats = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)) @ self._table
-        return product.reshape(cells, -1)
+        return product.reshape(cells, *self.shape)
 
 
 def _directions(slot: Slot) -> slice:

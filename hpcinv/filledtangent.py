@@ -6,6 +6,7 @@ Each entry of each element matrix knows its place in the matrix beforehand, whic
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -48,7 +49,8 @@ class FilledTangent:
         prescribed = np.zeros(rows.count, dtype=bool)
         for condition in conditions:
             prescribed[condition.dof_indices()[0]] = True
-        self._places = [rows.places(part, prescribed) for part in self._volume]
+        self._places = [rows.places(part) for part in self._volume]
+        self._of_prescribed = rows.of(prescribed)
         owned = np.flatnonzero(prescribed[: rows.owned]).astype(np.int32)
         self._diagonal = rows.at(owned, owned)
         return rows.matrix
@@ -59,8 +61,10 @@ class FilledTangent:
         A.zeroEntries()
         values[:] = 0.0
         for part, places in zip(self._volume, self._places, strict=True):
-            for chunk, entries in part:
-                np.add.at(values, places[chunk].ravel().astype(np.intp), entries.ravel())
+            for chunk, blocks in part:
+                for entries, of_block in zip(blocks, places, strict=True):
+                    np.add.at(values, of_block[chunk].ravel(), entries.ravel())
+        values[self._of_prescribed] = 0.0
         values[self._diagonal] = 1.0
         starts, columns, of_ghosts, names = self._ghosts
         A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)  # type: ignore[arg-type]  # arrays will do
@@ -73,7 +77,7 @@ class _Rows:
     """Rows of a matrix on this rank, and where their entries are in one array of values.
 
     The array begins with what PETSc calls the diagonal and the off-diagonal block of the rows owned here, which PETSc
-    uses as they are. Rows of ghosts follow, whose values are for other ranks. The last value counts for nothing.
+    uses as they are. Rows of ghosts follow, whose values are for other ranks.
 
     Args:
         form: any form on the space of the unknowns.
@@ -108,7 +112,7 @@ class _Rows:
         self._near[: self.owned] = np.diff(starts)
         self._far[: self.owned] -= self._near[: self.owned]
         self._place = csr_array((place, indices, indptr), shape=(self.count, len(names)))
-        self.values = np.zeros(len(indices) + 1)
+        self.values = np.zeros(len(indices))
         own = _petsc(starts, indices[:end][is_diagonal], self.values[:diagonal])
         off = _petsc(indptr[: self.owned + 1] - starts, names[indices[other]], self.values[diagonal:end])
         size = (self.owned, bs * nodes.size_global)
@@ -119,7 +123,7 @@ class _Rows:
         self.matrix.setBlockSizes(bs, bs)  # createAIJWithArrays drops it
         self.matrix.setLGMap(numbering, numbering)
         ghosts = _unrolled(here[nodes.size_local :], bs)
-        self.ghosts = (*_petsc(indptr[self.owned :] - end, names[indices[end:]], self.values[end:-1]), ghosts)
+        self.ghosts = (*_petsc(indptr[self.owned :] - end, names[indices[end:]], self.values[end:]), ghosts)
 
     def at(self, rows: Integers, columns: Integers) -> Integers:
         """Places of entries by their local row and column."""
@@ -127,34 +131,42 @@ class _Rows:
             return np.zeros(0, dtype=np.int32)
         return np.asarray(self._place[rows, columns], dtype=np.int32)
 
-    def places(self, matrices: ElementMatrices, prescribed: npt.NDArray[np.bool_]) -> Integers:
-        """Of all entries of element matrices, (cells, entries), the last one for rows and columns of the prescribed.
+    def of(self, unknowns: npt.NDArray[np.bool_]) -> Integers:
+        """Places of all entries in the rows and columns of some of the unknowns known here."""
+        place = self._place
+        columns = np.zeros(place.shape[1], dtype=bool)
+        columns[: len(unknowns)] = unknowns
+        chosen: Integers = place.data[np.repeat(unknowns, np.diff(place.indptr)) | columns[place.indices]]
+        return chosen
 
-        Only the first components of pairs of nodes are looked up: the unknowns of a node follow each other, and their
-        rows are alike.
-        """
-        found = np.empty((len(matrices.cells), len(matrices.rows)), dtype=np.int32)
-        for chunk in matrices.chunks():
-            dofs = self._dofs[matrices.cells[chunk]]
-            end = 0
-            for block in matrices.blocks:
-                at = self._places(dofs, block).reshape(len(dofs), -1)
-                begin, end = end, end + at.shape[1]
-                found[chunk, begin:end] = at
-            held = prescribed[dofs]
-            some = np.flatnonzero(held.any(axis=1))  # few cells have any
-            lost = held[some][:, matrices.rows] | held[some][:, matrices.columns]
-            found[chunk][some] = np.where(lost, len(self.values) - 1, found[chunk][some])
-        return found
+    def places(self, matrices: ElementMatrices) -> list[_Places]:
+        """Of the entries of element matrices, block by block."""
+        return [self._places(self._dofs[matrices.cells], block) for block in matrices.blocks]
 
-    def _places(self, dofs: Integers, block: Block) -> Integers:
-        """Of one block of the element matrices of cells with these unknowns, cells first."""
+    def _places(self, dofs: Integers, block: Block) -> _Places:
         rows, columns = np.broadcast_arrays(dofs[:, block.rows.leading(), None], dofs[:, None, block.columns.leading()])
         first = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
-        length = np.where(columns < self.owned, self._near[rows], self._far[rows])
-        c, d = np.indices(block.shape[:2], dtype=np.int32)[..., None, None]
-        found: Integers = first[:, None, None] + c * length[:, None, None] + d
-        return found
+        return _Places(block, first, np.where(columns < self.owned, self._near[rows], self._far[rows]))
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where the entries of a block are. The unknowns of a node follow each other, and their rows are alike.
+
+    Attributes:
+        first: of each pair of nodes that of the first components, (cells, nodes, nodes).
+        row: how far it is from there to the next row.
+    """
+
+    block: Block
+    first: Integers
+    row: Integers
+
+    def __getitem__(self, cells: slice) -> npt.NDArray[np.intp]:
+        """Those of some cells, (cells, *block.shape)."""
+        c, d = np.indices(self.block.shape[:2], dtype=np.int32)[..., None, None]
+        found: npt.NDArray[np.intp] = self.first[cells, None, None] + c * self.row[cells, None, None] + d
+        return found.astype(np.intp)
 
 
 def _surface_tangent(residual: Any, state: fem.Function) -> Any:
