@@ -73,6 +73,9 @@ class Played:
         (self.results() / "shape.msh").write_text("")
         return run()
 
+    def bandwidth(self, ranks: int) -> float:
+        return 40e9 if ranks == 1 else 44e9
+
     def results(self) -> Path:
         return self.directory / "results"
 
@@ -109,12 +112,19 @@ def test_strategies_are_compared_by_their_medians(tmp_path: Path) -> None:
 
 
 def test_ranks_and_phases(tmp_path: Path) -> None:
-    played = {"beam, 1": run(), "beam, 2": run(scale=0.5), "block, 1": run(10_000), "block, 2": run(10_000, scale=0.8)}
-    found = ranks(Played(played, tmp_path), size=7_000, repeat=3)  # type: ignore[arg-type]
-    assert found.data["ratios"]["beam"]["solver"] == pytest.approx(2.0)
+    played = {
+        "beam, 7000, 1": run(),
+        "beam, 7000, 2": run(scale=0.5),
+        "block, 7000, 1": run(10_000),
+        "block, 7000, 2": run(10_000, scale=0.8),
+    }
+    found = ranks(Played(played, tmp_path), sizes=[7_000], repeat=3)  # type: ignore[arg-type]
+    assert found.data["ratios"]["beam, 7000"]["tangent"] == pytest.approx(2.0)
+    assert found.rows[1][:5] == ("block, 10000", "10.00", "8.00", "1.25", "1.25")
     assert found.notes == [
-        "beam, 1 rank / 2 ranks, solver: 2.0 times (at least 1.8: met)",
-        "block, 1 rank / 2 ranks, solver: 1.2 times (at least 1.8: MISSED)",
+        "beam, 50000 unknowns, solver: 2.00 times (at least 1.8: met)",
+        "block, 10000 unknowns, solver: 1.25 times (at least 1.8: MISSED)",
+        "memory: 40.0 GB/s on 1 rank, 44.0 GB/s on 2: 1.10 times",
     ]
     each = phases(Played({"beam": run(), "block": run(10_000)}, tmp_path), size=7_000, repeat=3)  # type: ignore[arg-type]
     table = {row[0]: row[1:] for row in each.rows}

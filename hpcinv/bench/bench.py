@@ -90,13 +90,17 @@ class Bench:
     def compile(self, name: str, job: JobData) -> None:
         """See that runs of this job find their kernels compiled."""
         self.note(f"{name}: compiling")
-        self._command("compile", self._written(job))
+        self._command("hpcinv", "compile", self._written(job))
 
     def partitioned(self, job: JobData, parts: int) -> dict[str, Any]:
         """The mesh of a job, partitioned beforehand."""
         file = self.directory / f"parts-{parts}.bp"
-        self._command("mesh", "partition", self._written(job), file, "--parts", parts)
+        self._command("hpcinv", "mesh", "partition", self._written(job), file, "--parts", parts)
         return {"file": str(file)}
+
+    def bandwidth(self, ranks: int) -> float:
+        """Bytes per second that these ranks together read and write."""
+        return float(self._command("hpcinv.bench.stream", ranks=ranks))
 
     def start(self) -> float:
         """Seconds of processor time until a rank is ready to read its job."""
@@ -112,11 +116,13 @@ class Bench:
         file.write_text(yaml.safe_dump(dict(job), sort_keys=False))
         return file
 
-    def _command(self, *arguments: object) -> None:
-        command = [*self._launcher, "-n", "1", sys.executable, "-m", "hpcinv", *map(str, arguments)]
+    def _command(self, module: str, *arguments: object, ranks: int = 1) -> str:
+        """What it prints."""
+        command = [*self._launcher, "-n", str(ranks), sys.executable, "-m", module, *map(str, arguments)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise SolveError(f"hpcinv {arguments[0]}: {done.stderr.strip()[-1000:]}")
+            raise SolveError(f"{' '.join([module, *map(str, arguments[:1])])}: {done.stderr.strip()[-1000:]}")
+        return done.stdout
 
 
 def launcher() -> list[str]:

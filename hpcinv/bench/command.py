@@ -33,7 +33,7 @@ def add_bench(commands: Any) -> None:
     bench = commands.add_parser("bench", help="measure: strategies, ranks, linear solvers, phases, scaling (no mpirun)")
     bench.add_argument("sections", nargs="*", metavar="section", help=f"{', '.join(SECTIONS)} (default: all)")
     bench.add_argument(
-        "--size", type=_whole, default=41_000, metavar="N", help="unknowns in strategies, ranks, phases (about; 41000)"
+        "--size", type=_whole, default=41_000, metavar="N", help="unknowns in strategies, phases (about; 41000)"
     )
     bench.add_argument(
         "--line-searches",
@@ -47,9 +47,8 @@ def add_bench(commands: Any) -> None:
         "--sizes",
         type=_whole,
         nargs="+",
-        default=[5_000, 15_000, 50_000],
         metavar="N",
-        help="unknowns in linear (about)",
+        help="unknowns in ranks (about; 41000 250000) and in linear (5000 15000 50000)",
     )
     bench.add_argument(
         "--per-rank", type=_whole, default=2_000, metavar="N", help="unknowns of a rank in scaling (about; 2000)"
@@ -105,9 +104,9 @@ def _sections(options: argparse.Namespace) -> dict[str, Callable[[Bench], Findin
     one_size = {"size": options.size, "repeat": options.repeat}
     return {
         "strategies": partial(strategies, **one_size, line_searches=options.line_searches),
-        "ranks": partial(ranks, **one_size),
+        "ranks": partial(ranks, sizes=sorted(options.sizes or (41_000, 250_000)), repeat=options.repeat),
         "phases": partial(phases, **one_size),
-        "linear": partial(linear, sizes=sorted(options.sizes), repeat=options.repeat),
+        "linear": partial(linear, sizes=sorted(options.sizes or (5_000, 15_000, 50_000)), repeat=options.repeat),
         "scaling": partial(
             scaling,
             size=options.per_rank,

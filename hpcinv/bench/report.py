@@ -41,6 +41,6 @@ def show(found: Findings) -> None:
         show(further)
 
 
-def ratio(name: str, value: float, least: float) -> str:
+def ratio(name: str, value: float, least: float, digits: int = 1) -> str:
     """A ratio beside what it must be at least."""
-    return f"{name}: {value:.1f} times (at least {least:g}: {'met' if value >= least else 'MISSED'})"
+    return f"{name}: {value:.{digits}f} times (at least {least:g}: {'met' if value >= least else 'MISSED'})"
