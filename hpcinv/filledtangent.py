@@ -88,33 +88,33 @@ class _Rows:
         nodes, bs, comm = dofmap.index_map, dofmap.index_map_bs, dofmap.index_map.comm
         pattern = fem.create_sparsity_pattern(form)
         pattern.finalize()
-        A = la.matrix_csr(pattern)
+        A = la.matrix_csr(pattern, dtype=np.float32)  # for its structure
         self.owned, self.count = bs * nodes.size_local, bs * (len(A.indptr) - 1)
         self._dofs = _unrolled(dofmap.map(), bs)
         names = _unrolled(_global(A.index_map(1)), bs).astype(PETSc.IntType)
         indptr, indices = _by_entries(A.indptr, A.indices, bs)
         del A, pattern
         end = int(indptr[self.owned])  # of the rows owned here
-        is_diagonal = indices[:end] < self.owned
-        before = np.concatenate([[0], np.cumsum(is_diagonal)])  # entries of the diagonal block before each
-        starts = before[indptr[: self.owned + 1]]
-        other = np.flatnonzero(~is_diagonal)
+        other = np.flatnonzero(indices[:end] >= self.owned)  # last in each row
         row = np.searchsorted(indptr, other, side="right") - 1
         other = other[np.lexsort((names[indices[other]], row))]  # PETSc wants columns in their global order
-        diagonal = int(before[-1])
+        before = np.zeros(self.owned + 1, dtype=np.int32)  # of those, in the rows before each
+        before[1:] = np.cumsum(np.bincount(row, minlength=self.owned))
+        starts, diagonal = indptr[: self.owned + 1] - before, end - len(other)
         place = np.arange(len(indices), dtype=np.int32)
-        place[:end][is_diagonal] = np.arange(diagonal)
+        place[:end] -= np.repeat(before[:-1], np.diff(indptr[: self.owned + 1]))
         place[other] = np.arange(diagonal, end)
         from scipy.sparse import csr_array  # slow to import, and only large bodies need it
 
-        lengths = np.diff(indptr)  # of whole rows, and of those owned here in the diagonal block and outside of it
-        self._near, self._far = lengths.astype(np.int32), lengths.astype(np.int32)
-        self._near[: self.owned] = np.diff(starts)
-        self._far[: self.owned] -= self._near[: self.owned]
+        self._far = np.zeros(self.count, dtype=np.int32)  # lengths of rows outside of the diagonal block, and in it
+        self._far[: self.owned] = np.diff(before)
+        self._near = np.diff(indptr) - self._far
+        self._far[self.owned :] = self._near[self.owned :]  # ghosts' rows are whole
         self._place = csr_array((place, indices, indptr), shape=(self.count, len(names)))
         self.values = np.zeros(len(indices))
-        own = _petsc(starts, indices[:end][is_diagonal], self.values[:diagonal])
-        off = _petsc(indptr[: self.owned + 1] - starts, names[indices[other]], self.values[diagonal:end])
+        inner = np.delete(indices[:end], other) if len(other) else indices[:end]
+        own = _petsc(starts, inner, self.values[:diagonal])
+        off = _petsc(before, names[indices[other]], self.values[diagonal:end])
         size = (self.owned, bs * nodes.size_global)
         self.arrays = own if comm.size == 1 else (own, off)
         self.matrix = PETSc.Mat().createAIJWithArrays((size, size), self.arrays, bsize=bs, comm=comm)
@@ -178,16 +178,16 @@ def _surface_tangent(residual: Any, state: fem.Function) -> Any:
     return None if tangent.empty() else tangent
 
 
-def _by_entries(indptr: Any, indices: Integers, bs: int) -> tuple[npt.NDArray[np.int64], Integers]:
+def _by_entries(indptr: Any, indices: Any, bs: int) -> tuple[Integers, Integers]:
     """Rows and columns of a pattern of blocks, entry by entry."""
     if bs == 1:
-        return np.asarray(indptr), indices
+        return np.array(indptr, dtype=np.int32), np.array(indices)
     blocks = np.diff(indptr)
     lengths = np.repeat(bs * blocks, bs)
     found = np.concatenate([[0], np.cumsum(lengths)])
     begins = np.repeat(bs * indptr[:-1], bs)  # of the columns of the same row of blocks
     columns = _unrolled(indices, bs)
-    return found, columns[np.arange(found[-1]) - np.repeat(found[:-1] - begins, lengths)]
+    return found.astype(np.int32), columns[np.arange(found[-1]) - np.repeat(found[:-1] - begins, lengths)]
 
 
 def _unrolled(blocks: npt.NDArray[Any], bs: int) -> npt.NDArray[Any]:
