@@ -49,13 +49,14 @@ def shapes(n: int, size: str) -> dict[str, dict[str, Any]]:
     return {
         "cube": block(1, n, n, 0.1),
         "rod 10:1": block(10, 5 * n, n // 2, 2e-4),
+        "rod 40:1": block(40, 15 * n // 2, n // 4, 2e-6),
         "silicone beam": beam,
     }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--divisions", type=int, default=8, help="of the cube's edges, even")
+    parser.add_argument("--divisions", type=int, default=8, help="of the cube's edges, divisible by 4")
     parser.add_argument("--beam", default="3 mm", help="size of the beam's cells")
     options = parser.parse_args()
     say("| body | material | direction | unknowns | tangents | corrections | Krylov | per correction | difference |")

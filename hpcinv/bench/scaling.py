@@ -97,6 +97,7 @@ def scaling(bench: Bench, *, size: int, ranks: Sequence[int], machine: Machine, 
             "Krylov",
             "messages",
             "kB",
+            "µs an unknown",
             "of a set-up: messages",
             "kB",
             "MB a rank",
@@ -128,6 +129,7 @@ def _surface(model: CostModel, halo: Halo, what: str) -> float:
 
 
 def _row(series: str, s: Sample) -> tuple[str, ...]:
+    seconds = s.seconds["linear solve"] / s.iterations / s.unknowns
     return (
         series,
         f"{s.unknowns}",
@@ -136,6 +138,7 @@ def _row(series: str, s: Sample) -> tuple[str, ...]:
         f"{s.iterations}",
         f"{s.messages_per_iteration:.0f}",
         f"{s.bytes_per_iteration / 1e3:.0f}",
+        f"{seconds * 1e6:.2f}" if s.ranks == 1 else "",  # others may share cores
         f"{s.messages_per_setup:.0f}",
         f"{s.bytes_per_setup / 1e3:.0f}",
         f"{s.memory / 1e6:.0f}",

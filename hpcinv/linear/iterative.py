@@ -46,7 +46,6 @@ _KRYLOV: Mapping[str, Value] = {
     "ksp_type": "fgmres",
     "ksp_gmres_restart": 200,  # slender bodies stagnate with less; chunky ones never get there
     "ksp_max_it": 400,
-    "ksp_rtol": 1e-5,  # a correction is taken at the latest
 }
 _MULTIGRID: Mapping[str, Value] = {
     "pc_type": "gamg",
@@ -64,6 +63,8 @@ _SCHUR: Mapping[str, Value] = {
     "fieldsplit_p_ksp_type": "preonly",
     "fieldsplit_p_pc_type": "jacobi",
 }
+
+_RESIDUAL = 1e-5  # relative, at which a correction is taken at the latest
 
 # Share of a motion that the others must leave of it for it to count: motions that are nearly the same in each
 # aggregate make blocks of coarse levels singular.
@@ -99,8 +100,10 @@ class Iterative(Preset):
         pc.reset()
         pc.setType(PETSc.PC.Type.NONE)
         ksp.setOperators(matrix)
+        ksp.setTolerances(rtol=_RESIDUAL)
         ksp.setFromOptions()
-        ksp.setConvergenceTest(self._settling)
+        if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_rtol"):  # the job's, which wins
+            ksp.setConvergenceTest(self._settling)
         if pc.getType() == PETSc.PC.Type.GAMG:
             matrix.setNearNullSpace(self._rigid_motions())
         elif pc.getType() == PETSc.PC.Type.FIELDSPLIT:

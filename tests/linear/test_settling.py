@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from test_presets import BEAM, MATERIALS, SHELF
 from verification import Solved, job
 
+from hpcinv import run
 from hpcinv.equilibrium import Equilibrium
 from hpcinv.linear.settling import Settling
 from hpcinv.runtime import MPI
@@ -63,6 +64,16 @@ def test_the_solvers_own_limits_hold(comm: MPI.Intracomm) -> None:
     whole = diagonal(comm, entries, test, 1e-30)[1]
     assert diagonal(comm, entries, test, 0.1)[1] < whole
     test.destroy()
+
+
+def test_the_jobs_own_tolerance_wins(comm: MPI.Intracomm) -> None:
+    def iterations(**petsc: Any) -> int:
+        solver = {"linear": "iterative", "petsc": petsc}
+        (leg,) = run(job(**SHELF, material=MATERIALS["incompressible"], solver=solver), comm).legs
+        return sum(s.linear_iterations for s in leg.solves)
+
+    usual = iterations()
+    assert usual < iterations(ksp_rtol=1e-5) < iterations(ksp_rtol=1e-8)
 
 
 def correction(equilibrium: Equilibrium, *, precise: bool) -> tuple[PETSc.Vec, int]:
