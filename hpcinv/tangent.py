@@ -2,7 +2,8 @@
 
 FFCx compiles it as a form: that is known at once from the cache of kernels. Or its moduli are compiled and a matrix is
 filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but UFL works for half a second or more on the
-moduli of every scene, before a cache can be asked. The matrices are the same to rounding errors.
+moduli of every scene, before a cache can be asked, and the unknowns of a node have to follow each other. The matrices
+are the same to rounding errors.
 """
 
 from __future__ import annotations
@@ -57,7 +58,8 @@ type Tangent = CompiledTangent | FilledTangent
 def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> Tangent:
     """The tangent of a scene, assembled in the way that suits its mesh."""
     cells = _assumed[-1] if _assumed else scene.unknowns.mesh.topology.index_map(3).size_global
-    return (FilledTangent if cells >= _MANY else CompiledTangent)(scene, jit_options)
+    filled = cells >= _MANY and scene.unknowns.has_whole_nodes
+    return (FilledTangent if filled else CompiledTangent)(scene, jit_options)
 
 
 @contextmanager

@@ -15,6 +15,8 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
+from hpcinv.runtime import MPI
+
 
 class Unknowns:
     """Finite-element spaces on one mesh, and the state that a solve works on.
@@ -67,6 +69,16 @@ class Unknowns:
     def pressure_size(self) -> int:
         """Number of pressures over all ranks; 0 in the displacement form."""
         return 0 if self.p is None else int(self.pressure_space.dofmap.index_map.size_global)
+
+    @cached_property
+    def has_whole_nodes(self) -> bool:
+        """Whether the displacements of each node follow each other, which DOLFINx does not promise; collective."""
+        dofmap = self.space.dofmap
+        if dofmap.index_map_bs == 3:
+            return True
+        dofs = dofmap.list[:, : 3 * self.scalar_elements[0].dim].reshape(-1, 3)
+        here = bool((np.diff(dofs, axis=1) == 1).all())
+        return bool(self.mesh.comm.allreduce(here, op=MPI.LAND))
 
     @property
     def owned_displacement_dofs(self) -> npt.NDArray[np.int32]:

@@ -20,7 +20,7 @@ from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.mesh import build_body
 from hpcinv.model import Model
 from hpcinv.runtime import MPI
-from hpcinv.tangent import as_for
+from hpcinv.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
 from hpcinv.timings import Timings
 
 MIXED: dict[str, Any] = {
@@ -40,10 +40,15 @@ DISPLACEMENT: dict[str, Any] = {
     "effects": [{"effect": "pressure", "region": "x1", "pressure": "2 kPa"}],
     "supports": [{"region": "x0", "displacement": ["0.1*y", "-0.05*z", 0]}],
 }
+CUBIC: dict[str, Any] = MIXED | {
+    "mesh": box((3, 2, 4)),
+    "discretisation": {"displacement": 3, "pressure": 2},
+    "supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
+}
 
 
 @pytest.mark.parallel([1, 2, 3])
-@pytest.mark.parametrize("case", [MIXED, DISPLACEMENT], ids=["mixed", "displacement"])
+@pytest.mark.parametrize("case", [MIXED, DISPLACEMENT, CUBIC], ids=["mixed", "displacement", "cubic"])
 def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intracomm) -> None:
     given = job(**case)
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
@@ -80,6 +85,30 @@ def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intrac
     assert lifted.norm() <= 1e-14 * size
     assert (size > 0) == supports.prescribe_motion
     assert ours.matrix.getBlockSizes() == theirs.getBlockSizes()
+
+
+@pytest.mark.parallel([2])
+def test_unknowns_of_a_node_that_are_apart_on_one_rank_are_no_matrix_to_fill(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = job(**MIXED)
+    body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
+
+    def chosen() -> type:
+        with as_for(cells=1_000_000):
+            return type(tangent_of(Model(given, body, Timings()).scene("inverse")))
+
+    assert chosen() is FilledTangent
+    dofs: Any = fem.DofMap.list
+
+    def apart(dofmap: fem.DofMap) -> Any:
+        found = dofs.fget(dofmap).copy()
+        if comm.rank == 1:
+            found[:, [1, 3]] = found[:, [3, 1]]
+        return found
+
+    monkeypatch.setattr(fem.DofMap, "list", property(apart))
+    assert chosen() is CompiledTangent
 
 
 def test_stages_leave_derivatives_as_they_are(comm: MPI.Intracomm) -> None:
