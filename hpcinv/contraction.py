@@ -52,7 +52,8 @@ class ElementMatrices:
         at = 0
         for test, trial in moduli.pairs:
             key = test.part, trial.part
-            block = blocks.setdefault(key, Block(*(Nodes(firsts[s.part], s.components) for s in (test, trial))))
+            nodes = [Nodes(firsts[s.part], s.components, tabulated[s.part].shape[2]) for s in (test, trial)]
+            block = blocks.setdefault(key, Block(*nodes))
             block.add(at, weights, *(tabulated[slot.part][_directions(slot)] for slot in (test, trial)))
             at += int(np.prod(test.shape + trial.shape))
         self.blocks = tuple(blocks.values())
@@ -69,13 +70,13 @@ class ElementMatrices:
             yield slice(start, min(start + step, len(self.cells)))
 
 
-@dataclass
+@dataclass(frozen=True)
 class Nodes:
     """Unknowns of one part among those of a cell: from ``first`` on, ``components`` at each of ``count`` nodes."""
 
     first: int
     components: int
-    count: int = 0
+    count: int
 
     def leading(self) -> Integers:
         """The first unknown of each node."""
@@ -103,7 +104,6 @@ class Block:
         """Moduli from place ``at`` on, of functions tabulated as (directions, points, functions)."""
         self._places.append((at, len(test), len(trial)))
         products = np.einsum("q,aqi,bqj->qabij", weights, test, trial, optimize=True)
-        self.rows.count, self.columns.count = test.shape[2], trial.shape[2]
         table = products.reshape(-1, test.shape[2] * trial.shape[2])
         self._table = np.concatenate([self._table, table]) if len(self._table) else table
 
