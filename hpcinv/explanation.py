@@ -27,7 +27,8 @@ def show(job: Job, found: Explanation) -> None:
         table.add_column(title, justify="right", no_wrap=True)
     for i, row in enumerate((*found.rows, found.total)):
         table.add_row(*_cells(row, found, signed=0 < i < len(found.rows)))
-    for name, seconds in (("factorization", found.factorization), ("solution", found.solution)):
+    first = "factorization" if found.linear_solver == "direct" else "preconditioner"
+    for name, seconds in ((first, found.factorization), ("solution", found.solution)):
         table.add_row(name, "", "", "", "", "", _ms(seconds), f"{seconds / found.iteration:.1%}")
     console.print(table)
     console.print(f"one Newton iteration with a new tangent: {_ms(found.iteration)}")

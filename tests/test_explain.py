@@ -35,7 +35,22 @@ def test_parts_bring_what_they_must_and_nothing_else(comm: MPI.Intracomm) -> Non
     assert found.total.integrals == {"volume": 1, "surface": 1}
     assert found.total.cost.compile > 0
     assert found.total.cost.assembly > 0
+    assert found.linear_solver == "direct"
     assert found.iteration > found.factorization > 0
+
+
+@pytest.mark.parallel(2)
+def test_the_iterative_solver_is_timed_as_well(comm: MPI.Intracomm) -> None:
+    case = job(
+        mesh=box((3, 3, 3)),
+        material={"law": "mooney-rivlin", "c1": "10 kPa", "c2": "5 kPa", "d1": "1 MPa"},
+        effects=[GRAVITY],
+        supports=HELD,
+        solver={"linear": "iterative"},
+    )
+    found = explain(case, comm)
+    assert found.linear_solver == "iterative"
+    assert min(found.factorization, found.solution) > 0
 
 
 def test_from_the_command_line(tmp_path: Path) -> None:
