@@ -129,12 +129,9 @@ class Checkpoints:
                 )
             return None
 
-        def found() -> Restart | None:
-            restart = search()
-            _remove_partial(self.directory)  # only now: a resume that is refused touches nothing
-            return restart
-
-        return on_root(self.comm, found)
+        restart = on_root(self.comm, search)
+        on_root(self.comm, lambda: _remove_partial(self.directory))  # only now: one that is refused touches nothing
+        return restart
 
     def _all(self) -> list[Path]:
         if not self.directory.is_dir():

@@ -193,7 +193,6 @@ class Equilibrium(Predictor):
         self._fresh = self._monitor.wants_new_tangent
         if self._fresh:
             self._renew(x)
-        self.preset.aim(precise=False)
 
     def _renew(self, x: PETSc.Vec) -> None:
         self._tangents += 1

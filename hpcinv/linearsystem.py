@@ -96,10 +96,11 @@ class LinearSystem(Assembly):
 
     def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """``x = K⁻¹ b`` with the tangent that was last assembled, factorized if need be; false if that failed."""
-        self.preset.aim(precise=True)
         self.factorize()
+        self.preset.aim(precise=True)
         with self.timings("linear solve"):
             solved = self.back_substitute(b, x)
+        self.preset.aim(precise=False)
         if solved:
             return True
         if self.fall_back():

@@ -70,7 +70,6 @@ class Predictor(LinearSystem):
             self._new_tangents += 1
         self.residual(self.rhs)
         x = self.rhs.duplicate()
-        self.preset.aim(precise=False)
         self.factorize()
         with self.timings("linear solve"):
             solved = self.back_substitute(self.rhs, x)

@@ -46,6 +46,10 @@ if TYPE_CHECKING:
     from hpcinv.scales import Scales
     from hpcinv.unknowns import Unknowns
 
+LABEL = Label(1_000_000)
+"""Of ``H``, by which laws are derived. UFL's running number would make the kernels of each scene's expressions new
+ones, and a small number of our own might be that of a variable in somebody's law."""
+
 
 @dataclass(frozen=True)
 class Part:
@@ -112,9 +116,7 @@ class Scene:
             name.removeprefix("fibres."): _unit(material, family.given_on, par.of(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))
         }
-        # UFL's running number would make the kernels of each scene's expressions new ones, and a small number of our
-        # own might be that of a variable in somebody's law.
-        self.H = H = Variable(kin.H, Label(1_000_000))
+        self.H = H = Variable(kin.H, LABEL)
         total = Deformation(H, directions)
         elastic, J_g = _elastic(total, of_effects)
         potentials = [e.potential(total, load, p) for e, load, p in of_effects]

@@ -13,7 +13,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
-from ufl.classes import Label, Variable
+from ufl.classes import Variable
 
 from hpcinv.expressions import Expression
 from hpcinv.formulas import UFL_FUNCTIONS
@@ -26,6 +26,7 @@ from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.kinematics import Deformation
 from hpcinv.materials.formula import Formula
 from hpcinv.runtime import MPI
+from hpcinv.scene import LABEL
 
 FIBRES = {"f": (1, 2, 2), "s": (2, 1, -2)}  # of length 3, orthogonal
 # Fibres f are stretched, s are compressed.
@@ -80,7 +81,7 @@ class Stress:
     def __init__(self, energy: Callable[[Deformation, Any], Any], law: Formula, *, tangent: bool = False) -> None:
         self._mesh = create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
         self._H, self._D = (fem.Constant(self._mesh, np.zeros((3, 3))) for _ in range(2))
-        H = Variable(self._H, Label(1_000_000))
+        H = Variable(self._H, LABEL)
         values = {name: value for name, (value, _) in law.quantities().items() if value is not None}
         symbols = fem.Constant(self._mesh, list(values.values()))
         par = SimpleNamespace(**{name: symbols[i] for i, name in enumerate(values)})

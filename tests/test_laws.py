@@ -15,7 +15,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_unit_cube
 from mpmath import mp
-from ufl.classes import Label, Variable
+from ufl.classes import Variable
 
 from hpcinv.expressions import Expression
 from hpcinv.kernels import JIT_OPTIONS
@@ -23,6 +23,7 @@ from hpcinv.kinematics import Deformation
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.volumetric import DILATATIONS
 from hpcinv.runtime import MPI
+from hpcinv.scene import LABEL
 
 DIGITS = 60
 STEP = 1e-18  # of mpmath's central differences
@@ -90,7 +91,7 @@ class Compiled:
             }
         )
         self.H = fem.Constant(self.mesh, np.zeros((3, 3)))
-        H = Variable(self.H, Label(1_000_000))
+        H = Variable(self.H, LABEL)
         k = Deformation(H, {f: ufl.as_vector(list(THIRDS[i] / 3)) for i, f in enumerate(law.families)})
         self.choices = list(volumetric_choices(law))
         energies = [law.distortion(k, par)]

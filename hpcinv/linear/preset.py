@@ -35,7 +35,7 @@ class Preset(ABC):
         """Take in a tangent that was just assembled; collective."""
 
     def aim(self, *, precise: bool) -> None:  # noqa: B027  (exact ones have no choice)
-        """Solve systems for their own sake from now on, or as far as a correction has to be."""
+        """Solve systems for their own sake from now on, or, as at first, as far as a correction has to be."""
 
     def distrusts(self, ksp: PETSc.KSP) -> bool:
         """Whether the set-up that has just been made must be made again, in another way that is then prepared."""
