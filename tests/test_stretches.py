@@ -129,9 +129,22 @@ def test_two_stretches_almost_coincide(power_sum: Callable[..., list[Any]], isol
 
 @pytest.mark.parametrize("distance", DISTANCES)
 def test_three_stretches_almost_coincide(power_sum: Callable[..., list[Any]], distance: float) -> None:
+    """Several rotations of each: rounding errors of one alone may happen to cancel."""
     cases = Cases()
     for size in (0.5, 2.0):
-        compare(power_sum, cases.stretched(*(size * (1 + distance * np.array([1, 0.3, -0.5])))), (5.0, -3.0), 1e-11)
+        for apart in ((1, 0.3, -0.5), (1, 1, -2), (2, -1, -1)):
+            for _ in range(3):
+                compare(power_sum, cases.stretched(*(size * (1 + distance * np.array(apart)))), (5.0, -3.0), 1e-11)
+
+
+@pytest.mark.parametrize("stretches", [(2, -1, -1), (1, 1, -2), (1, 0.3, -0.5)])
+def test_evaluation_changes_where_all_stretches_almost_coincide(
+    power_sum: Callable[..., list[Any]], stretches: tuple[float, ...]
+) -> None:
+    """Just above the distance at which the series takes over, where rounding costs the closed form the most."""
+    cases = Cases()
+    for distance in np.geomspace(1.5e-3, 8e-3, 12):
+        compare(power_sum, cases.stretched(*(1 + distance * np.array(stretches))), (5.0, -3.0), 1e-11)
 
 
 def test_all_stretches_coincide(power_sum: Callable[..., list[Any]]) -> None:
