@@ -21,12 +21,15 @@ from hpcinv.materials import Material, MaterialLaw
 from hpcinv.plugins import load_file, load_installed
 from hpcinv.quantities import AnyQuantity
 from hpcinv.rules import unknown_case, unknown_families, unsuited, wants_pressure
-from hpcinv.schema import ListOf, Name, Problems, Spec, at, problems_in, raise_if_any
+from hpcinv.schema import ListOf, Name, Problems, Spec, job_error, raise_if_any, repeated
 from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.sensitivity.spec import read_sensitivities
 from hpcinv.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
 from hpcinv.study.keys import JobKey
+
+MOST_ENTRIES = 10_000
+"""of one list of a job, such as its quantities: each costs a millisecond here, and a kernel or a search in a run"""
 
 _KEYS: Any = Mapping[str, str | float | None] | list[str]  # as a file may say them
 
@@ -179,7 +182,7 @@ class Job(Spec):
     @field_validator("load_cases")
     @classmethod
     def _are_different(cls, cases: tuple[str, ...]) -> tuple[str, ...]:
-        raise_if_any(((i,), f"'{name}' is there already") for i, name in enumerate(cases) if name in cases[:i])
+        raise_if_any(((i,), f"'{cases[i]}' is there already") for i in repeated(cases))
         return cases
 
     @field_validator("first")
@@ -307,11 +310,7 @@ class Job(Spec):
     @classmethod
     def _have_own_names(cls, quantities: tuple[QuantityOfInterest, ...]) -> tuple[QuantityOfInterest, ...]:
         names = [q.name for q in quantities]
-        raise_if_any(
-            ((i, "name"), f"'{name}' is the name of an earlier quantity")
-            for i, name in enumerate(names)
-            if name in names[:i]
-        )
+        raise_if_any(((i, "name"), f"'{names[i]}' is the name of an earlier quantity") for i in repeated(names))
         return quantities
 
 
@@ -355,10 +354,14 @@ def parse(data: Mapping[str, Any], path: Path) -> Job:
     Raises:
         JobError: as `load`.
     """
+    large = {key: len(value) for key, value in data.items() if isinstance(value, list) and len(value) > MOST_ENTRIES}
+    if large:
+        text = f"entries, and may have {MOST_ENTRIES:,}"
+        raise JobError([f"{path}: {key}: has {count:,} {text}" for key, count in large.items()])
     try:
         job = Job.model_validate({"job": path.stem, **data}, context={"directory": path.parent})
     except ValidationError as error:
-        raise JobError([f"{path}: {at(where)}: {what}" for where, what in problems_in(error, Job)]) from None
+        raise job_error(path, error, Job) from None
     job._path = path
     return job
 

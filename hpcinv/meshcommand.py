@@ -7,13 +7,13 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
 from pydantic import ValidationError
 
 from hpcinv.errors import JobError, OutputError
 from hpcinv.job import load
+from hpcinv.loading import read_text
 from hpcinv.meshheader import SUFFIX
-from hpcinv.schema import at, problems_in
+from hpcinv.schema import job_error
 from hpcinv.sections import MeshSpec
 
 if TYPE_CHECKING:
@@ -100,8 +100,7 @@ def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
     try:
         return MeshSpec.model_validate({"file": str(options.input)} | given), options.input
     except ValidationError as error:
-        problems = problems_in(error, MeshSpec)
-        raise JobError([f"{options.input}: {at(where)}: {what}" for where, what in problems]) from None
+        raise job_error(options.input, error, MeshSpec) from None
 
 
 def _parameter(text: str) -> tuple[str, Any]:
@@ -109,7 +108,7 @@ def _parameter(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not equals:
         raise JobError([f"--parameter {text}: is written NAME=VALUE"])
-    return name, yaml.safe_load(value)
+    return name, read_text(value, f"--parameter {name}")
 
 
 def _on_one_process() -> None:

@@ -6,7 +6,8 @@ import importlib
 import pkgutil
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import (
@@ -20,6 +21,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
+from hpcinv.errors import JobError
 from hpcinv.meanings import describe, meanings
 from hpcinv.spelling import did_you_mean
 
@@ -56,6 +58,15 @@ def raise_if_any(found: Iterable[tuple[Location, str]]) -> None:
     """Raise `Problems` unless there are none."""
     if problems := tuple(found):
         raise Problems(*problems)
+
+
+def repeated(names: Sequence[str]) -> Iterator[int]:
+    """Places of the names that occur before."""
+    seen: set[str] = set()
+    for i, name in enumerate(names):
+        if name in seen:
+            yield i
+        seen.add(name)
 
 
 class Spec(BaseModel):
@@ -186,16 +197,39 @@ def shown(value: object) -> str:
 _PLAIN = "plain"  # the type of errors that have been reworded
 
 
+_MOST_PROBLEMS = 50  # of one file: nobody reads more
+_LONGEST_PROBLEM = 1000  # characters of one, which may repeat a long formula
+
+
+def job_error(path: Path, error: ValidationError, spec: type[BaseModel]) -> JobError:
+    """What is wrong with a file that holds a ``spec``: a line for each problem, the first 50."""
+    problems = problems_in(error, spec)
+    lines = [f"{path}: {at(where)}: {what}" for where, what in problems[:_MOST_PROBLEMS]]
+    if (more := len(problems) - _MOST_PROBLEMS) > 0:
+        lines.append(f"{path}: and {more:,} more problems like these")
+    return JobError(lines)
+
+
 def problems_in(error: ValidationError, spec: type[BaseModel] | None = None) -> list[tuple[Location, str]]:
-    """Every error in words of the job file; ``spec`` is the model whose keys the locations begin with."""
+    """Every error in words of the job file; ``spec`` is the model whose keys the locations begin with.
+
+    From the 51st on, the words are left out: to find them takes time.
+    """
     found: list[tuple[Location, str]] = []
-    for line in error.errors():
+    for line in error.errors(include_url=False):
         cause = line.get("ctx", {}).get("error")
         if isinstance(cause, Problems):
-            found += [((*line["loc"], *place), text) for place, text in cause.found]
+            found += [((*line["loc"], *place), _shortened(text)) for place, text in cause.found]
         else:
-            found.append((tuple(part for part in line["loc"] if part != "[key]"), _reworded(line, spec)))
+            text = _shortened(_reworded(line, spec)) if len(found) < _MOST_PROBLEMS else ""
+            found.append((tuple(part for part in line["loc"] if part != "[key]"), text))
     return found
+
+
+def _shortened(text: str) -> str:
+    """A message without the middle of what it repeats, where that is very long."""
+    half = _LONGEST_PROBLEM // 2
+    return text if len(text) <= _LONGEST_PROBLEM else f"{text[:half]} [...] {text[-half:]}"
 
 
 def _reworded(line: ErrorDetails, spec: type[BaseModel] | None) -> str:

@@ -387,3 +387,16 @@ def test_infinite_moduli_do_not_leak_into_json(load: Loader) -> None:
     job = load(lambda j: j["material"].update(d1="incompressible"))
     assert math.isinf(job.material.bulk_modulus(job.material))
     assert json.loads(job.model_dump_json())["material"]["d1"] == "incompressible"
+
+
+def test_long_lists_are_refused_before_anything_in_them_is_checked(problems: Callable[[Edit], list[str]]) -> None:
+    assert problems(lambda j: j.update(quantities=[{}] * 10_001)) == [
+        "quantities: has 10,001 entries, and may have 10,000"
+    ]
+
+
+def test_the_first_of_many_problems_are_told_and_the_others_counted(problems: Callable[[Edit], list[str]]) -> None:
+    found = problems(lambda j: j.update({f"unknown{i}": 1 for i in range(9000)}))
+    assert len(found) == 51
+    assert found[0].startswith("unknown0: unknown key")
+    assert found[-1] == "and 8,950 more problems like these"

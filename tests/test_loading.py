@@ -1,14 +1,15 @@
-"""Job files are YAML 1.2, and what is no YAML is told with its line."""
+"""Job files are YAML 1.2 within limits of size, and what is no YAML is told with its line."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from hpcinv.errors import JobError
-from hpcinv.loading import read_yaml
+from hpcinv.loading import MOST_BYTES, MOST_VALUES, read_yaml
 
 
 def read(tmp_path: Path, text: str) -> dict[str, Any]:
@@ -63,14 +64,15 @@ def test_keys_are_text_whatever_they_look_like(tmp_path: Path) -> None:
         ("a: 1\na: 2\n", "job.yaml:2: 'a' stands twice"),
         ("a: [1, 2\nb: 3\n", "job.yaml:2: "),
         ("a: 1\n\tb: 2\n", "job.yaml:2: "),
-        ("a: !!python/object:os.system x\n", "job.yaml:1: could not determine a constructor"),
+        ("a: !!python/object:os.system x\n", "job.yaml:1: the tag '!!python/object:os.system' is not allowed"),
         ("[x, y]: 1\n", "job.yaml:1: a key must be text"),
-        ("a: *unknown\n", "job.yaml:1: found undefined alias"),
+        ("a: *unknown\n", "job.yaml:1: the alias '*unknown' is of no anchor"),
         ("- a\n- b\n", "job.yaml: must hold keys and values"),
         ("", "job.yaml: must hold keys and values"),
         ("a: 1\n---\nb: 2\n", "job.yaml:2: "),
         ("a: \x01\n", "job.yaml: is no YAML"),
-        ("[" * 5000, "job.yaml: is no YAML"),
+        ("[" * 5000, "job.yaml:1: more than 64 levels"),
+        ("a: ['\\ud800']\nb: \"\\uD800\"", "job.yaml:2: "),
     ],
 )
 def test_what_is_no_job_file_is_told_with_its_place(tmp_path: Path, text: str, message: str) -> None:
@@ -91,3 +93,109 @@ def test_a_directory_and_a_binary_file_are_refused(tmp_path: Path) -> None:
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(JobError, match="not a text file"):
         read_yaml(tmp_path / "binary.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("!!int 7", 7),
+        ("!!int '7'", 7),
+        ("!!float 7", 7.0),
+        ("!!float 0x10", 16.0),
+        ("!!str 7", "7"),
+        ("! 7", "7"),
+        ("!!bool true", True),
+        ("!!null ~", None),
+        ("!!map {b: 1}", {"b": 1}),
+        ("!!seq [1]", [1]),
+    ],
+)
+def test_tags_of_the_core_schema_are_known(tmp_path: Path, text: str, value: object) -> None:
+    result = read(tmp_path, f"a: {text}")["a"]
+    assert result == value
+    assert type(result) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("!!int abc", "'abc' is no !!int"),
+        ("!!int 1.5", "'1.5' is no !!int"),
+        ("!!float abc", "'abc' is no !!float"),
+        ("!!bool 1", "'1' is no !!bool"),
+        ("!!null 1", "'1' is no !!null"),
+        ("!!timestamp 2001-99-99", "the tag '!!timestamp' is not allowed"),
+        ("!!binary '===='", "the tag '!!binary' is not allowed"),
+        ("!!map [1, 2]", "the tag '!!map' is not allowed"),
+        ("!!seq {b: 1}", "the tag '!!seq' is not allowed"),
+        ("!!set {b}", "the tag '!!set' is not allowed"),
+        ("!!omap [b: 1]", "the tag '!!omap' is not allowed"),
+        ("!!pairs [b: 1]", "the tag '!!pairs' is not allowed"),
+        ("!!map b", "the tag '!!map' is not allowed"),
+        ("!local 1", "the tag '!local' is not allowed"),
+        ("{? [b] : 1}", "a key must be text"),
+        ("{? {b: 1} : 1}", "a key must be text"),
+        ("&b {c: *b}", "the alias '*b' stands within what it stands for"),
+        ("[&b 1, {*b : 1}]", "a key must be text"),
+    ],
+)
+def test_what_a_tag_or_an_alias_cannot_mean_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(JobError) as caught:
+        read(tmp_path, f"before: 1\na: {text}")
+    assert f"{tmp_path}/job.yaml:2: {message}" in str(caught.value)
+
+
+def test_an_alias_stands_for_what_its_anchor_has(tmp_path: Path) -> None:
+    found = read(tmp_path, "a: &one [1, &two {b: 2}]\nc: *two\nd: [*one, *one]\ne: &f text\ng: *f")
+    assert found == {"a": [1, {"b": 2}], "c": {"b": 2}, "d": [[1, {"b": 2}]] * 2, "e": "text", "g": "text"}
+
+
+def bomb(levels: int) -> str:
+    """A list of ten, of ten of these, and so on."""
+    lines = ["a0: &a0 [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]"]
+    lines += [f"a{i + 1}: &a{i + 1} [{', '.join([f'*a{i}'] * 10)}]" for i in range(levels)]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (bomb(30), f":6: more than {MOST_VALUES:,} values, which is the most that a file may have, each alias"),
+        ("a: [" + "1," * MOST_VALUES + "]", f":1: more than {MOST_VALUES:,} values"),
+        (f"a: &a {'x' * 90_000}\nb: [" + "*a," * 5000 + "]", f":2: more than {MOST_VALUES:,} values"),
+        ("a: 1\nb: " + "9" * 5000, ":2: a number of 5,000 characters; it may have 400"),
+        ("b: 0." + "9" * 5000, ":1: a number of 5,002 characters"),
+        ("b: 0x" + "f" * 5000, ":1: a number of 5,002 characters"),
+        ("a: " + "x" * 100_001, ":1: a text of 100,001 characters; it may have 100,000"),
+        ("a" * 100_001 + ": 1", ":1: "),
+        ("a: " + "{b: " * 65 + "1" + "}" * 65, ":1: more than 64 levels"),
+        ("- " * 65 + "a", ":1: more than 64 levels"),
+        ("\n".join(f"k{i}: 1" for i in range(10_001)), ":10001: more than 10,000 keys in one section"),
+        ("a: 1\n" + "#" * MOST_BYTES, f": has {MOST_BYTES + 5:,} bytes, and may have {MOST_BYTES:,}"),
+    ],
+    ids=lambda text: text[:12] if text.startswith(":") else "",
+)
+def test_what_is_too_large_is_refused_before_it_takes_long(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(JobError) as caught:
+        read(tmp_path, text)
+    assert f"{tmp_path}/job.yaml{message}" in str(caught.value)
+
+
+def test_a_large_table_is_read(tmp_path: Path) -> None:
+    assert len(read(tmp_path, "a: [" + "1.5," * (MOST_VALUES - 3) + "]")["a"]) == MOST_VALUES - 3
+    assert len(read(tmp_path, f"a: {'9' * 400}")) == 1
+
+
+def test_devices_and_pipes_are_refused_without_reading_them(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.yaml")
+    for path in (Path("/dev/zero"), tmp_path / "pipe.yaml"):
+        with pytest.raises(JobError, match=f"{path}: cannot be read: it is no regular file"):
+            read_yaml(path)
+
+
+@pytest.mark.parametrize(
+    "name", ["x" * 300 + ".yaml", "a/" * 3000 + "b.yaml", "\udcff.yaml", "nul\0.yaml", "line\nbreak"]
+)
+def test_a_name_that_no_file_can_have_is_told(tmp_path: Path, name: str) -> None:
+    with pytest.raises(JobError, match=r"cannot be read|not UTF-8|no such file"):
+        read_yaml(tmp_path / name)

@@ -99,6 +99,14 @@ def ladder(**changes: Any) -> list[dict[str, Any]]:
             "beside.statistics.length.P2.avrage: is no statistic. Did you mean 'average'?",
         ),
         ({"repeat": 0}, "repeat: must be at least 1, not 0"),
+        (
+            {"cases": [{"random": {"material.mu": [1, 2]}, "count": 10**12}]},
+            "cases: make 5,000,000,000,000 runs, but a study can have no more than 100,000",
+        ),
+        (
+            {"cases": [{"grid": {f"material.{n}": [*range(100)] for n in "abcd"}}]},
+            "cases: make 500,000,000 runs",
+        ),
         ({"job": "colum.yaml"}, "no such file. Did you mean 'column.yaml'?"),
     ],
 )

@@ -74,6 +74,15 @@ class Cases(Spec):
         raise_if_any(problems)
         return self
 
+    @property
+    def size(self) -> int:
+        """Number of the cases."""
+        if self.random is not None:
+            return self.count or 0
+        if self.zip is not None:
+            return len(next(iter(self.zip.values()), ()))
+        return math.prod(len(values) for values in (self.grid or {}).values())
+
     def listed(self) -> Iterator[dict[str, Any]]:
         """The cases in order: values by key, without those of ``set``."""
         if self.random is not None:

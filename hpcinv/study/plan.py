@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from hpcinv.errors import JobError
 from hpcinv.job import Job, parse
 from hpcinv.loading import read_yaml
-from hpcinv.schema import Location, Problems, Spec, at, problems_in, raise_if_any
+from hpcinv.schema import Location, Problems, Spec, at, job_error, raise_if_any
 from hpcinv.study.keys import assigned, parse_key
 from hpcinv.study.spec import Study, measured_key
 
@@ -91,7 +91,7 @@ def read_spec[S: Spec](kind: type[S], name: str, path: Path) -> S:
     try:
         return kind.model_validate({name: path.stem, **read_yaml(path)}, context={"directory": path.parent})
     except ValidationError as error:
-        raise JobError([f"{path}: {at(where)}: {what}" for where, what in problems_in(error, kind)]) from None
+        raise job_error(path, error, kind) from None
 
 
 def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from hpcinv.quantities import AnyQuantity, Quantity
-from hpcinv.schema import ListOf, Location, Name, Spec, raise_if_any, shown
+from hpcinv.schema import ListOf, Location, Name, Spec, raise_if_any, repeated, shown
 from hpcinv.spelling import did_you_mean
 from hpcinv.study.cases import Cases
 from hpcinv.study.keys import JobKey, SummaryKey, parse_key
@@ -20,6 +20,9 @@ COSTS = ("time", "run", "solver", "compile", "factorizations", "newton_iteration
 """that every run has; seconds and bytes"""
 SUMMARY = ("mesh", "partition", "legs", "quantities", "errors", "timings", "certificate", "peak_memory")
 """parts of a summary in which there are numbers to measure"""
+
+MOST = 100_000
+"""runs of one study"""
 
 _KINDS = ("finest", "richardson")
 
@@ -110,12 +113,20 @@ class Study(Spec):
         raise_if_any(faults_between(ladders))
         return ladders
 
+    @field_validator("cases")
+    @classmethod
+    def _can_be_run(cls, cases: tuple[Cases, ...], info: ValidationInfo) -> tuple[Cases, ...]:
+        steps = sum(ladder.steps for ladder in info.data.get("ladders", ()))
+        if (runs := steps * max(sum(block.size for block in cases), 1)) > MOST:
+            raise ValueError(f"make {runs:,} runs, but a study can have no more than {MOST:,}; split it")
+        return cases
+
     @field_validator("measure")
     @classmethod
     def _names_something(cls, measure: tuple[str, ...]) -> tuple[str, ...]:
         if not measure:
             raise ValueError("must name at least one quantity of interest")
-        raise_if_any(((i,), f"'{key}' is there already") for i, key in enumerate(measure) if key in measure[:i])
+        raise_if_any(((i,), f"'{measure[i]}' is there already") for i in repeated(measure))
         return measure
 
     @field_validator("reference")
