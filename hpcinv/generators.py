@@ -13,7 +13,7 @@ from pathlib import Path
 from hpcinv.quantities import QUANTITIES
 from hpcinv.schema import Location, shown
 from hpcinv.spelling import did_you_mean
-from hpcinv.units import Dimension
+from hpcinv.units import Dimension, parse_quantity
 
 type Value = float | int | bool | str
 
@@ -22,7 +22,8 @@ type Value = float | int | bool | str
 class Parameter:
     """``read`` checks a value and converts it to SI, or raises ``ValueError``.
 
-    ``kind`` is its annotation; the default is ``None`` where there is none, or one that only running it would tell.
+    ``kind`` is its annotation, empty if it has none; the default is ``None`` where there is none, or one that only
+    running it would tell.
     """
 
     kind: str
@@ -30,7 +31,26 @@ class Parameter:
     default: Value | None = None
 
     def read(self, value: object) -> Value:
-        return _READERS[self.kind](value)
+        return _READERS[self.kind or "float"](value)
+
+    def check_dimension(self, name: str, value: object, unit: float) -> None:
+        """Raise ``ValueError`` for a quantity with a dimension where nothing says in which unit it is expected.
+
+        Without an annotation that is never known; with one that says nothing about a dimension it is SI, which is
+        wrong for a generator that works in another ``unit`` (m).
+        """
+        if self.kind not in _OF_ANY_DIMENSION or (self.kind and unit == 1.0) or not isinstance(value, str):
+            return
+        dimension = parse_quantity(value)[1]
+        if dimension == Dimension():
+            return
+        fitting = [kind for kind, quantity in QUANTITIES.items() if quantity.dimension == dimension and kind != "Size"]
+        kinds = " or ".join([*fitting, *(["Size"] if "Length" in fitting else [])])
+        remedy = f"annotate it there ({name}: {kinds}), or " if kinds else ""
+        raise ValueError(
+            f"is given as '{value}', but build() does not say that {name} is {dimension}, nor in which unit;"
+            f" {remedy}give a plain number, which reaches it as it stands"
+        )
 
 
 def _expect[V: Value](kind: type[V], name: str) -> Callable[[object], V]:
@@ -59,9 +79,16 @@ _READERS: Mapping[str, Callable[[object], Value]] = {
 }
 """Readers by the annotation of a parameter."""
 
+_OF_ANY_DIMENSION = ("", "float", "AnyQuantity")
 
-def read_parameters(path: Path, given: Mapping[str, object]) -> tuple[dict[str, Value], list[tuple[Location, str]]]:
+
+def read_parameters(
+    path: Path, given: Mapping[str, object], unit: float = 1.0
+) -> tuple[dict[str, Value], list[tuple[Location, str]]]:
     """Parameters for the generator at ``path`` in SI, and what is wrong with those that were given.
+
+    Args:
+        unit: length (m) that it works in.
 
     Raises:
         ValueError: the file is no generator, or not a valid one.
@@ -74,6 +101,7 @@ def read_parameters(path: Path, given: Mapping[str, object]) -> tuple[dict[str, 
             problems.append(((name,), f"{path.name} has no such parameter.{did_you_mean(name, known)}"))
             continue
         try:
+            known[name].check_dimension(name, value, unit if path.suffix == ".py" else 1.0)
             values[name] = known[name].read(value)
         except ValueError as error:
             problems.append(((name,), str(error)))
@@ -172,7 +200,7 @@ def _literal(default: ast.expr | None) -> Value | None:
 def _kind(argument: ast.arg) -> str:
     match argument.annotation:
         case None:
-            return "float"
+            return ""
         case ast.Name(id=name) | ast.Attribute(attr=name) | ast.Constant(value=str(name)) if name in _READERS:
             return name
     kind = ast.unparse(argument.annotation)

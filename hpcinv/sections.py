@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import (
     BeforeValidator,
+    Field,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -47,11 +48,11 @@ class MeshFile(Spec):
     file: str
     """path from the job file to a gmsh generator (.py, .geo), a ready-made mesh (.msh, .xdmf, .vtu), or one that
     'hpcinv mesh partition' has made of these (.bp), which no rank reads as a whole"""
-    parameters: Mapping[str, Value] = {}
-    """parameters of the generator, as numbers in SI or quantities"""
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a ready-made file, or that a Python generator works in, such as mm: lengths
     reach it in that unit, for bodies so small or large that gmsh's absolute tolerances do not suit metres"""
+    parameters: Mapping[str, Value] = {}
+    """parameters of the generator, as numbers in SI or quantities"""
 
     @property
     def is_partitioned(self) -> bool:
@@ -83,7 +84,7 @@ class MeshFile(Spec):
         if not is_generator(path):
             raise_if_any([((), f"only generators have parameters, and {path.name} is none")] if given else [])
             return {}
-        values, problems = read_parameters(path, given)
+        values, problems = read_parameters(path, given, info.data.get("unit", 1.0))
         raise_if_any(problems)
         return values
 
@@ -109,6 +110,8 @@ class MeshSpec(MeshFile):
 
     geometry_degree: Literal[1, 2] | None = None
     """degree of the cells' geometry; left out, that of the file, and 1 for generators"""
+    maximum_cells: Annotated[int, Field(ge=1)] = 10_000_000
+    """cells that a generator may make: where more are expected, meshing stops before it begins in earnest"""
     partition: Literal["metis", "scotch"] = "metis"
     """what distributes the cells over the ranks; a partitioned mesh (.bp) is so already, unless scotch does it anew"""
 

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hpcinv.generators import in_unit, parameters_of, read_parameters, resolution_of
@@ -122,3 +123,44 @@ def test_lengths_reach_a_generator_in_the_unit_it_works_in(tmp_path: Path) -> No
     path.write_text("def build(gmsh, *, length: Length = HALF): ...")
     with pytest.raises(ValueError, match="needs a number for length"):
         in_unit(path, {}, 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "unit", "remedy"),
+    [
+        ("size=6.0", 1.0, "annotate it there (size: Length or Size), or give a plain number"),
+        ("size=6.0", 1e-3, "annotate it there (size: Length or Size), or give a plain number"),
+        ("size: float = 6.0", 1e-3, "annotate it there (size: Length or Size), or give a plain number"),
+        (
+            "size: quantities.AnyQuantity = 6.0",
+            1e-3,
+            "annotate it there (size: Length or Size), or give a plain number",
+        ),
+    ],
+)
+def test_a_quantity_for_a_parameter_of_unknown_unit_is_refused(
+    tmp_path: Path, parameter: str, unit: float, remedy: str
+) -> None:
+    """It reached a generator that works in mm as 0.006, for which gmsh makes cells until memory is full."""
+    path = tmp_path / "m.py"
+    path.write_text(f"def build(gmsh, *, {parameter}): ...")
+    values, [(where, what)] = read_parameters(path, {"size": "6 mm"}, unit)
+    assert values == {}
+    assert where == ("size",)
+    assert what.startswith("is given as '6 mm', but build() does not say that size is a length, nor in which unit; ")
+    assert remedy in what
+    path.write_text(f"def build(gmsh, *, {parameter}, angle=0): ...")
+    assert read_parameters(path, {"size": 6, "angle": "180 deg"}, unit) == ({"size": 6, "angle": np.pi}, [])
+
+
+def test_a_quantity_without_a_name_of_its_own_is_refused_without_a_type_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "m.py"
+    path.write_text("def build(gmsh, *, eta=1): ...")
+    _, [(_, what)] = read_parameters(path, {"eta": "1 Pa s"})
+    assert what.endswith("eta is a viscosity, nor in which unit; give a plain number, which reaches it as it stands")
+
+
+def test_a_gmsh_script_takes_quantities_in_si(tmp_path: Path) -> None:
+    path = tmp_path / "m.geo"
+    path.write_text(GEO)
+    assert read_parameters(path, {"size": "2 mm"}, 1e-3) == ({"size": 0.002}, [])

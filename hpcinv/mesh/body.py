@@ -14,6 +14,7 @@ import numpy.typing as npt
 from hpcinv.errors import MeshError
 from hpcinv.extent import diagonal
 from hpcinv.generators import in_unit
+from hpcinv.mesh.cell_count import Watch, silent
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.degree import of_degree
@@ -75,14 +76,19 @@ class Body:
         return region.cells
 
 
-def read_source(spec: MeshSpec, path: Path) -> MeshSource:
-    """Read or generate the mesh on this process, in metres and of the geometry degree asked for; not collective."""
+def read_source(spec: MeshSpec, path: Path, told: Callable[[str], None] = silent) -> MeshSource:
+    """Read or generate the mesh on this process, in metres and of the geometry degree asked for; not collective.
+
+    Args:
+        told: called with how many cells a generator is expected to make.
+    """
     if not path.exists():
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
         if path.suffix in GENERATORS:
             parameters = spec.parameters if spec.unit == 1.0 else in_unit(path, spec.parameters, spec.unit)
-            source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree).in_metres(spec.unit)
+            watch = Watch(spec.maximum_cells, told)
+            source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree, watch).in_metres(spec.unit)
         else:
             source = FILES[path.suffix](path).in_metres(spec.unit)
     except OSError as exc:
@@ -98,6 +104,7 @@ def build_body(
     *,
     resolve: Callable[[str], Path] = Path,
     given: MeshSource | None = None,
+    told: Callable[[str], None] = silent,
 ) -> Body:
     """Read the mesh on rank 0, check it, partition it, and name its regions; collective.
 
@@ -106,11 +113,12 @@ def build_body(
     Args:
         resolve: path of a mesh file as one that can be opened.
         given: on rank 0, a mesh that stands in for that of the file, such as a refined one.
+        told: called on rank 0 with how many cells a generator is expected to make.
 
     Raises:
         MeshError, SystemPartMissing: the same on every rank.
     """
-    source = read_anywhere(spec, resolve, comm, given)
+    source = read_anywhere(spec, resolve, comm, given, told)
     if not source.is_partitioned:
         on_root(comm, lambda: check(source))
     length_scale = power_of_two(diagonal(comm, source.points))  # so that scaling is exact in floating point
@@ -127,7 +135,11 @@ def build_body(
 
 
 def read_anywhere(
-    spec: MeshSpec, resolve: Callable[[str], Path], comm: MPI.Intracomm, given: MeshSource | None = None
+    spec: MeshSpec,
+    resolve: Callable[[str], Path],
+    comm: MPI.Intracomm,
+    given: MeshSource | None = None,
+    told: Callable[[str], None] = silent,
 ) -> MeshSource:
     """The mesh of a file, or the ``given`` one: all of it on rank 0, or some rows on each if partitioned; collective.
 
@@ -139,7 +151,7 @@ def read_anywhere(
     whole: list[MeshSource] = []
 
     def on_rank_0() -> MeshSource:
-        whole.append(given or read_source(spec, resolve(spec.file)))
+        whole.append(given or read_source(spec, resolve(spec.file), told))
         return whole[0].header()
 
     header = on_root(comm, on_rank_0)

@@ -13,6 +13,7 @@ from typing import Any
 
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.generators import Value
+from hpcinv.mesh.cell_count import Watch, watched
 from hpcinv.mesh.gmsh_model import extract, session
 from hpcinv.mesh.gmsh_views import read_views
 from hpcinv.mesh.partitioned import read_partitioned
@@ -23,14 +24,15 @@ from hpcinv.mesh.xdmf import read_xdmf
 from hpcinv.runtime import MPI
 
 
-def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None) -> MeshSource:
+def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None, watch: Watch) -> MeshSource:
     """Mesh a generator: a Python file whose ``build(gmsh, *, size=0.002, …)`` meshes the current model, in metres."""
     with session(path.stem) as gmsh:
         try:
             build = runpy.run_path(str(path)).get("build")
             if not callable(build):
                 raise MeshError(f"{path}: no function 'build'", "Write: def build(gmsh, *, size=0.002) -> None: …")
-            build(gmsh, **parameters)
+            with watched(gmsh, path, watch):
+                build(gmsh, **parameters)
         except HpcinvError:
             raise
         except (Exception, SystemExit) as exc:  # whatever the user's own code raises
@@ -44,15 +46,18 @@ def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None
         return _of_degree(gmsh, path, degree)
 
 
-def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None) -> MeshSource:
+def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None, watch: Watch) -> MeshSource:
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
     with session(path.stem) as gmsh:
         for name, value in parameters.items():
             gmsh.parser.setNumber(name, [value])
         _merge(gmsh, path)  # merge, not open, which would forget the numbers just set
         try:
-            if not len(gmsh.model.mesh.getElementTypes(3)):
-                gmsh.model.mesh.generate(3)
+            with watched(gmsh, path, watch):
+                if not len(gmsh.model.mesh.getElementTypes(3)):
+                    gmsh.model.mesh.generate(3)
+        except HpcinvError:
+            raise
         except Exception as exc:  # gmsh raises nothing narrower
             raise MeshError(f"{path}: gmsh could not mesh it: {exc}", "Check the geometry and the parameters.") from exc
         return _of_degree(gmsh, path, degree)
@@ -87,7 +92,7 @@ def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     return extract(gmsh, path)
 
 
-GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None], MeshSource]] = {
+GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, Watch], MeshSource]] = {
     ".py": build_python,
     ".geo": build_geo,
 }
