@@ -78,4 +78,4 @@ def _distinct(paths: list[Path]) -> Iterator[Job]:
 
 
 def _ready(directory: Path) -> int:
-    return sum(1 for _ in directory.glob("*.c.cached"))
+    return sum(1 for _ in directory.glob("libffcx_*.so"))

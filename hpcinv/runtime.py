@@ -149,13 +149,13 @@ def _explain_compilation(text: str) -> None:
     compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[0]
     if shutil.which(compiler) is None:
         raise SystemPartMissing(f"no C compiler '{compiler}', which DOLFINx compiles its kernels with", packages)
+    if unwritten := re.search(r"(kernels cannot be written|the compiler cannot write) to .*", text):
+        raise SystemPartMissing(
+            unwritten[0],
+            "Make room there, or name other directories: HPCINV_KERNELS for kernels, TMPDIR for the compiler's files.",
+        )
     if "CompileError" in text or "LinkError" in text:
         raise SystemPartMissing(f"the C compiler '{compiler}' could not compile a kernel: {text}", packages)
-    if stale := re.search(r"remove (\S+\.c)\)", text):
-        raise SystemPartMissing(
-            f"{stale[1]}: another run has been compiling this kernel for long, or was killed while it did",
-            "Wait for that run; if there is none, remove the file.",
-        )
 
 
 def require_ranks(comm: Intracomm, expected: int | None) -> None:
