@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
@@ -13,6 +14,8 @@ from rich.table import Table
 
 from hpcinv.errors import JobError
 from hpcinv.ingredient import Ingredient, Refers
+from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.moduli import Moduli
 from hpcinv.meanings import meanings
 from hpcinv.quantities import Quantity
 from hpcinv.schema import metadata_in
@@ -55,8 +58,37 @@ def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> No
             table.add_row(key, _unit(info), _default(info), _meaning(info, meanings(kind).get(key, "")))
     console.print(table)
     console.print()
+    if issubclass(kind, MaterialLaw):
+        _describe_moduli(console, kind)
+        _describe_starting_values(console, kind)
     section = {"material": kind.example} if tag == "law" else {"effects": [kind.example]}
     console.print(yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=110).rstrip())
+
+
+def _describe_moduli(console: Console, law: type[MaterialLaw]) -> None:
+    """Which elastic moduli a job may give in place of the law's own parameters."""
+    match law.replaceable:
+        case (str(shear), bulk):
+            offered, text = list(Moduli.model_fields), f"In place of {shear} and {bulk} a job may give any two of:"
+        case (None, bulk):
+            offered, text = ["poisson", "lame"], f"In place of {bulk} a job may give one of:"
+        case _:
+            return
+    console.print(text)
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for key in offered:
+        table.add_row(key, _unit(Moduli.model_fields[key]), meanings(Moduli)[key])
+    console.print(table)
+    console.print()
+
+
+def _describe_starting_values(console: Console, law: type[MaterialLaw]) -> None:
+    for name, values in law.starting_values.items():
+        section = {"material": {"law": law.example["law"], **values.parameters}}
+        console.print(f"Starting values for {name} ({values.of}); source: {values.source}.")
+        text = yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=110).rstrip()
+        console.print(textwrap.indent(text, "  "), soft_wrap=True)
+        console.print()
 
 
 def _paragraphs(kind: type[Ingredient]) -> list[str]:

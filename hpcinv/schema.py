@@ -81,6 +81,11 @@ class Spec(BaseModel):
     )
 
     @classmethod
+    def known_keys(cls) -> tuple[str, ...]:
+        """Every key that this part of a job may have."""
+        return tuple(cls.model_fields)
+
+    @classmethod
     def __get_pydantic_json_schema__(
         cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
@@ -201,7 +206,7 @@ _MOST_PROBLEMS = 50  # of one file: nobody reads more
 _LONGEST_PROBLEM = 1000  # characters of one, which may repeat a long formula
 
 
-def job_error(path: Path, error: ValidationError, spec: type[BaseModel]) -> JobError:
+def job_error(path: Path, error: ValidationError, spec: type[Spec]) -> JobError:
     """What is wrong with a file that holds a ``spec``: a line for each problem, the first 50."""
     problems = problems_in(error, spec)
     lines = [f"{path}: {at(where)}: {what}" for where, what in problems[:_MOST_PROBLEMS]]
@@ -210,7 +215,7 @@ def job_error(path: Path, error: ValidationError, spec: type[BaseModel]) -> JobE
     return JobError(lines)
 
 
-def problems_in(error: ValidationError, spec: type[BaseModel] | None = None) -> list[tuple[Location, str]]:
+def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[tuple[Location, str]]:
     """Every error in words of the job file; ``spec`` is the model whose keys the locations begin with.
 
     From the 51st on, the words are left out: to find them takes time.
@@ -232,8 +237,8 @@ def _shortened(text: str) -> str:
     return text if len(text) <= _LONGEST_PROBLEM else f"{text[:half]} [...] {text[-half:]}"
 
 
-def _reworded(line: ErrorDetails, spec: type[BaseModel] | None) -> str:
-    fields = spec.model_fields if spec and len(line["loc"]) == 1 else {}
+def _reworded(line: ErrorDetails, spec: type[Spec] | None) -> str:
+    fields = spec.known_keys() if spec and len(line["loc"]) == 1 else ()
     key = str(line["loc"][-1]) if line["loc"] else ""
     if line["type"] == "extra_forbidden":
         return f"unknown key.{did_you_mean(key, fields)}"

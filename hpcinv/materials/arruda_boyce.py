@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from hpcinv.elementary import polynomial
+from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.varying import ModulusField, VaryingQuantity
 
@@ -27,7 +28,15 @@ class ArrudaBoyce(IsochoricLaw):
         "mu*(1/2*(I1_bar - 3) + 1/20/lambda_m**2*(I1_bar**2 - 9) + 11/1050/lambda_m**4*(I1_bar**3 - 27)"
         " + 19/7000/lambda_m**6*(I1_bar**4 - 81) + 519/673750/lambda_m**8*(I1_bar**5 - 243))"
     )
+    replaceable = ("mu", "kappa")
     example: ClassVar = {"law": "arruda-boyce", "mu": "0.3 MPa", "lambda_m": 2.5, "kappa": "2 MPa"}
+    starting_values: ClassVar = {
+        "rubber": StartingValues(
+            {"mu": "0.297 MPa", "lambda_m": 4.91, "kappa": "incompressible"},
+            "natural rubber",
+            "our fit to the uniaxial test of Treloar (1944), doi:10.1039/TF9444000059, up to a stretch of 7.6",
+        ),
+    }
 
     law: Literal["arruda-boyce"] = "arruda-boyce"
     mu: ModulusField

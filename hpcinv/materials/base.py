@@ -4,18 +4,47 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from pydantic import model_validator
+from pydantic import ConfigDict, ValidationInfo, model_validator
 
 from hpcinv.ingredient import Ingredient
-from hpcinv.schema import raise_if_any
+from hpcinv.materials.moduli import NAMES, Moduli, moduli_schema, shear_and_bulk, young_and_poisson
+from hpcinv.scalars import Number
+from hpcinv.schema import Location, Problems, raise_if_any
+from hpcinv.units import Dimension, parse_unit
 from hpcinv.varying import ELSEWHERE, ByRegion, is_uniform
 
 if TYPE_CHECKING:
     from hpcinv.kinematics import Deformation
+
+_STRESS = parse_unit("Pa")[1]
+_UNFINISHED = "moduli of the law are not known yet"
+
+
+@dataclass(frozen=True)
+class StartingValues:
+    """Parameters of a law to begin with where those of the material at hand are not known yet.
+
+    Attributes:
+        parameters: as a job file gives them, without the law's name.
+        of: the material.
+        source: where they come from.
+    """
+
+    parameters: Mapping[str, Any]
+    of: str
+    source: str
+
+
+def _with_moduli(schema: dict[str, Any], law: type[Any]) -> None:
+    """Offer elastic moduli in the JSON schema of a law in place of the parameters that they determine."""
+    if law.replaceable is not None:
+        schema["properties"] |= moduli_schema()
+        schema["required"] = [key for key in schema.get("required", ()) if key not in law.replaceable]
 
 
 class MaterialLaw(Ingredient):
@@ -25,8 +54,18 @@ class MaterialLaw(Ingredient):
     scaled, from ``par`` by the same names; the moduli read them from ``par`` as floats, arrays or UFL scalars.
     """
 
+    model_config = ConfigDict(json_schema_extra=_with_moduli)
+
     formula: ClassVar[str]
     """The energy without its volumetric part, as a law 'formula' would have it."""
+    starting_values: ClassVar[Mapping[str, StartingValues]] = {}
+    """Published parameters, or parameters fitted to published tests, by ``rubber`` and ``tissue``."""
+    replaceable: ClassVar[tuple[str | None, str] | None] = None
+    """The parameters in place of which a job may give elastic moduli: one that the shear modulus determines (``None``
+    where the other parameters determine that modulus) and one that the bulk modulus does; both moduli are linear in
+    them. ``None`` for laws with fibres."""
+    bulk_measure: ClassVar[str] = "bulk_modulus"
+    """The modulus that the second of these stands for, among `Moduli`."""
 
     @property
     @abstractmethod
@@ -90,8 +129,122 @@ class MaterialLaw(Ingredient):
             if all(e.at(region) is not None for e in by_region):
                 yield SimpleNamespace(**{name: _at(value, region) for name, value in values.items()})
 
+    def numbers(self) -> dict[Location, Number | str]:
+        """Young's modulus and Poisson's ratio too, whichever moduli the job gives; each with the other as it is."""
+        found = super().numbers()
+        if self.replaceable is not None and self.replaceable[0] is not None and self._is_uniform:
+            young, poisson = self._young_and_poisson()
+            found["young",] = Number(young, _STRESS)
+            found["poisson",] = "is 0.5, the end of its range" if poisson == 0.5 else Number(poisson, Dimension())
+        return found
+
+    def rates(self, place: Location) -> dict[str, tuple[Any, Dimension]]:
+        if place not in (("young",), ("poisson",)):
+            return super().rates(place)
+        assert self.replaceable is not None
+        shear, bulk = self.replaceable
+        assert shear is not None
+        (young, poisson), mu = self._young_and_poisson(), self.shear_modulus(self._parameters())
+        if place == ("young",):
+            by_shear, by_bulk = mu / young, math.inf if poisson == 0.5 else self._bulk() / young
+        else:
+            by_shear, by_bulk = -mu / (1 + poisson), 2 * young / (3 * (1 - 2 * poisson) ** 2)
+        change = by_shear / self._slope(self.shear_modulus, self.place_of(shear))
+        rates = {shear: (self._with_entry(shear, change), _STRESS)}
+        if math.isfinite(by_bulk):
+            by_bulk -= change * self._slope(self.bulk_modulus, self.place_of(shear))
+            rates[bulk] = (by_bulk / self._slope(self.bulk_modulus, self.place_of(bulk)), _STRESS)
+        return rates
+
+    @classmethod
+    def known_keys(cls) -> tuple[str, ...]:
+        return (*super().known_keys(), *(NAMES if cls.replaceable else ()))
+
+    @classmethod
+    def leaves_out(cls, parameter: str, data: Mapping[str, Any]) -> bool:
+        """Whether a job does not give a parameter that is `replaceable`."""
+        return parameter not in data
+
+    @classmethod
+    def put(cls, parameter: str, value: Any, data: Mapping[str, Any]) -> dict[str, Any]:
+        """What a job gives, with a value of a `replaceable` parameter that it leaves out."""
+        return {**data, parameter: value}
+
+    def place_of(self, parameter: str) -> Location:
+        """The place of the number that stands for a `replaceable` parameter."""
+        return (parameter,)
+
+    @property
+    def _is_uniform(self) -> bool:
+        return all(is_uniform(value) for value, _ in self.quantities().values())
+
+    def _parameters(self) -> Any:
+        """The parameters as the moduli read them (SI)."""
+        return SimpleNamespace(**{name: value for name, (value, _) in self.quantities().items()})
+
+    def _bulk(self) -> float:
+        return math.inf if self.is_incompressible else float(self.bulk_modulus(self._parameters()))
+
+    def _young_and_poisson(self) -> tuple[float, float]:
+        return young_and_poisson(self.shear_modulus(self._parameters()), self._bulk())
+
+    def _slope(self, modulus: Callable[[Any], Any], place: Location) -> float:
+        """Derivative of a modulus by a number that it is linear in."""
+        # A step of the size of the moduli loses no digits.
+        step = float(self.shear_modulus(self._parameters()))
+        off, on = (self.with_number(place, x)._parameters() for x in (0.0, step))
+        return float(modulus(on) - modulus(off)) / step
+
+    def _solved(self, modulus: Callable[[Any], Any], value: float, place: Location) -> float:
+        """The number at a place with which a modulus has a value."""
+        return (value - float(modulus(self.with_number(place, 0.0)._parameters()))) / self._slope(modulus, place)
+
+    def _with_entry(self, parameter: str, value: float) -> Any:
+        """A value at the place of a parameter, 0 in the other entries of a list."""
+        place = self.place_of(parameter)
+        if len(place) == 1:
+            return value
+        return tuple(value if i == place[1] else 0.0 for i in range(len(getattr(self, parameter))))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_moduli(cls, data: Any, info: ValidationInfo) -> Any:
+        """Replace elastic moduli by the law's own parameters."""
+        if cls.replaceable is None or not isinstance(data, Mapping) or data.keys().isdisjoint(NAMES):
+            return data
+        moduli = Moduli.model_validate({name: data[name] for name in NAMES if name in data}).given()
+        own = {name: value for name, value in data.items() if name not in NAMES}
+        shear, bulk = cls.replaceable
+        finds_shear, finds_bulk = shear is not None and cls.leaves_out(shear, own), cls.leaves_out(bulk, own)
+        _check_number_of_moduli(cls, moduli, finds_shear=finds_shear, finds_bulk=finds_bulk)
+        trial = own
+        if shear is not None and finds_shear:
+            trial = cls.put(shear, 1.0, trial)
+        if finds_bulk:
+            trial = cls.put(bulk, 1.0, trial)
+        law = cls.model_validate(trial, context={**(info.context or {}), _UNFINISHED: True})
+        if not law._is_uniform:
+            raise Problems(((next(iter(moduli)),), "can be given only where the other parameters are plain numbers"))
+        if not finds_shear:
+            moduli["shear_modulus"] = law.shear_modulus(law._parameters())
+        if not finds_bulk:
+            moduli[cls.bulk_measure] = getattr(law, bulk) if cls.bulk_measure == "lame" else law._bulk()
+        try:
+            mu, kappa = shear_and_bulk(moduli)
+        except ValueError as error:
+            raise Problems(((next(name for name in NAMES if name in data),), str(error))) from None
+        if shear is not None and finds_shear:
+            found = law._solved(law.shear_modulus, mu, law.place_of(shear))
+            law, own = law.with_number(law.place_of(shear), found), cls.put(shear, found, own)
+        if finds_bulk:
+            finite = math.isfinite(kappa)
+            own = cls.put(bulk, law._solved(law.bulk_modulus, kappa, (bulk,)) if finite else "incompressible", own)
+        return own
+
     @model_validator(mode="after")
-    def _is_stable(self) -> Self:
+    def _is_stable(self, info: ValidationInfo) -> Self:
+        if info.context and _UNFINISHED in info.context:
+            return self
         moduli = {"shear modulus": self.shear_modulus, "bulk modulus": self.bulk_modulus}
         raise_if_any(
             ((), f"the {name} that follows from these parameters must be positive, but is {value:g} Pa")
@@ -100,6 +253,27 @@ class MaterialLaw(Ingredient):
             if not (value := modulus(par)) > 0
         )
         return self
+
+
+def _check_number_of_moduli(
+    law: type[MaterialLaw], moduli: Mapping[str, float], *, finds_shear: bool, finds_bulk: bool
+) -> None:
+    """Raise `Problems` unless a job gives two independent moduli, its law's own parameters counted."""
+    assert law.replaceable is not None
+    shear, bulk = law.replaceable
+    own = {} if finds_shear else {"shear_modulus": shear or "the other parameters"}
+    own |= {} if finds_bulk else {law.bulk_measure: bulk}
+    first = next(iter(moduli))
+    if shear is None and "young" in moduli:
+        raise Problems((("young",), "follows from the energy and the bulk modulus: give poisson or kappa"))
+    for name in own.keys() & moduli.keys():
+        raise Problems(((name,), f"is determined by {own[name]} already: remove one of them"))
+    given = [*moduli, *own.values()]
+    if len(given) > 2:
+        raise Problems(((first,), f"give any two moduli, not {len(given)}: {', '.join(given)}"))
+    if len(given) < 2:
+        others = [name for name in (*NAMES, *(name for name in (shear, bulk) if name)) if name != first]
+        raise Problems(((first,), f"needs a second modulus beside it: one of {', '.join(others)}"))
 
 
 def _at(value: Any, region: str) -> Any:

@@ -36,6 +36,7 @@ class Formula(IsochoricLaw):
     digits at small strain (`hpcinv.jets`). Without ``kappa`` it is all there is, and the pressure is no unknown.
     """
 
+    replaceable = (None, "kappa")
     example: ClassVar = {
         "law": "formula",
         "energy": "mu/2*(I1_bar - 3) + b*(I1_bar - 3)**2",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.elementary import expm1
+from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.varying import ModulusField, PositiveField
 
@@ -21,7 +22,15 @@ class FungDemiray(IsochoricLaw):
     """
 
     formula = "mu/(2*b)*(exp(b*(I1_bar - 3)) - 1)"
+    replaceable = ("mu", "kappa")
     example: ClassVar = {"law": "fung-demiray", "mu": "5 kPa", "b": 4, "kappa": "40 kPa"}
+    starting_values: ClassVar = {
+        "tissue": StartingValues(
+            {"mu": "44.2 kPa", "b": 8.35, "kappa": "incompressible"},
+            "human carotid artery",
+            "Delfino et al. (1997), doi:10.1016/S0021-9290(97)00025-0: a = 44.2 kPa, b = 16.7",
+        ),
+    }
 
     law: Literal["fung-demiray"] = "fung-demiray"
     mu: ModulusField

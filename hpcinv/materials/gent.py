@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.elementary import log1p
+from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.varying import ModulusField, PositiveField
 
@@ -21,7 +22,15 @@ class Gent(IsochoricLaw):
     """
 
     formula = "-mu*jm/2*ln(1 - (I1_bar - 3)/jm)"
+    replaceable = ("mu", "kappa")
     example: ClassVar = {"law": "gent", "mu": "0.3 MPa", "jm": 30, "kappa": "2 MPa"}
+    starting_values: ClassVar = {
+        "rubber": StartingValues(
+            {"mu": "0.299 MPa", "jm": 93.4, "kappa": "incompressible"},
+            "natural rubber",
+            "our fit to the uniaxial test of Treloar (1944), doi:10.1039/TF9444000059, up to a stretch of 7.6",
+        ),
+    }
 
     law: Literal["gent"] = "gent"
     mu: ModulusField

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.elementary import expm1
 from hpcinv.ingredient import Family
+from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.varying import ModulusField, PositiveField
 
@@ -29,6 +30,13 @@ class Guccione(IsochoricLaw):
         " + b_t/4*(I1**2 - 2*I1 - 2*I2 + 2 - 2*I5_fibre + 2*I4_fibre + I4_fibre**2)) - 1)"
     )
     example: ClassVar = {"law": "guccione", "c": "2 kPa", "b_f": 8, "b_t": 2, "b_fs": 4, "kappa": "10 kPa"}
+    starting_values: ClassVar = {
+        "tissue": StartingValues(
+            {"c": "2 kPa", "b_f": 8, "b_t": 2, "b_fs": 4, "kappa": "incompressible"},
+            "passive myocardium",
+            "Land et al. (2015), doi:10.1098/rspa.2015.0641, problem 3: values of a benchmark",
+        ),
+    }
 
     law: Literal["guccione"] = "guccione"
     c: ModulusField

@@ -8,6 +8,7 @@ from pydantic import field_validator
 
 from hpcinv.elementary import expm1, positive_part
 from hpcinv.ingredient import Family
+from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.schema import ListOf, raise_if_any
 from hpcinv.varying import DispersionField, ModulusField, PositiveField
@@ -39,6 +40,13 @@ class HolzapfelGasserOgden(IsochoricLaw):
         "k2": 0.84,
         "dispersion": 0.1,
         "kappa": "20 kPa",
+    }
+    starting_values: ClassVar = {
+        "tissue": StartingValues(
+            {"mu": "3 kPa", "k1": "2.3632 kPa", "k2": 0.8393, "dispersion": 0, "kappa": "incompressible"},
+            "media of a rabbit's carotid artery, families of fibres at 29° to the circumference",
+            "Holzapfel, Gasser & Ogden (2000), doi:10.1023/A:1010835316564",
+        ),
     }
 
     law: Literal["holzapfel-gasser-ogden"] = "holzapfel-gasser-ogden"

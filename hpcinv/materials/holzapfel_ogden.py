@@ -8,6 +8,7 @@ from pydantic import ValidationInfo, field_validator
 
 from hpcinv.elementary import expm1, positive_part
 from hpcinv.ingredient import Family
+from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.varying import ModulusField, PositiveField, VaryingQuantity
 
@@ -42,6 +43,23 @@ class HolzapfelOgden(IsochoricLaw):
         "a_fs": "0.662 kPa",
         "b_fs": 9.466,
         "kappa": "5 kPa",
+    }
+    starting_values: ClassVar = {
+        "tissue": StartingValues(
+            {
+                "a": "0.059 kPa",
+                "b": 8.023,
+                "a_f": "18.472 kPa",
+                "b_f": 16.026,
+                "a_s": "2.481 kPa",
+                "b_s": 11.12,
+                "a_fs": "0.216 kPa",
+                "b_fs": 11.436,
+                "kappa": "incompressible",
+            },
+            "passive myocardium of a pig in simple shear",
+            "Holzapfel & Ogden (2009), doi:10.1098/rsta.2009.0091",
+        ),
     }
 
     law: Literal["holzapfel-ogden"] = "holzapfel-ogden"

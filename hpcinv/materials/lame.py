@@ -10,6 +10,9 @@ from hpcinv.materials.base import MaterialLaw
 class LameLaw(MaterialLaw):
     """A law with the fields ``mu`` and ``lam``: ``kappa = lam + 2/3 mu``, and ``lam`` stiffens the dilatation."""
 
+    replaceable = ("mu", "lam")
+    bulk_measure = "lame"
+
     def shear_modulus(self, par: Any) -> Any:
         return par.mu
 

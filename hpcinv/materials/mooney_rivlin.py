@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.base import MaterialLaw, StartingValues
 from hpcinv.materials.volumetric import DILATATIONS, Volumetric
 from hpcinv.varying import BulkModulusField, StressField
 
@@ -22,7 +22,15 @@ class MooneyRivlin(MaterialLaw):
     """
 
     formula = "c1*(I1_bar - 3) + c2*(I2_bar - 3)"
+    replaceable = ("c1", "d1")
     example: ClassVar = {"law": "mooney-rivlin", "c1": "0.1 MPa", "c2": "0.15 MPa", "d1": "1 MPa"}
+    starting_values: ClassVar = {
+        "rubber": StartingValues(
+            {"c1": "0.113 MPa", "c2": "0.096 MPa", "d1": "incompressible"},
+            "natural rubber",
+            "our fit to the uniaxial test of Treloar (1944), doi:10.1039/TF9444000059, up to a stretch of 4",
+        ),
+    }
 
     law: Literal["mooney-rivlin"] = "mooney-rivlin"
     c1: StressField

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
 
+from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantities import Dimensionless
-from hpcinv.schema import ListOf, raise_if_any
+from hpcinv.schema import ListOf, Location, raise_if_any
 from hpcinv.varying import StressField
 
 if TYPE_CHECKING:
@@ -27,11 +29,19 @@ class Ogden(IsochoricLaw):
 
     formula = "mu_i/alpha_i*(lambda1_bar**alpha_i + lambda2_bar**alpha_i + lambda3_bar**alpha_i - 3)"
     """One term; each has its number in place of ``_i``."""
+    replaceable = ("mu", "kappa")
     example: ClassVar = {
         "law": "ogden",
         "mu": ["0.63 MPa", "1.2 kPa", "-10 kPa"],
         "alpha": [1.3, 5, -2],
         "kappa": "2 MPa",
+    }
+    starting_values: ClassVar = {
+        "rubber": StartingValues(
+            {"mu": ["0.63 MPa", "1.2 kPa", "-10 kPa"], "alpha": [1.3, 5, -2], "kappa": "incompressible"},
+            "natural rubber",
+            "Ogden (1972), doi:10.1098/rspa.1972.0026: his fit to the tests of Treloar (1944)",
+        ),
     }
 
     law: Literal["ogden"] = "ogden"
@@ -49,6 +59,21 @@ class Ogden(IsochoricLaw):
         if "mu" in info.data and (count := len(info.data["mu"])) != len(alpha):
             raise ValueError(f"must have as many entries as mu, {count}, not {len(alpha)}")
         return alpha
+
+    @classmethod
+    def leaves_out(cls, parameter: str, data: Mapping[str, Any]) -> bool:
+        """Of the factors, whether there is one less than exponents: moduli then determine the last."""
+        given, exponents = data.get(parameter, ()), data.get("alpha")
+        if parameter != "mu" or not isinstance(given, list | tuple) or not isinstance(exponents, list | tuple):
+            return parameter not in data
+        return len(given) < len(exponents)
+
+    @classmethod
+    def put(cls, parameter: str, value: Any, data: Mapping[str, Any]) -> dict[str, Any]:
+        return super().put(parameter, [*data.get("mu", ()), value] if parameter == "mu" else value, data)
+
+    def place_of(self, parameter: str) -> Location:
+        return (parameter, len(self.mu) - 1) if parameter == "mu" else (parameter,)
 
     @property
     def energy_formula(self) -> str:

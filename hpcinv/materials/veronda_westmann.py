@@ -22,6 +22,7 @@ class VerondaWestmann(IsochoricLaw):
     """
 
     formula = "c1*(exp(c2*(I1_bar - 3)) - 1) - c1*c2/2*(I2_bar - 3)"
+    replaceable = ("c1", "kappa")
     example: ClassVar = {"law": "veronda-westmann", "c1": "2 kPa", "c2": 3, "kappa": "40 kPa"}
 
     law: Literal["veronda-westmann"] = "veronda-westmann"

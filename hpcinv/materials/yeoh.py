@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.elementary import polynomial
+from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.varying import ModulusField, StressField
 
@@ -21,7 +22,15 @@ class Yeoh(IsochoricLaw):
     """
 
     formula = "c1*(I1_bar - 3) + c2*(I1_bar - 3)**2 + c3*(I1_bar - 3)**3"
+    replaceable = ("c1", "kappa")
     example: ClassVar = {"law": "yeoh", "c1": "0.2 MPa", "c2": "-4 kPa", "c3": "0.5 kPa", "kappa": "2 MPa"}
+    starting_values: ClassVar = {
+        "rubber": StartingValues(
+            {"c1": "0.176 MPa", "c2": "-1.8 kPa", "c3": "45.6 Pa", "kappa": "incompressible"},
+            "natural rubber",
+            "our fit to the uniaxial test of Treloar (1944), doi:10.1039/TF9444000059, up to a stretch of 7.6",
+        ),
+    }
 
     law: Literal["yeoh"] = "yeoh"
     c1: ModulusField
