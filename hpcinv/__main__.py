@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import sys
 from collections.abc import Callable, Mapping
@@ -11,12 +12,12 @@ from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv import __version__
 from hpcinv.bench.command import add_bench
-from hpcinv.errors import HpcinvError
+from hpcinv.errors import HpcinvError, OutputError
 from hpcinv.job import Job, json_schema, load
 from hpcinv.meshcommand import add_mesh
 from hpcinv.precompile import add_compile
 from hpcinv.rundirectory import RunDirectory, choose
-from hpcinv.signals import end_on_interrupt
+from hpcinv.signals import CLOSED_OUTPUT, discard_output, end_on_interrupt
 from hpcinv.study.plan import is_study, load_plan
 from hpcinv.sweep.command import add_sweep
 from hpcinv.sweep.plan import is_sweep, load_sweep
@@ -26,17 +27,29 @@ if TYPE_CHECKING:
 
 EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
 4 no usable checkpoint, 5 a system part is missing, 6 the certificate fails, 7 it has warnings (--strict),
-75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C"""
+75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C, 141 nobody reads the output any more"""
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code."""
+    sys.stdout = sys.stdout or io.StringIO()  # it may be closed
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
     options = _parser().parse_args(arguments)
     try:
         code: int = options.command(options)
+        sys.stdout.flush()
     except HpcinvError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    except BrokenPipeError:
+        discard_output()
+        return CLOSED_OUTPUT
+    except OSError as error:
+        print(f"{error.filename or 'what is printed'}: cannot be written or read: {error.strerror}", file=sys.stderr)
+        return OutputError.exit_code
+    except KeyboardInterrupt:
+        return 130
     return code
 
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import yaml
 from pydantic_core import PydanticUndefined
-from rich.console import Console
 from rich.table import Table
 
+from hpcinv.console import Console
 from hpcinv.errors import JobError
 from hpcinv.ingredient import Ingredient, Refers
 from hpcinv.materials.base import MaterialLaw

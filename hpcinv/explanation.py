@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.table import Table
+
+from hpcinv.console import Console
 
 if TYPE_CHECKING:
     from hpcinv.explain import Explanation, Row

@@ -6,6 +6,7 @@ import ast
 import math
 import operator
 import re
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, reduce
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from hpcinv.schema import Location
 
 _LONGEST = 1000  # characters; keeps the parser's recursion shallow
+_DEEPEST = 200  # operations inside each other: what evaluates a formula calls itself for each
 _NUMBER_AND_UNIT = re.compile(
     r"(?<![\w.])((?>(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?))\s*"
     r"((?!(?:and|or|not)\b)[^\W\d_]\w*|%|°)(?!\w*\s*\()(\s*(?:\^|\*\*))?"
@@ -203,12 +205,25 @@ def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
 
     text = _NUMBER_AND_UNIT.sub(take_out, source).replace("^", "**").strip()
     try:
-        tree = ast.parse(text, mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # such as 1and 2
+            tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ValueError(f"'{source}' is not a formula") from None
+    if _depth(tree) > _DEEPEST:
+        raise ValueError(f"'{source}' has more than {_DEEPEST} operations inside each other; write it in parts")
     for node in ast.walk(tree):
         _refuse_unless_known(node, source, literals)
     return tree, literals
+
+
+def _depth(tree: ast.expr) -> int:
+    """Levels of a syntax tree, found without recursion."""
+    depth, level = 0, [tree]
+    while level:
+        level = [inner for node in level for inner in ast.iter_child_nodes(node) if isinstance(inner, ast.expr)]
+        depth += 1
+    return depth
 
 
 def _kind(found: Dimension | bool | None) -> str:

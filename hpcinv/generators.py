@@ -171,6 +171,10 @@ def parameters_of(path: Path) -> dict[str, Parameter]:
         raise ValueError(f"{path.name} is not a text file in UTF-8") from None
     except SyntaxError as error:
         raise ValueError(f"{path.name}, line {error.lineno}: {error.msg}") from None
+    except (RecursionError, MemoryError):
+        raise ValueError(f"{path.name}: its expressions are too deep inside each other") from None
+    except OSError as error:
+        raise ValueError(f"{path.name}: cannot be read: {error.strerror}") from None
 
 
 @cache  # many jobs have the same generator
@@ -192,7 +196,7 @@ def _of_python(text: str) -> dict[str, Parameter]:
 def _literal(default: ast.expr | None) -> Value | None:
     try:
         value = None if default is None else ast.literal_eval(default)
-    except ValueError:  # a name or a call
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):  # a name or a call
         return None
     return value if isinstance(value, float | int | bool | str) else None
 

@@ -18,7 +18,7 @@ from hpcinv.fingerprint import fingerprint
 from hpcinv.ingredient import Ingredient
 from hpcinv.loading import read_yaml
 from hpcinv.materials import Material, MaterialLaw
-from hpcinv.plugins import load_file, load_installed
+from hpcinv.plugins import fault_of_plugin, load_file, load_installed
 from hpcinv.quantities import AnyQuantity
 from hpcinv.rules import unknown_case, unknown_families, unsuited, wants_pressure
 from hpcinv.schema import ListOf, Name, Problems, Spec, job_error, raise_if_any, repeated
@@ -362,6 +362,10 @@ def parse(data: Mapping[str, Any], path: Path) -> Job:
         job = Job.model_validate({"job": path.stem, **data}, context={"directory": path.parent})
     except ValidationError as error:
         raise job_error(path, error, Job) from None
+    except Exception as error:
+        if (fault := fault_of_plugin(error)) is None:
+            raise
+        raise JobError([f"{path}: plugins: a law or effect failed where it was checked: {fault}"]) from error
     job._path = path
     return job
 

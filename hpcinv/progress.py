@@ -33,9 +33,9 @@ class Progress:
     def __init__(self, comm: Intracomm, stream: TextIO | None) -> None:
         self._console: Console | None = None
         if stream is not None and comm.rank == 0:
-            from rich.console import Console  # a tenth of the files of a start, which other ranks need not read
+            from hpcinv.console import RunConsole  # a tenth of the files of a start, which other ranks need not read
 
-            self._console = Console(file=stream, highlight=False, markup=False, soft_wrap=True)
+            self._console = RunConsole(file=stream, highlight=False, markup=False, soft_wrap=True)
         self._ranks = comm.size
         self._bar: LiveBar | None = None
         self._direction = ""

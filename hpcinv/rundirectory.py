@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hpcinv.errors import OutputError
+from hpcinv.filenames import check_output
 from hpcinv.job import Job, load, parse
 from hpcinv.loading import read_yaml
 
@@ -41,6 +42,7 @@ class RunDirectory:
 
     def check_free(self, *, overwrite: bool) -> None:
         """Raise ``OutputError`` if a run cannot have this directory for itself; nothing is touched."""
+        check_output(self.path)
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path}: is a file", "Choose another --output.")
         if not self.path.is_dir() or not any(self.path.iterdir()):
@@ -126,6 +128,7 @@ def choose(output: Path | None, job: Job) -> RunDirectory:
         return RunDirectory(output)
     base = Path("results")
     number = 1
+    check_output(base / job.job)
     while (path := base / (job.job if number == 1 else f"{job.job}-{number}")).exists():
         number += 1
     return RunDirectory(path)

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv.errors import HpcinvError, OutputError, SystemPartMissing
 from hpcinv.heap import keep_freed_memory
+from hpcinv.signals import CLOSED_OUTPUT, discard_output
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -63,7 +64,7 @@ def on_root[T](comm: Intracomm, function: Callable[[], T]) -> T:
     if comm.rank == 0:
         try:
             result = function()
-        except HpcinvError as exc:
+        except (HpcinvError, BrokenPipeError) as exc:
             error = exc
         except BaseException as exc:  # whatever it is, SystemExit too, must reach the ranks that wait below
             _print_traceback(comm, exc)
@@ -105,6 +106,9 @@ def failing_together(comm: Intracomm, patience: float = 5.0) -> Iterator[None]:
         if comm.rank == 0:
             print(error, file=sys.stderr, flush=True)
         raise SystemExit(error.exit_code) from None
+    except BrokenPipeError:  # nobody reads what this rank prints
+        discard_output()
+        abort(comm, CLOSED_OUTPUT)
     except BaseException as exc:  # SystemExit too: Python would wait in MPI_Finalize for ranks that wait for it
         if not isinstance(exc, RootFailure):
             _print_traceback(comm, exc)

@@ -15,9 +15,10 @@ from pydantic import (
 )
 
 from hpcinv.expressions import Expression, faults, faults_with_constants
+from hpcinv.filenames import exists, is_file
 from hpcinv.generators import Value, in_unit, is_generator, read_parameters
 from hpcinv.meshheader import HEADER, SUFFIX
-from hpcinv.quantities import AnyQuantity, Length
+from hpcinv.quantities import AnyQuantity, Length, Size
 from hpcinv.scalars import Number, with_scalar
 from hpcinv.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.spelling import did_you_mean
@@ -32,7 +33,7 @@ STRESS = Dimension(length=-1, mass=1, time=-2)
 STRESSES = ("sxx", "syy", "szz", "sxy", "syz", "sxz", "p", "von_mises", "energy")
 FIELDS: dict[str, Dimension | None] = {"J": Dimension(), **dict.fromkeys(STRESSES, STRESS)}
 
-LengthUnit = Annotated[Length, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
+LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
 
 
@@ -65,11 +66,11 @@ class MeshFile(Spec):
         path = directory_of(info) / file
         if path.suffix not in FORMATS:
             raise ValueError(f"{shown(file)} is no mesh that can be read; the endings are {', '.join(FORMATS)}")
-        if not path.exists():
-            others = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
+        if not exists(path):
+            others = [p.name for p in path.parent.glob("*")] if exists(path.parent) else []
             near = did_you_mean(path.name, others, list_all=False)
             raise ValueError(f"there is no file '{path}'.{near or ' Paths start from the directory of the job file'}")
-        if not (path / HEADER if path.suffix == SUFFIX else path).is_file():
+        if not is_file(path / HEADER if path.suffix == SUFFIX else path):
             raise ValueError(f"'{path}' is not what its ending says; 'hpcinv mesh partition' makes a partitioned mesh")
         return file
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -35,6 +37,17 @@ class StopRequest:
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self.signal = signal.Signals(number)
+
+
+CLOSED_OUTPUT = 141
+"""exit code where the reader of a pipe has gone, as a shell gives it for SIGPIPE"""
+
+
+def discard_output() -> None:
+    """Let what is printed from now on go nowhere, since nobody reads it: not even Python's end can then fail by it."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.__stdout__.fileno() if sys.__stdout__ else 1)
+    os.close(nowhere)
 
 
 def end_on_interrupt(end: Callable[[], NoReturn]) -> None:

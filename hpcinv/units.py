@@ -100,6 +100,7 @@ NAMES = {
     "1/K": "a thermal expansion coefficient",
 }
 
+_LONGEST = 400  # characters of a quantity
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _QUANTITY = re.compile(rf"\s*((?>{NUMBER}))\s*(.*?)\s*", re.DOTALL)
 _FACTOR = re.compile(r"\s*([*/·])?\s*(cmH2O|[A-Za-zµμ_]+|[%°])(?:(?:\^|\*\*)?([+-]?\d\b|⁻?[¹²³]))?\s*")
@@ -122,6 +123,8 @@ def as_float(number: Fraction | float) -> float:
 
 @lru_cache(1024)  # sweeps read the same ones again and again
 def _parse(text: str) -> tuple[Fraction, Dimension]:
+    if len(text) > _LONGEST:
+        raise ValueError(f"'{text[:40]}...' is not a number, with or without a unit: it has {len(text):,} characters")
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise ValueError(f"'{text}' is not a number, with or without a unit")
@@ -132,6 +135,8 @@ def _parse(text: str) -> tuple[Fraction, Dimension]:
 @cache
 def parse_unit(text: str) -> tuple[Fraction, Dimension]:
     """SI factor and dimension of a unit such as ``kg/m^3`` or ``N mm``; of empty text, one and that of a number."""
+    if len(text) > _LONGEST:
+        raise ValueError(f"'{text[:40]}...' is not a unit; write one such as mm, kg/m^3 or m/s^2")
     total, exponents = Fraction(1), Dimension()
     rest = re.sub(r"^1\s*/", "/", text)
     while rest:

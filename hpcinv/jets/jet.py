@@ -146,6 +146,8 @@ class Jet:
         if self.is_constant:
             return self.strains.constant(self.constant**n)
         if n.is_literal and n.value.is_integer():
+            if abs(n.value) > _MOST_FACTORS:
+                raise ValueError(f"raises a strain to the power {n.value:g}, and the largest is {_MOST_FACTORS}")
             return self._whole_power(int(n.value))
         if self.constant.value > 0:
             return self._power(n)
@@ -182,6 +184,9 @@ class Jet:
             self.order if self.is_constant else min(self.order, 2),
             is_positive,
         )
+
+
+_MOST_FACTORS = 1000  # of a power, which becomes products; a strain to this power has no value near F = I
 
 
 def _times(factor: Coefficient, slopes: Mapping[str, Coefficient]) -> dict[str, Coefficient]:

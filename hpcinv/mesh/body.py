@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.extent import diagonal
+from hpcinv.filenames import exists
 from hpcinv.generators import in_unit
 from hpcinv.mesh.cell_count import Watch, silent
 from hpcinv.mesh.cells import coordinate_element
@@ -82,7 +83,7 @@ def read_source(spec: MeshSpec, path: Path, told: Callable[[str], None] = silent
     Args:
         told: called with how many cells a generator is expected to make.
     """
-    if not path.exists():
+    if not exists(path):
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
         if path.suffix in GENERATORS:

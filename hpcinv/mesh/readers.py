@@ -35,7 +35,7 @@ def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None
                 build(gmsh, **parameters)
         except HpcinvError:
             raise
-        except (Exception, SystemExit) as exc:  # whatever the user's own code raises
+        except BaseException as exc:  # whatever the user's own code raises, KeyboardInterrupt and GeneratorExit too
             lines = [f.lineno for f in traceback.extract_tb(exc.__traceback__) if f.filename == str(path)]
             line = f", line {lines[-1]}" if lines else ""
             raise MeshError(

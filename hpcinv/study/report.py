@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.table import Table
 
+from hpcinv.console import Console
 from hpcinv.study.references import Found
 from hpcinv.study.spec import STATISTICS
 from hpcinv.study.tables import relative

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import OutputError
+from hpcinv.filenames import check_output
 
 _MARK, _RUNS = "study.json", "runs"
 
@@ -46,6 +47,7 @@ class Store:
 
     def __init__(self, path: Path, study: str) -> None:
         self.path = path
+        check_output(path)
         with self._told():
             if path.is_dir() and any(path.iterdir()) and self._name() != study:
                 of = f"the study '{self._name()}'" if self._name() else "files that are not of a study"

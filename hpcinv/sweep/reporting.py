@@ -35,8 +35,7 @@ def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> N
 
 
 def _status(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
+    from hpcinv.console import Console
     from hpcinv.sweep.status import follow, lines, status
 
     plan = load_sweep(options.sweep)

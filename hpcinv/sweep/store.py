@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from hpcinv.errors import OutputError
+from hpcinv.filenames import check_output
 from hpcinv.sweep.exclusive import make_directory, publish, told
 
 _FORMAT = "hpcinv store 1"
@@ -18,6 +19,7 @@ def open_store(path: Path) -> None:
         OutputError: it cannot be written, holds other things, or has another format.
     """
     mark = path / "store.json"
+    check_output(path)
     with told(path):
         path.mkdir(parents=True, exist_ok=True)
         if not mark.exists():

@@ -1,0 +1,22 @@
+"""Consoles for what is printed where somebody may stop reading, as ``hpcinv laws | head`` does."""
+
+from __future__ import annotations
+
+import rich.console
+
+from hpcinv.signals import discard_output
+
+
+class Console(rich.console.Console):
+    """Of commands that do nothing but print: raises ``BrokenPipeError`` when nobody reads any more."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
+class RunConsole(rich.console.Console):
+    """Of a run, which goes on without it: its results are files."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        discard_output()
