@@ -5,9 +5,9 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
+from pydantic import PrivateAttr, ValidationError, ValidationInfo, field_validator
 
 from hpcinv.demands import read_demands
 from hpcinv.effects import AnyEffect, Direction, Effect
@@ -21,7 +21,7 @@ from hpcinv.materials import Material, MaterialLaw
 from hpcinv.plugins import fault_of_plugin, load_file, load_installed
 from hpcinv.quantities import AnyQuantity
 from hpcinv.rules import unknown_case, unknown_families, unsuited, wants_pressure
-from hpcinv.schema import ListOf, Name, Problems, Spec, job_error, raise_if_any, repeated
+from hpcinv.schema import FileName, ListOf, Name, Problems, Spec, job_error, raise_if_any, repeated
 from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.sensitivity.spec import read_sensitivities
@@ -40,8 +40,8 @@ class Job(Spec):
     Quantities are SI floats, whatever units the file has. Paths are as in the file; `resolve` makes them usable.
     """
 
-    job: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] = "job"
-    """letters, digits, dots, _ and - that name the results; left out, the name of the file"""
+    job: FileName = "job"
+    """up to 100 letters, digits, dots, _, - (no dot or - first), naming the results; left out, the name of the file"""
     analysis: Literal["inverse", "forward", "round_trip"] = "inverse"
     """inverse: the mesh is the deformed body; forward: it is the undeformed one; round_trip: one after the other"""
     first: Literal["inverse", "forward"] | None = None

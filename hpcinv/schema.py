@@ -44,6 +44,8 @@ def _is_identifier(name: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_is_identifier)]
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,99}$")]
+"""A name of results that is a directory's too: one in another place ('..', slashes) cannot be meant by it."""
 
 
 class Problems(ValueError):

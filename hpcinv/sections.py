@@ -14,6 +14,7 @@ from pydantic import (
     model_validator,
 )
 
+from hpcinv import mshformat
 from hpcinv.expressions import Expression, faults, faults_with_constants
 from hpcinv.filenames import exists, is_file
 from hpcinv.generators import Value, in_unit, is_generator, read_parameters
@@ -41,6 +42,13 @@ def directory_of(info: ValidationInfo) -> Path:
     """What paths in the job are relative to."""
     directory: Path = (info.context or {}).get("directory", Path())
     return directory
+
+
+def _msh_fault(path: Path) -> str:
+    try:
+        return mshformat.fault_of(path)
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
 
 
 class MeshFile(Spec):
@@ -72,6 +80,8 @@ class MeshFile(Spec):
             raise ValueError(f"there is no file '{path}'.{near or ' Paths start from the directory of the job file'}")
         if not is_file(path / HEADER if path.suffix == SUFFIX else path):
             raise ValueError(f"'{path}' is not what its ending says; 'hpcinv mesh partition' makes a partitioned mesh")
+        if path.suffix == mshformat.SUFFIX and (fault := _msh_fault(path)):
+            raise ValueError(f"'{path}' {fault}")
         return file
 
     @field_validator("parameters", mode="plain")

@@ -51,7 +51,7 @@ def load(tmp_path: Path) -> Loader:
     (tmp_path / "jobs").mkdir()
     (tmp_path / "meshes" / "beam.py").write_text(GENERATOR)
     (tmp_path / "meshes" / "beam.geo").write_text("DefineConstant [ size = {0.002} ];")
-    (tmp_path / "meshes" / "beam.msh").write_text("a ready-made mesh")
+    (tmp_path / "meshes" / "beam.msh").write_text("$MeshFormat\n")
 
     def load(edit: Edit = lambda job: None, name: str = "arm.yaml") -> Job:
         contents = yaml.safe_load(BEAM)
@@ -141,7 +141,7 @@ def test_the_form_that_a_job_states_is_taken(load: Loader) -> None:
 CASES: list[tuple[dict[str, Any], str]] = [
     ({"analysis": "invers"}, "analysis: must be 'inverse', 'forward' or 'round_trip', not 'invers'. Did you mean"),
     ({"first": "forward"}, "first: has a use only with 'analysis: round_trip'"),
-    ({"job": "my arm"}, "job: 'my arm' is not allowed: letters, digits, dots"),
+    ({"job": "my arm"}, "job: 'my arm' is not allowed: up to 100 letters, digits, dots"),
     ({"otput": {}}, "otput: unknown key. Did you mean 'output'?"),
     ({"mesh": None}, "mesh: must be a mapping of keys to values, not nothing"),
     ({"mesh": {}}, "mesh.file: is needed: path from the job file"),

@@ -255,9 +255,9 @@ def test_the_node_orders_of_gmsh_and_vtk_are_those_that_dolfinx_uses() -> None:
 
 def test_files_that_cannot_be_read_say_so(tmp_path: Path) -> None:
     cases = {
-        "text.msh": ("nonsense", "gmsh cannot read it"),
+        "text.msh": ("$MeshFormat\nnonsense", "gmsh cannot read it"),
         "short.msh": ("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 3", "gmsh cannot read it"),
-        "empty.msh": ("", "gmsh cannot read it"),
+        "empty.msh": ("$MeshFormat\n", "gmsh cannot read it"),
         "text.vtu": ("nonsense", "VTK cannot read it|no unstructured grid"),
         "text.xdmf": ("nonsense", "no XML"),
         "empty.xdmf": ("<Xdmf><Domain/></Xdmf>", "no grid with a topology"),

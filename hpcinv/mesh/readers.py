@@ -21,6 +21,7 @@ from hpcinv.mesh.parts import by_tags
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.vtu import read_vtu
 from hpcinv.mesh.xdmf import read_xdmf
+from hpcinv.mshformat import fault_of
 from hpcinv.runtime import MPI
 
 
@@ -65,15 +66,26 @@ def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None, w
 
 def read_msh(path: Path) -> MeshSource:
     """Read MSH 2.2 or 4.1, ASCII or binary; its sections $NodeData and $ElementData are data."""
-    with session(path.stem) as gmsh:
-        _merge(gmsh, path)
+    try:
+        fault = fault_of(path)
+    except OSError as exc:
+        raise MeshError(f"{path}: cannot be read: {exc.strerror}") from exc
+    if fault:
+        raise MeshError(f"{path}: {fault}", "Export the mesh anew (gmsh: gmsh.write, or -save).")
+    with session(path.stem) as gmsh, tempfile.TemporaryDirectory(prefix="hpcinv-mesh-") as alone:
+        # gmsh executes a file NAME.msh.opt that lies beside NAME.msh: let there be none.
+        link = Path(alone) / "mesh.msh"
+        link.symlink_to(path.absolute())
+        _merge(gmsh, link, path)
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()
         source = extract(gmsh, path)
         return dataclasses.replace(source, data=read_views(gmsh, source))
 
 
-def _merge(gmsh: Any, path: Path) -> None:
+def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
+    """Read a file into gmsh's current model; ``called`` is the name that errors have instead of ``path``."""
+    called = called or path
     try:
         gmsh.merge(str(path))
     except Exception as exc:  # gmsh raises nothing narrower
@@ -82,7 +94,8 @@ def _merge(gmsh: Any, path: Path) -> None:
             scrap.write("scrap = 0;\n")
             scrap.flush()
             gmsh.merge(scrap.name)
-        raise MeshError(f"{path}: gmsh cannot read it: {exc}", "Is it whole, and what its suffix says?") from exc
+        reason = str(exc).replace(str(path), str(called))
+        raise MeshError(f"{called}: gmsh cannot read it: {reason}", "Is it whole, and what its suffix says?") from exc
 
 
 def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:

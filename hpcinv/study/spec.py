@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from hpcinv.quantities import AnyQuantity, Quantity
-from hpcinv.schema import ListOf, Location, Name, Spec, raise_if_any, repeated, shown
+from hpcinv.schema import FileName, ListOf, Location, Name, Spec, raise_if_any, repeated, shown
 from hpcinv.spelling import did_you_mean
 from hpcinv.study.cases import Cases
 from hpcinv.study.keys import JobKey, SummaryKey, parse_key
@@ -74,8 +74,8 @@ class Beside(Spec):
 class Study(Spec):
     """Ladders of runs of one job, what is measured on them, and what that cost."""
 
-    study: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] = "study"
-    """letters, digits, dots, _ and - that name the results; left out, the name of the file"""
+    study: FileName = "study"
+    """up to 100 letters, digits, dots, _, - (no dot or - first), naming the results; left out, the name of the file"""
     job: str
     """path from the study file to the job that all runs begin with"""
     set: Mapping[JobKey, Any] = {}

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
-from hpcinv.schema import ListOf, Spec, raise_if_any
+from hpcinv.schema import FileName, ListOf, Spec, raise_if_any
 from hpcinv.study.keys import JobKey
 from hpcinv.sweep.axes import Axis, faults_between, number_of
 
@@ -18,8 +18,8 @@ MOST = 1_000_000
 class Sweep(Spec):
     """Many cases of one job."""
 
-    sweep: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] = "sweep"
-    """letters, digits, dots, _ and - that name the sweep; left out, the name of the file"""
+    sweep: FileName = "sweep"
+    """up to 100 letters, digits, dots, _, - (no dot or - first), naming the sweep; left out, the name of the file"""
     job: str
     """path from the sweep file to the job that all cases begin with"""
     store: str | None = None
