@@ -19,7 +19,7 @@ from hpcinv.study.report import show
 from hpcinv.study.rows import Row, rows_of
 from hpcinv.study.schedule import Schedule
 from hpcinv.study.store import Store
-from hpcinv.study.tables import as_csv, as_hdf5, point_columns, run_columns
+from hpcinv.study.tables import as_csv, as_hdf5, point_columns, point_units, run_columns, run_units
 from hpcinv.study.units import unit_of
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def conclude(plan: Plan, schedule: Schedule, ranks: int) -> None:
 def _files(plan: Plan, rows: list[Row], found: list[Accuracy], ranks: int) -> dict[str, str | bytes]:
     """Contents by name."""
     files: dict[str, str | bytes] = {
-        "table.csv": as_csv(run_columns(plan, rows, found)),
+        "table.csv": as_csv(run_columns(plan, rows, found), run_units(found)),
         "table.h5": as_hdf5(plan, rows, found, ranks),
     }
     study = plan.study
@@ -104,6 +104,6 @@ def _files(plan: Plan, rows: list[Row], found: list[Accuracy], ranks: int) -> di
         stem = re.sub(r"[\[\]]+", "-", a.name).strip("-")
         files |= {f"{stem}.{form}": data for form, data in work_precision(study.study, a, seconds, varied).items()}
         if plan.cases > 1:
-            files[f"{stem}-statistics.csv"] = as_csv(point_columns(plan, a))
+            files[f"{stem}-statistics.csv"] = as_csv(point_columns(plan, a), point_units(a))
             files |= {f"{stem}-cases.{form}": data for form, data in over_cases(study.study, a, rows).items()}
     return files

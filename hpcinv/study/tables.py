@@ -54,6 +54,14 @@ def run_columns(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy]) -> C
     return columns
 
 
+def run_units(found: Sequence[Accuracy]) -> dict[str, str]:
+    """Units of the columns of `run_columns` that have one."""
+    units = COSTS | {"time_min": "s", "time_max": "s"}
+    for accuracy in found:
+        units |= {accuracy.name: accuracy.unit, f"{accuracy.name} error": accuracy.unit}
+    return units
+
+
 def point_columns(plan: Plan, accuracy: Accuracy) -> Columns:
     """A row for each step of each ladder: statistics of the errors over the cases, and averages of the costs."""
     points = accuracy.points
@@ -68,6 +76,12 @@ def point_columns(plan: Plan, accuracy: Accuracy) -> Columns:
     return columns
 
 
+def point_units(accuracy: Accuracy) -> dict[str, str]:
+    """Units of the columns of `point_columns` that have one."""
+    names = (*STATISTICS, *(f"published {name}" for name in STATISTICS))
+    return COSTS | dict.fromkeys(names, accuracy.unit)
+
+
 def relative(accuracy: Accuracy, row: Row, error: float | None) -> float | None:
     """Error over the reference, where that is not zero."""
     reference = accuracy.references[row.place.case]
@@ -76,11 +90,11 @@ def relative(accuracy: Accuracy, row: Row, error: float | None) -> float | None:
     return error / abs(reference.value)
 
 
-def as_csv(columns: Columns) -> str:
-    """Columns as CSV; what is not known is empty."""
+def as_csv(columns: Columns, units: Mapping[str, str]) -> str:
+    """Columns as CSV under headers with their units, such as ``tip [m]``; what is not known is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
+    writer.writerow([f"{name} [{units[name]}]" if units.get(name) else name for name in columns])
     for values in zip(*columns.values(), strict=True):
         writer.writerow(["" if v is None else repr(v) if isinstance(v, float) else v for v in values])
     return text.getvalue()
@@ -94,10 +108,7 @@ def as_hdf5(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy], ranks: i
         file.attrs.update({"study": study.study, "ranks": ranks, "time": study.time, "repeat": study.repeat})
         if study.beside is not None:
             file.attrs["beside"] = json.dumps(study.beside.model_dump(mode="json"), ensure_ascii=False)
-        units = dict(COSTS)
-        for a in found:
-            units |= {a.name: a.unit, f"{a.name} error": a.unit}
-        fill(file.create_group("runs"), run_columns(plan, rows, found), units)
+        fill(file.create_group("runs"), run_columns(plan, rows, found), run_units(found))
         longest = max(len(row.times) for row in rows)
         times = np.full((len(rows), longest), np.nan)
         for row, entry in zip(rows, times, strict=True):
@@ -111,7 +122,7 @@ def as_hdf5(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy], ranks: i
             group["reference"] = [np.nan if r is None else r.value for r in references]
             group["reference"].attrs["origin"] = str(references[0].origin if references[0] else accuracy.refusal)
             group.create_group("orders").attrs.update(accuracy.fitted)
-            fill(group.create_group("points"), point_columns(plan, accuracy), COSTS)
+            fill(group.create_group("points"), point_columns(plan, accuracy), point_units(accuracy))
     return content.getvalue()
 
 

@@ -158,6 +158,8 @@ def _panels(figure: Figure, title: str, series: Sequence[Series], scales: tuple[
     panels = list(grid.flat[: len(series)])
     for s, axes in zip(series, panels, strict=True):
         _finish(axes, s.label or title, *scales)
+        if not scales[0].ticks and not scales[0].is_log:
+            axes.locator_params(axis="x", nbins=5)  # more of them would overlap in a panel
     if any(s.label for s in series):
         figure.suptitle(title, x=0.01, ha="left", fontsize=10)
     return panels

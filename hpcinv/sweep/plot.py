@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.errors import JobError
@@ -28,8 +31,21 @@ MOST_LINES = 7
 """lines that are told apart; more of them share the colour of their first parameter"""
 
 
-def plot(plan: Plan, records: Mapping[str, Record], quantity: str, over: Sequence[str]) -> dict[str, bytes]:
-    """A diagram as files by their format.
+@dataclass(frozen=True)
+class Diagram:
+    """A diagram of a sweep.
+
+    Attributes:
+        files: contents by their format.
+        left_out: which cases it does not show, and why; the diagram says so too.
+    """
+
+    files: Mapping[str, bytes]
+    left_out: tuple[str, ...]
+
+
+def plot(plan: Plan, records: Mapping[str, Record], quantity: str, over: Sequence[str]) -> Diagram:
+    """A diagram of a quantity over one or two parameters.
 
     Args:
         quantity: a column of the table, or ``failures``.
@@ -40,28 +56,57 @@ def plot(plan: Plan, records: Mapping[str, Record], quantity: str, over: Sequenc
     """
     table, known_units = columns(plan, records), units(plan, records)
     _check(plan, table, quantity, over)
-    rows = [
-        i
-        for i, status in enumerate(table["status"])
-        if status != "open" and all(table[name][i] not in (None, "") for name in over)
-    ]
+    finished = [i for i, status in enumerate(table["status"]) if status != "open"]
+    rows = [i for i in finished if all(table[name][i] not in (None, "") for name in over)]
     if not rows:
         raise JobError([f"{plan.path}: no case that has {' and '.join(over)} is finished"])
+    if quantity != FAILURES and all(table[quantity][i] is None for i in rows):
+        raise JobError([f"{plan.path}: no finished case has a {quantity}"])
     logarithmic = {parameter_name(key) for key in log_uniform(plan)}
     places = [_positions([table[name][i] for i in rows]) for name in over]
     scales = [
-        Scale(_label(name, known_units), not ticks and (name in logarithmic or is_even_in_log(positions)), ticks)
+        Scale(
+            _label(name, known_units),
+            not ticks and min(positions) > 0 and (name in logarithmic or is_even_in_log(positions)),
+            ticks,
+        )
         for name, (positions, ticks) in zip(over, places, strict=True)
     ]
     values = [math.nan] * len(rows)
     if quantity != FAILURES:
         values = [math.nan if table[quantity][i] is None else float(table[quantity][i]) for i in rows]
-        if all(map(math.isnan, values)):
-            raise JobError([f"{plan.path}: no finished case has a {quantity}"])
     points = zip(*(positions for positions, _ in places), strict=True)
     statuses = (table["status"][i] for i in rows)
     series = _series(plan, table, over, dict(zip(rows, zip(points, values, statuses, strict=True), strict=True)))
-    return _drawn(f"{plan.sweep.sweep}: {quantity}", quantity, series, scales, _label(quantity, known_units))
+    left_out = [*_left_out(plan, table, quantity, over)]
+    if len(over) == 2 and (more := len(series) - MOST_PANELS) > 0:
+        left_out.append(f"{more} of {len(series)} combinations of the other parameters; each takes a panel")
+        series = series[:MOST_PANELS]
+    title = "\n".join(
+        [f"{plan.sweep.sweep}: {quantity}", *(textwrap.fill(f"left out: {text}", 90) for text in left_out)]
+    )
+    return Diagram(_drawn(title, quantity, series, scales, _label(quantity, known_units)), tuple(left_out))
+
+
+def _left_out(plan: Plan, table: Columns, quantity: str, over: Sequence[str]) -> Iterator[str]:
+    """Which cases a diagram cannot show, by the reason, with the branches that they are in."""
+    left = list(range(len(plan.cases)))
+    reasons: list[tuple[str, Callable[[int], bool]]] = [
+        ("not finished", lambda i: table["status"][i] == "open"),
+        *((f"without {name}", partial(lambda name, i: table[name][i] in (None, ""), name)) for name in over),
+    ]
+    if quantity != FAILURES:
+        reasons.append(
+            (f"without {quantity}", lambda i: table["status"][i] == "converged" and table[quantity][i] is None)
+        )
+    branches = [axis.name for axis in plan.sweep.axes if axis.branches is not None]
+    for reason, applies in reasons:
+        found = [i for i in left if applies(i)]
+        left = [i for i in left if not applies(i)]
+        if found:
+            labels = dict.fromkeys(str(table[name][i]) for i in found for name in branches if table[name][i])
+            where = f" ({', '.join(labels)})" if labels else ""
+            yield f"{len(found)} of {len(plan.cases)} cases, {reason}{where}"
 
 
 def _series(
@@ -142,15 +187,12 @@ def _drawn(title: str, quantity: str, series: list[Series], scales: list[Scale],
         with new_figure(6.5, 4.5) as figure:
             draw_lines(figure, title, series, scales[0], Scale(label))
             return as_files(figure)
-    if len(series) > MOST_PANELS:
-        title += f" (the first {MOST_PANELS} of {len(series)} combinations of the other parameters)"
-    shown = series[:MOST_PANELS]
-    across, down = min(len(shown), 3), math.ceil(len(shown) / 3)
+    across, down = min(len(series), 3), math.ceil(len(series) / 3)
     both = (scales[0], scales[1])
     with new_figure(1.5 + 3.6 * across, 0.8 + 3.2 * down) as figure:
         if quantity == FAILURES:
-            draw_outcomes(figure, title, shown, both)
+            draw_outcomes(figure, title, series, both)
         else:
-            values = [value for s in shown for value in s.at(converged=True)[1]]
-            draw_maps(figure, title, shown, both, Scale(label, is_even_in_log(values)))
+            values = [value for s in series for value in s.at(converged=True)[1]]
+            draw_maps(figure, title, series, both, Scale(label, is_even_in_log(values)))
         return as_files(figure)

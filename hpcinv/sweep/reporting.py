@@ -54,12 +54,12 @@ def _table(options: argparse.Namespace) -> int:
     records = results(plan, ledger)
 
     from hpcinv.study.tables import as_csv
-    from hpcinv.sweep.table import as_hdf5, columns
+    from hpcinv.sweep.table import as_hdf5, columns, units
 
     if options.output is None:
-        sys.stdout.write(as_csv(columns(plan, records)))
+        sys.stdout.write(as_csv(columns(plan, records), units(plan, records)))
     elif options.output.suffix == ".csv":
-        _write(options.output, as_csv(columns(plan, records)).encode())
+        _write(options.output, as_csv(columns(plan, records), units(plan, records)).encode())
     else:
         _write(options.output, as_hdf5(plan, records, provenance(plan, ledger)))
     return 0
@@ -72,7 +72,7 @@ def _statistics(options: argparse.Namespace) -> int:
     from hpcinv.study.tables import as_csv
     from hpcinv.sweep.statistics import statistics
 
-    sys.stdout.write(as_csv(statistics(plan, records)))
+    sys.stdout.write(as_csv(statistics(plan, records), {}))  # a column tells the unit of each row
     return 0
 
 
@@ -82,10 +82,13 @@ def _plot(options: argparse.Namespace) -> int:
 
     from hpcinv.sweep.plot import plot
 
-    for form, content in plot(plan, results(plan, ledger_of(plan)), options.quantity, options.over).items():
+    diagram = plot(plan, results(plan, ledger_of(plan)), options.quantity, options.over)
+    for form, content in diagram.files.items():
         path = stem.with_name(f"{stem.name}.{form}")
         _write(path, content)
         print(path)
+    for text in diagram.left_out:
+        print(f"left out: {text}")
     return 0
 
 

@@ -283,7 +283,11 @@ def test_the_table_as_csv_and_hdf5_has_the_same_numbers(tmp_path: Path, commit: 
     records, told_by = results(found, ledger_of(found)), provenance(found, ledger_of(found))
     table = columns(found, records)
     assert table == columns(found, rich_results(found)) | {"attempts": table["attempts"]}
-    rows = list(csv.DictReader(io.StringIO(as_csv(table))))
+    known = units(found, records)
+    headers = {f"{name} [{known[name]}]" if known.get(name) else name: name for name in table}
+    assert {f"{MU} [Pa]", "top [m]", "seconds [s]", "status"} <= headers.keys()
+    written = csv.DictReader(io.StringIO(as_csv(table, known)))
+    rows = [{headers[header]: value for header, value in row.items()} for row in written]
     with h5py.File(io.BytesIO(as_hdf5(found, records, told_by))) as file:
         frame = {name: data[()] for name, data in file["cases"].items()}
         told = {name: data.attrs["unit"] for name, data in file["cases"].items() if "unit" in data.attrs}
@@ -325,7 +329,7 @@ def test_laws_are_lines_over_one_parameter_and_failed_cases_crosses(tmp_path: Pa
     found = plan(tmp_path, {"branches": laws, "name": "law"}, {"grid": {DENSITY: [1, 2, 3, 4]}})
     records = {case.key: good(quantities={"top": case.parameters[DENSITY]}) for case in found.cases[:7]}
     records[found.cases[2].key] = bad()  # the last is open
-    files = plot(found, records, "top", [DENSITY])
+    files = plot(found, records, "top", [DENSITY]).files
     assert groups(files) == ["failed", "series-0", "series-1"]
     assert [drawn(files, name) for name in groups(files)] == [1, 3, 3]
     text = files["svg"].decode()
@@ -339,13 +343,54 @@ def test_samples_are_points_over_two_parameters(tmp_path: Path) -> None:
         case.key: bad() if case.parameters[MU] < 1e4 else good(quantities={"top": case.parameters[DENSITY]})
         for case in found.cases
     }
-    files = plot(found, records, "top", [MU, DENSITY])
+    files = plot(found, records, "top", [MU, DENSITY]).files
     assert groups(files) == ["failed-0", "series-0"]
     assert [drawn(files, name) for name in groups(files)] == [16, 16]  # half of them are in each decade
-    files = plot(found, records, "failures", [MU, DENSITY])
+    files = plot(found, records, "failures", [MU, DENSITY]).files
     assert groups(files) == ["outcome-0", "outcome-1"]
     assert [drawn(files, name) for name in groups(files)] == [16, 16]
     assert f">{FOLD} (16)<" in files["svg"].decode()
+
+
+def test_a_diagram_tells_which_cases_it_leaves_out(
+    tmp_path: Path, commit: Callable[[Case, Record], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Laws have different parameters: over one of them, cases of other laws have no place."""
+    branches = {
+        "neo-Hooke": {
+            "set": {"material": {"law": "neo-hookean", "lam": 4e4}},
+            "axes": [{"grid": {MU: [1e4, 2e4, 3e4]}}],
+        },
+        "Yeoh": {
+            "set": {"material": {"law": "yeoh", "c2": 0, "c3": 0, "kappa": 1e6}},
+            "axes": [{"grid": {"material.c1": [5e3, 1e4]}}],
+        },
+    }
+    found = plan(tmp_path, {"branches": branches, "name": "law"})
+    commit(found.cases[0], good())
+    commit(found.cases[1], good(quantities={}))
+    for case in found.cases[3:]:
+        commit(case, good())
+    told = ["1 of 5 cases, not finished (neo-Hooke)", f"2 of 5 cases, without {MU} (Yeoh)"]
+    told.append("1 of 5 cases, without top (neo-Hooke)")
+    diagram = plot(found, results(found, ledger_of(found)), "top", [MU])
+    assert list(diagram.left_out) == told
+    assert drawn(diagram.files, "series-0") == 1
+    assert all(f"left out: {text}" in diagram.files["svg"].decode() for text in told)
+    assert main(["sweep", "plot", str(found.path), "top", "--over", MU, "--output", str(tmp_path / "top")]) == 0
+    assert capsys.readouterr().out.splitlines()[2:] == [f"left out: {text}" for text in told]
+
+
+def test_an_axis_with_a_zero_is_not_logarithmic(tmp_path: Path) -> None:
+    """A grid in one branch may have a zero where another is sampled evenly in the logarithm."""
+    branches = {
+        "sample": {"axes": [{"random": {DENSITY: {"log-uniform": [1, 1000]}}, "count": 3}]},
+        "grid": {"axes": [{"grid": {DENSITY: [0, 10]}}]},
+    }
+    found = plan(tmp_path, {"branches": branches})
+    records = {case.key: good() for case in found.cases}
+    files = plot(found, records, "top", [DENSITY]).files
+    assert sum(drawn(files, name) for name in groups(files)) == 5
 
 
 def test_scales_are_logarithmic_where_values_are_even_in_that() -> None:
@@ -396,7 +441,7 @@ def test_the_commands_write_what_they_are_asked_for(
     assert main(["sweep", "status", sweep]) == 0
     assert "2 of 2 cases finished" in capsys.readouterr().out
     assert main(["sweep", "table", sweep]) == 0
-    assert [row["top"] for row in csv.DictReader(io.StringIO(capsys.readouterr().out))] == ["0.5", "0.75"]
+    assert [row["top [m]"] for row in csv.DictReader(io.StringIO(capsys.readouterr().out))] == ["0.5", "0.75"]
     for name in ("deep/table.csv", "deep/table.h5"):
         assert main(["sweep", "table", sweep, "--output", str(tmp_path / name)]) == 0
         assert (tmp_path / name).stat().st_size > 0
