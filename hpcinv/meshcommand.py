@@ -15,6 +15,7 @@ from hpcinv.loading import read_text
 from hpcinv.meshheader import SUFFIX
 from hpcinv.schema import job_error
 from hpcinv.sections import MeshSpec
+from hpcinv.units import length_symbol
 
 if TYPE_CHECKING:
     from hpcinv.mesh import MeshSource
@@ -80,7 +81,8 @@ def _gather(options: argparse.Namespace) -> int:
         raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")
     source: MeshSource = FILES[SUFFIX](options.input)
     save(options.output, source, source.points)
-    print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes")
+    unit = length_symbol(source.unit or 1.0)
+    print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, in {unit}")
     return 0
 
 

@@ -32,6 +32,7 @@ class Header:
         data: name, place ("nodes" or "cells") and number of components of each data array.
         checksums: of each array, by its name in the file.
         files: bytes of each file that ADIOS2 has written.
+        unit: length unit (m) of the file that it was made of; its own coordinates are in metres.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Header:
     data: tuple[tuple[str, str, int], ...]
     checksums: Mapping[str, str]
     files: Mapping[str, int]
+    unit: float = 1.0
 
     def write(self, path: Path) -> None:
         """Put it into the partitioned mesh at ``path``."""
@@ -55,7 +57,7 @@ class Header:
     def digest(self) -> str:
         """SHA-256 of the mesh, whichever way its arrays are spread over files."""
         content = asdict(self)
-        del content["name"], content["files"]
+        del content["name"], content["files"], content["unit"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

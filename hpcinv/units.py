@@ -101,6 +101,8 @@ NAMES = {
 }
 
 _LONGEST = 400  # characters of a quantity
+LENGTH_UNITS = ("m", "mm", "um", "nm", "cm", "dm", "km", "in", "ft")
+
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _QUANTITY = re.compile(rf"\s*((?>{NUMBER}))\s*(.*?)\s*", re.DOTALL)
 _FACTOR = re.compile(r"\s*([*/·])?\s*(cmH2O|[A-Za-zµμ_]+|[%°])(?:(?:\^|\*\*)?([+-]?\d\b|⁻?[¹²³]))?\s*")
@@ -149,6 +151,11 @@ def parse_unit(text: str) -> tuple[Fraction, Dimension]:
         exponents = Dimension(*(a + power * b for a, b in zip(exponents, dimension, strict=True)))
         rest = rest[match.end() :]
     return total, exponents
+
+
+def length_symbol(unit: float) -> str:
+    """Symbol of a length unit (m), such as ``mm``, or its size where none is known, such as ``0.3 m``."""
+    return next((symbol for symbol in LENGTH_UNITS if parse_quantity(f"1 {symbol}")[0] == unit), f"{unit!r} m")
 
 
 @cache

@@ -19,12 +19,14 @@ from hpcinv.mesh.cell_count import Watch, silent
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.degree import of_degree
+from hpcinv.mesh.length_unit import check_unit
 from hpcinv.mesh.partition import Partition, measure, partitioner
 from hpcinv.mesh.partitioned import read_partitioned
 from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.rows import Rows
 from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.meshheader import SUFFIX
 from hpcinv.runtime import MPI, on_root
 from hpcinv.scales import power_of_two
 
@@ -91,7 +93,10 @@ def read_source(spec: MeshSpec, path: Path, told: Callable[[str], None] = silent
             watch = Watch(spec.maximum_cells, told)
             source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree, watch).in_metres(spec.unit)
         else:
-            source = FILES[path.suffix](path).in_metres(spec.unit)
+            source = FILES[path.suffix](path)
+            if path.suffix != SUFFIX:  # which is in metres
+                check_unit(path, source.unit, spec.unit)
+                source = source.in_metres(spec.unit)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     source = source.without_unused_nodes()

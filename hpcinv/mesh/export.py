@@ -22,8 +22,8 @@ def write_mesh(path: Path, body: Body, coordinates: Floats) -> None:
     """Write the body at ``coordinates`` (m) of its local geometry nodes, as the suffix of ``path`` says; collective.
 
     Node order, node and cell tags, physical groups and data arrays are those of the source (vectors too: they are not
-    turned with the body); the file appears whole or not at all. A ``.bp`` is written by all ranks; others by rank 0,
-    which cannot of a partitioned mesh.
+    turned with the body); the file appears whole or not at all. A ``.bp`` is written by all ranks, in metres; others by
+    rank 0, which cannot of a partitioned mesh, in the unit of the source's own file, which they state.
 
     Raises:
         OutputError: on every rank, if it cannot be written.
@@ -39,12 +39,14 @@ def write_mesh(path: Path, body: Body, coordinates: Floats) -> None:
 def save(path: Path, source: MeshSource, points: Floats) -> None:
     """Write a whole mesh at ``points`` (n, 3) m as the suffix of ``path`` says; the file appears whole or not at all.
 
+    Its coordinates are in ``source.unit``, which the file states.
+
     Raises:
         OutputError: it cannot be written.
     """
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
-        SAVERS[path.suffix](partial, source, points)
+        SAVERS[path.suffix](partial, source, source.in_its_unit(points))
         partial.replace(path)
     except Exception as exc:  # gmsh and VTK raise nothing narrower
         partial.unlink(missing_ok=True)

@@ -15,6 +15,7 @@ import numpy as np
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
 from hpcinv.mesh.gmsh_views import write_views
+from hpcinv.mesh.length_unit import state_in_model
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.signals import handlers_kept
 
@@ -164,9 +165,13 @@ def _group_name(gmsh: Any, dim: int, tag: int) -> str:
 
 
 def save_msh(path: Path, source: MeshSource, points: Floats) -> None:
-    """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) m as binary MSH 4.1; not collective."""
+    """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) as binary MSH 4.1; not collective.
+
+    The points are in ``source.unit``.
+    """
     with session(path.stem) as gmsh:
         _lay(gmsh, source, points)
+        state_in_model(gmsh, source.unit or 1.0)
         for option, value in (("Binary", 1), ("MshFileVersion", 4.1), ("SaveAll", 1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(path))

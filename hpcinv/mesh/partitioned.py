@@ -35,6 +35,7 @@ import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError, OutputError
 from hpcinv.mesh.cells import FACET_KIND, no_cells
+from hpcinv.mesh.length_unit import as_unit
 from hpcinv.mesh.rows import Rows, even_range
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place
 from hpcinv.meshheader import HEADER, Header, read_header
@@ -66,6 +67,7 @@ def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> No
         data=tuple((a.name, a.on, a.values.shape[1]) for a in source.data.values()),
         checksums={name: rows[on].checksum(array) for name, on, array in arrays},
         files={},
+        unit=source.unit or 1.0,
     )
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     with _published(partial, path, comm, header):
@@ -119,6 +121,7 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
         thin_groups=header.thin_groups,
         data={name: DataArray(name, _place(on), arrays[f"data-{i}"]) for i, (name, on, _) in enumerate(header.data)},
         parts=header.parts,
+        unit=as_unit(header.unit),
     )
 
 

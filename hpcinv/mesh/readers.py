@@ -16,6 +16,7 @@ from hpcinv.generators import Value
 from hpcinv.mesh.cell_count import Watch, watched
 from hpcinv.mesh.gmsh_model import extract, session
 from hpcinv.mesh.gmsh_views import read_views
+from hpcinv.mesh.length_unit import stated_in_model
 from hpcinv.mesh.partitioned import read_partitioned
 from hpcinv.mesh.parts import by_tags
 from hpcinv.mesh.source import MeshSource
@@ -80,7 +81,7 @@ def read_msh(path: Path) -> MeshSource:
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()
         source = extract(gmsh, path)
-        return dataclasses.replace(source, data=read_views(gmsh, source))
+        return dataclasses.replace(source, data=read_views(gmsh, source), unit=stated_in_model(gmsh))
 
 
 def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:

@@ -62,7 +62,8 @@ class MeshSource:
     ranks at which its parts begin, and the number of cells.
 
     ``points`` (n, 3) in metres; ``cells`` (m, k) and ``facets`` (f, l) are rows of all ranks' ``points``, vertices
-    first, in the node order of DOLFINx. ``facets`` are only those that a group names.
+    first, in the node order of DOLFINx. ``facets`` are only those that a group names. ``unit`` (m) is what coordinates
+    in its files are in: what a file states, or as the job says; ``None`` is not known, and taken as metres.
     """
 
     path: Path
@@ -77,6 +78,7 @@ class MeshSource:
     thin_groups: tuple[str, ...] = ()  # names of groups of points and curves, which are no regions
     data: Mapping[str, DataArray] = field(default_factory=dict)  # by name; cell arrays are of ``cells`` alone
     parts: tuple[int, ...] = ()
+    unit: float | None = None
 
     @property
     def is_partitioned(self) -> bool:
@@ -106,7 +108,11 @@ class MeshSource:
 
     def in_metres(self, unit: float) -> MeshSource:
         """The same mesh, its coordinates having been given in ``unit`` (m)."""
-        return self if unit == 1.0 else dataclasses.replace(self, points=self.points * unit)
+        return dataclasses.replace(self, points=self.points if unit == 1.0 else self.points * unit, unit=unit)
+
+    def in_its_unit(self, points: Floats) -> Floats:
+        """Coordinates (m) as its files have them."""
+        return points if self.unit in (None, 1.0) else points / self.unit
 
     def without_unused_nodes(self) -> MeshSource:
         """Drop the nodes that no cell has (centres of arcs, left-overs of surfaces); the others keep order and tags."""

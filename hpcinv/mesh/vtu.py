@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
+from hpcinv.mesh.length_unit import FIELD, as_unit
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays
 
 # Of degree 1, of degree 2, of any degree; the last two are ordered alike.
@@ -70,7 +71,8 @@ def read_vtu(path: Path) -> MeshSource:
     cell_tags = np.asarray(grid.cell_data.get(CELL_TAG, np.arange(1, len(types) + 1)), dtype=np.int64)[rows[3]]
     facets, named = _named(facets, groups)
     data = data_arrays(_data(grid, rows[3]))
-    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, facets, named, data=data)
+    unit = _unit(grid)
+    return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, facets, named, data=data, unit=unit)
 
 
 def _data(grid: Any, solids: Ints) -> Iterator[tuple[str, Place, npt.NDArray[np.generic]]]:
@@ -81,6 +83,12 @@ def _data(grid: Any, solids: Ints) -> Iterator[tuple[str, Place, npt.NDArray[np.
     for name in grid.cell_data:
         if name != CELL_TAG and not name.startswith((OF_VTK, REGION)):
             yield name, "cells", np.asarray(grid.cell_data[name])[solids]
+
+
+def _unit(grid: Any) -> float | None:
+    """The length unit (m) that the file states."""
+    stated = np.asarray(grid.field_data[FIELD]) if FIELD in grid.field_data else np.zeros(0)
+    return as_unit(float(stated[0])) if stated.dtype.kind in "fiu" and stated.shape == (1,) else None
 
 
 def _solid_kind(path: Path, names: list[str]) -> str:
@@ -117,7 +125,7 @@ def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
 
 
 def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
-    """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) m; not collective."""
+    """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) in ``source.unit``; not collective."""
     # VTK itself: pyvista takes a second to load, as long as a small job takes to solve.
     from vtkmodules import vtkCommonDataModel
     from vtkmodules.util import numpy_support
@@ -169,6 +177,8 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
             if group.name == name:
                 marks[group.members + (0 if group.dim == 3 else len(source.cells))] = group.tag
         grid.GetCellData().AddArray(array(REGION + name, marks))
+
+    grid.GetFieldData().AddArray(array(FIELD, np.array([source.unit or 1.0])))
 
     writer = vtkXMLUnstructuredGridWriter()
     writer.SetFileName(str(path))
