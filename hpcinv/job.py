@@ -26,11 +26,12 @@ from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Sup
 from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.sensitivity.spec import read_sensitivities
 from hpcinv.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
-from hpcinv.study.keys import JobKey
+from hpcinv.study.keys import JobKey, assigned
 
 MOST_ENTRIES = 10_000
 """of one list of a job, such as its quantities: each costs a millisecond here, and a kernel or a search in a run"""
 
+_UNNAMED = "(mapping)"  # stands for the file of a job that was made in Python
 _KEYS: Any = Mapping[str, str | float | None] | list[str]  # as a file may say them
 
 
@@ -87,11 +88,31 @@ class Job(Spec):
     """largest errors of quantities by name, such as {tip: 0.1 mm}: degree and mesh are then chosen to meet them"""
 
     _path: Path | None = PrivateAttr(default=None)
+    _data: Mapping[str, Any] = PrivateAttr(default_factory=dict)
 
     @property
     def path(self) -> Path | None:
-        """The file that the job was read from."""
+        """The file that the job was read from; paths in it begin where that lies."""
         return self._path
+
+    @property
+    def data(self) -> Mapping[str, Any]:
+        """What its file holds, as it was read."""
+        return self._data
+
+    def with_(self, changes: Mapping[str, Any]) -> Job:
+        """The job with other values at some of its keys, such as ``{"effects[1].pressure": "12 kPa"}``.
+
+        Sections that are not there are made. The job itself stays as it is.
+
+        Raises:
+            JobError: a key leads nowhere, or the changed job is not valid.
+        """
+        path = self._path or Path(_UNNAMED)
+        try:
+            return parse(assigned(self._data, changes), path)
+        except ValueError as error:
+            raise JobError([f"{path}: {error}"]) from None
 
     def resolve(self, path: str | Path) -> Path:
         """A path of the job file as one that can be opened."""
@@ -339,13 +360,18 @@ def _unpickled(plugins: list[Path], data: bytes) -> Job:
     return job
 
 
-def load(path: str | Path) -> Job:
-    """Read and check a job file.
+def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".") -> Job:
+    """Read and check a job: a file, or a mapping with the content of one.
+
+    Args:
+        directory: where relative paths in a mapping begin; those in a file begin where that lies.
 
     Raises:
         JobError: with one line for each thing that is wrong, of the form ``file: key: what, and what to do``.
     """
-    return parse(read_yaml(Path(path)), Path(path))
+    if isinstance(source, Mapping):
+        return parse({"job": "job", **source}, Path(directory) / _UNNAMED)
+    return parse(read_yaml(Path(source)), Path(source))
 
 
 def parse(data: Mapping[str, Any], path: Path) -> Job:
@@ -366,7 +392,7 @@ def parse(data: Mapping[str, Any], path: Path) -> Job:
         if (fault := fault_of_plugin(error)) is None:
             raise
         raise JobError([f"{path}: plugins: a law or effect failed where it was checked: {fault}"]) from error
-    job._path = path
+    job._path, job._data = path, data
     return job
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -87,7 +88,7 @@ class Leg:
         return sum(s.factorizations for s in self.solves)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """A finished run.
 
@@ -119,3 +120,36 @@ class Result:
     def shape(self) -> Floats:
         """Coordinates of the local geometry nodes in the body that was looked for, (n, 3) in m."""
         return self.legs[0].other_nodes
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers of the run as plain data, the same on every rank: what ``summary.json`` holds."""
+        return copy.deepcopy(dict(self.statistics))
+
+    def __repr__(self) -> str:
+        """Five lines; not collective."""
+        statistics = self.statistics
+        mesh, leg = statistics.get("mesh", {}), statistics.get("legs", [{}])[0]
+        lines = statistics.get("certificate", {}).get("lines", ())
+        doubts = [line["name"] for line in lines if line["verdict"] not in ("pass", "not checked")]
+        values = ", ".join(f"{name} = {_short(value)}" for name, value in list(self.quantities.items())[:_SHOWN])
+        more = len(self.quantities) - _SHOWN
+        return "\n".join(
+            (
+                f"Result of '{self.job.job}': {self.job.analysis} analysis, {statistics.get('status', 'not finished')}",
+                f"  mesh: {mesh.get('cells')} cells, {mesh.get('unknowns')} unknowns;"
+                f" largest displacement {_short(leg.get('largest_displacement'))} m",
+                f"  certificate: {self.certificate.verdict.value}" + (f" ({'; '.join(doubts)})" if doubts else ""),
+                f"  quantities: {values or 'none'}" + (f", and {more} more" if more > 0 else ""),
+                f"  directory: {self.directory or 'none, nothing was written'}",
+            )
+        )
+
+
+_SHOWN = 6  # quantities in a line
+
+
+def _short(value: Any) -> str:
+    """A number or a vector with a few digits."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_short, value))}]"
+    return "not known" if value is None else f"{value:.6g}"

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from hpcinv.errors import OutputError
+import yaml
+
+from hpcinv.errors import JobError, OutputError
 from hpcinv.filenames import check_output
 from hpcinv.job import Job, load, parse
 from hpcinv.loading import read_yaml
@@ -98,7 +103,10 @@ class RunDirectory:
     def _text(self, job: Job) -> str | None:
         if self.text is not None or job.path is None:
             return self.text
-        return job.path.read_text()
+        with contextlib.suppress(JobError):  # there is no file of a job that was made in Python
+            if read_yaml(job.path) == job.data:
+                return job.path.read_text(encoding="utf-8")
+        return yaml.safe_dump(_plain(job.data), sort_keys=False, allow_unicode=True)
 
     def job(self, changed: Path | None) -> Job:
         """The job to resume: the one that was run, or a ``changed`` file.
@@ -120,6 +128,19 @@ class RunDirectory:
             raise OutputError(f"{self.path}: was run from Python, without a job file", "Give one with --job.")
         # Relative paths in the job still start from where the job file was.
         return parse(read_yaml(self.path / _JOB), Path(origin))
+
+
+def _plain(value: Any) -> Any:
+    """As YAML has it; what was given from Python may be of other types."""
+    match value:
+        case Mapping():
+            return {str(key): _plain(entry) for key, entry in value.items()}
+        case list() | tuple():
+            return [_plain(entry) for entry in value]
+        case None | bool():
+            return value
+    plain = next((kind for kind in (int, float, str) if isinstance(value, kind)), str)
+    return plain(value)
 
 
 def choose(output: Path | None, job: Job) -> RunDirectory:

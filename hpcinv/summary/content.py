@@ -120,6 +120,7 @@ def _leg(leg: Leg, displacement: int) -> dict[str, Any]:
             "iterations": sum(s.linear_iterations for s in leg.solves),
             "fallback": leg.linear.fallback,
         },
+        "largest_displacement": leg.largest_displacement,
         "J": {"min": leg.J_range[0], "max": leg.J_range[1]},
         "strain_energy": leg.strain_energy,
         "solves": [_solve(s) for s in leg.solves],
