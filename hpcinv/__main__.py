@@ -84,6 +84,13 @@ def _effects(options: argparse.Namespace) -> int:
     return _catalogue(effects(), "effect", options.name)
 
 
+def _formulas(_options: argparse.Namespace) -> int:
+    from hpcinv.formulaguide import show
+
+    show()
+    return 0
+
+
 def _catalogue(members: Mapping[str, type[Ingredient]], tag: str, name: str | None) -> int:
     from hpcinv.catalogue import describe, overview
 
@@ -236,6 +243,11 @@ def _parser() -> argparse.ArgumentParser:
         catalogue = commands.add_parser(name, help=f"list the {name}, or show all about one")
         catalogue.add_argument("name", nargs="?", help="its name in job files")
         catalogue.set_defaults(command=command)
+
+    formulas = commands.add_parser(
+        "formulas", help="list the functions and names of formulas, and where each may be used"
+    )
+    formulas.set_defaults(command=_formulas)
 
     schema = commands.add_parser("schema", help="print the JSON Schema of job files, for editors")
     schema.set_defaults(command=_schema)

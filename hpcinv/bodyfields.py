@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 type Floats = npt.NDArray[np.float64]
 
+_KINDS = {"physical": "groups of the mesh", "geometric": "regions of the job"}
 _INWARDS = 0.8  # samples lie this far from a cell's midpoint towards its nodes: formulas may be singular on the surface
 
 
@@ -123,27 +124,43 @@ def law_cells(body: Body, laws: Mapping[str, Any]) -> tuple[npt.NDArray[np.int32
 def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> npt.NDArray[np.int64]:
     """Place in ``names`` of the region that each local cell is in (right for owned cells); collective.
 
-    ``elsewhere`` stands for the cells in none of the others.
+    A region of the job's own ('regions') takes its cells from the groups of the mesh; ``elsewhere`` stands for the
+    cells in none of the others.
 
     Raises:
-        MeshError: on all ranks, if a cell is in no region or in two.
+        MeshError: on all ranks, if a cell is in no region, in two groups of the mesh or in two regions of the job, or
+            if no cell is left to a group.
     """
     cells = body.mesh.topology.index_map(3)
     owned = cells.size_local
     number = np.full(owned + cells.num_ghosts, -1)
+    groups: dict[str, list[tuple[int, str]]] = {"physical": [], "geometric": []}
     for i, name in enumerate(names):
-        if name == ELSEWHERE:
-            continue
-        with told_with(where):
+        if name != ELSEWHERE:
+            with told_with(where):
+                body.cells(name)  # there is such a region, and it has cells
+            groups[body.regions[name].origin].append((i, name))
+    for origin, members in groups.items():
+        of_these = np.full_like(number, -1)
+        for i, name in members:
             mine = body.cells(name)
-        taken = number[mine[mine < owned]]
-        if body.mesh.comm.allreduce(bool((taken >= 0).any()), op=MPI.LOR):
-            other = body.mesh.comm.allreduce(int(taken.max(initial=-1)), op=MPI.MAX)
+            taken = of_these[mine[mine < owned]]
+            if body.mesh.comm.allreduce(bool((taken >= 0).any()), op=MPI.LOR):
+                other = body.mesh.comm.allreduce(int(taken.max(initial=-1)), op=MPI.MAX)
+                raise MeshError(
+                    f"{body.source.path}: {where}: some cells are in '{name}' and in '{list(names)[other]}',"
+                    f" which are both {_KINDS[origin]}",
+                    "Let every cell be in one of these only. A region of the job takes its cells from groups of the"
+                    " mesh.",
+                )
+            of_these[mine] = i
+        number = np.where(of_these >= 0, of_these, number)
+    for i, name in groups["physical"]:
+        if not body.mesh.comm.allreduce(int(np.count_nonzero(number[:owned] == i)), op=MPI.SUM):
             raise MeshError(
-                f"{body.source.path}: {where}: some cells are in '{name}' and in '{list(names)[other]}'",
-                "Let every cell be in one of the regions only.",
+                f"{body.source.path}: {where}: the regions of the job leave no cell of the group '{name}'",
+                "Remove the group here, or let the conditions in 'regions' hold in fewer cells.",
             )
-        number[mine] = i
     rest = list(names).index(ELSEWHERE) if ELSEWHERE in names else -1
     number[number < 0] = rest
     if missing := body.mesh.comm.allreduce(int(np.count_nonzero(number[:owned] < 0)), op=MPI.SUM):

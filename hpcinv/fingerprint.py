@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.expressions import LET
 from hpcinv.meshheader import SUFFIX, read_header
 from hpcinv.schema import Location, at
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from hpcinv.job import Job
 
 _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
+WITH_DEFINITIONS = {LET: True}
+"""Context in which a part of a job is written so that its formulas do not depend on other parts."""
 _MESH = {"parameters", "unit", "geometry_degree"}  # not its path: a moved file is the same mesh
 
 
@@ -45,7 +48,7 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         "pressure": job.pressure_degree,
         "quadrature": job.discretisation.quadrature,
     }
-    physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True)
+    physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
     if job.plugins:
         physics["plugins"] = [digest(job.resolve(plugin)) for plugin in job.plugins]
     return physics | {"legs": list(job.legs), "mesh": mesh, "discretisation": discretisation}

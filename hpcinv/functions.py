@@ -18,26 +18,44 @@ class Function:
     """A function that formulas may call.
 
     Args:
+        meaning: its value, for users.
         ufunc: its name in NumPy; functions of many arguments are reductions of it.
         measure: the dimension of its value from those of its arguments.
         arguments: their number; None means two or more.
     """
 
+    meaning: str
     ufunc: str
     measure: Callable[..., Any] = pure
     arguments: int | None = 1
 
 
 FUNCTIONS = {
-    **{name: Function(name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log")},
-    **{f"a{name}": Function(f"arc{name}") for name in ("sin", "cos", "tan")},
-    "ln": Function("log"),
-    "atan2": Function("arctan2", lambda y, x: pure(same(y, x) / same(y, x)), 2),
-    "sqrt": Function("sqrt", square_root),
-    "abs": Function("absolute", same),
-    "min": Function("minimum", same, None),
-    "max": Function("maximum", same, None),
-    "norm": Function("hypot", same, None),
+    "sin": Function("sine of an angle in rad (or with a unit, such as 30 deg)", "sin"),
+    "cos": Function("cosine of an angle in rad", "cos"),
+    "tan": Function("tangent of an angle in rad", "tan"),
+    "asin": Function("arcsine, in rad", "arcsin"),
+    "acos": Function("arccosine, in rad", "arccos"),
+    "atan": Function("arctangent, in rad", "arctan"),
+    "atan2": Function(
+        "angle of the point (second, first) from the first axis, in rad from -pi to pi: atan2(y, x)",
+        "arctan2",
+        lambda y, x: pure(same(y, x) / same(y, x)),
+        2,
+    ),
+    "sinh": Function("hyperbolic sine", "sinh"),
+    "cosh": Function("hyperbolic cosine", "cosh"),
+    "tanh": Function("hyperbolic tangent", "tanh"),
+    "exp": Function("exponential function", "exp"),
+    "log": Function("natural logarithm", "log"),
+    "ln": Function("natural logarithm", "log"),
+    "sqrt": Function("square root", "sqrt", square_root),
+    "abs": Function("absolute value", "absolute", same),
+    "min": Function("smallest of the values", "minimum", same, None),
+    "max": Function("largest of the values", "maximum", same, None),
+    "norm": Function(
+        "square root of the sum of squares: norm(x, y, z) is the distance from the origin", "hypot", same, None
+    ),
 }
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.fingerprint import file_digest, fingerprint
+from hpcinv.fingerprint import WITH_DEFINITIONS, file_digest, fingerprint
 
 if TYPE_CHECKING:
     from hpcinv.job import Job
@@ -26,7 +26,9 @@ def content_key(job: Job, digest: Callable[[Path], str] = file_digest, **circums
         digest: of a file, for callers with many jobs on the same files.
         circumstances: what else tells runs apart, as JSON data, such as ``ranks``.
     """
-    content = fingerprint(job, digest) | job.model_dump(mode="json", include=_HOW) | circumstances
+    content = (
+        fingerprint(job, digest) | job.model_dump(mode="json", include=_HOW, context=WITH_DEFINITIONS) | circumstances
+    )
     content |= {name: part for name, part in job.model_dump(mode="json", include=_IF_ASKED_FOR).items() if part}
     if (expected := job.expected_shape) is not None:
         content["expected_shape"] = expected.model_dump(mode="json", exclude={"file"}) | {

@@ -9,10 +9,11 @@ from typing import Any, Literal
 
 from pydantic import PrivateAttr, ValidationError, ValidationInfo, field_validator
 
+from hpcinv.definitions import resolve, unusable
 from hpcinv.demands import read_demands
 from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
-from hpcinv.expressions import Expression, faults
+from hpcinv.expressions import LET, Expression, faults
 from hpcinv.fibres import FibreFamily
 from hpcinv.fingerprint import fingerprint
 from hpcinv.ingredient import Ingredient
@@ -49,6 +50,8 @@ class Job(Spec):
     """which leg of a round trip comes first; left out, inverse"""
     mesh: MeshSpec
     """the mesh of the given body, such as {file: ../meshes/beam.msh, unit: mm}"""
+    let: Mapping[Name, Expression] = {}
+    """names for parts of formulas, such as {r: "norm(x, y)"}, which every formula of the job may use"""
     regions: Mapping[Name, Expression] = {}
     """parts of the given body by conditions on x, y, z, for meshes without physical groups"""
     plugins: ListOf[str] = ()
@@ -178,6 +181,18 @@ class Job(Spec):
         return _unpickled, (plugins, pickle.dumps((self.__class__, self.__getstate__())))
 
     # The rules between sections stand with the later section, which sees the earlier ones that are right in themselves.
+
+    @field_validator("let")
+    @classmethod
+    def _are_definitions(cls, given: Mapping[str, Expression], info: ValidationInfo) -> Mapping[str, Expression]:
+        """Also tells them to the sections that follow, through the context that all are read with."""
+        raise_if_any(((name,), text) for name in given if (text := unusable(name)))
+        resolved = resolve(given)
+        if resolved:
+            if info.context is None:
+                raise ValueError("is known only in jobs that are read by 'load' or 'parse'")
+            info.context[LET] = resolved
+        return resolved
 
     @field_validator("plugins")
     @classmethod

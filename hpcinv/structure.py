@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.fingerprint import file_digest, fingerprint
+from hpcinv.fingerprint import WITH_DEFINITIONS, file_digest, fingerprint
 from hpcinv.quantities import quantities_of
 from hpcinv.varying import VARYING, ByFormula
 
@@ -51,7 +51,8 @@ def numbers_of(job: Job) -> tuple[float, ...]:
 
 
 def _skeleton(ingredient: Ingredient) -> dict[str, Any]:
-    plain = ingredient.model_dump(mode="json", exclude={*quantities_of(type(ingredient)), "constants", "parameters"})
+    left_out = {*quantities_of(type(ingredient)), "constants", "parameters"}
+    plain = ingredient.model_dump(mode="json", exclude=left_out, context=WITH_DEFINITIONS)
     return plain | {"quantities": {name: _marked(value) for name, (value, _) in ingredient.quantities().items()}}
 
 
@@ -60,7 +61,7 @@ def _marked(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_marked(entry) for entry in value]
     if isinstance(value, ByFormula):
-        return [value.plain(), sorted(value.constants)]
+        return [value.whole, sorted(value.constants)]
     if isinstance(value, VARYING):
         return value.plain()
     return value if value is None or value == math.inf else _NUMBER
@@ -78,7 +79,7 @@ def _numbers(value: Any) -> Iterator[float]:
 
 def _skeleton_of_support(support: Support) -> dict[str, Any]:
     plain = support.model_dump(mode="json", exclude={"displacement", "constants"})
-    formulas = [f if f is None else str(f) if f.names else _NUMBER for f in support.displacement or ()]
+    formulas = [f if f is None else f.whole if f.names else _NUMBER for f in support.displacement or ()]
     return plain | {"displacement": formulas, "constants": sorted(support.constants)}
 
 

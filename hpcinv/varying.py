@@ -9,17 +9,18 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic_core import core_schema
 
-from hpcinv.expressions import Expression
+from hpcinv.expressions import Expression, definitions_in, with_definitions
 from hpcinv.quantities import Quantity
 from hpcinv.schema import shown
 from hpcinv.units import Dimension, as_float, parse_unit
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo, ValidationInfo
     from pydantic.json_schema import JsonSchemaValue
 
 ELSEWHERE = "elsewhere"
@@ -50,6 +51,10 @@ class ByFormula:
     def plain(self) -> str:
         return str(self.formula)
 
+    @property
+    def whole(self) -> str:
+        return self.formula.whole
+
 
 @dataclass(frozen=True)
 class ByData:
@@ -75,8 +80,12 @@ VARYING = (ByRegion, ByFormula, ByData)
 class VaryingQuantity(Quantity):
     """What a field of a law or an effect expects, if it may vary over the body."""
 
-    def read(self, value: object) -> float | Varying:
-        """A number in SI, or what gives it at each point; ``ValueError`` tells what is wrong."""
+    def read(self, value: object, definitions: Mapping[str, Expression] = MappingProxyType({})) -> float | Varying:
+        """A number in SI, or what gives it at each point; ``ValueError`` tells what is wrong.
+
+        Args:
+            definitions: what names in a formula stand for.
+        """
         if isinstance(value, VARYING):
             return value
         if isinstance(value, Mapping):
@@ -84,9 +93,11 @@ class VaryingQuantity(Quantity):
         try:
             return self.parse(value)
         except ValueError:
-            if not isinstance(value, str) or not _LIKE_A_FORMULA.search(value):
+            if not isinstance(value, str):
                 raise
-        formula = Expression(value)
+            if not _LIKE_A_FORMULA.search(value) and definitions.keys().isdisjoint(_WORD.findall(value)):
+                raise
+        formula = Expression.using(value, definitions)
         formula.expect(POSITIONS, self.dimension)
         if not formula.names:
             return self.parse(float(formula.evaluate()))
@@ -115,13 +126,19 @@ class VaryingQuantity(Quantity):
         return ByData(array, unit)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
-        def plain(value: float | Varying) -> Any:
+        def plain(value: float | Varying, info: SerializationInfo) -> Any:
+            if isinstance(value, ByFormula) and with_definitions(info):
+                return value.whole
             if isinstance(value, VARYING):
                 return value.plain()
             return self.infinite if value == float("inf") else value
 
-        return core_schema.no_info_plain_validator_function(
-            self.read, serialization=core_schema.plain_serializer_function_ser_schema(plain, when_used="json")
+        def read(value: object, info: ValidationInfo) -> float | Varying:
+            return self.read(value, definitions_in(info))
+
+        return core_schema.with_info_plain_validator_function(
+            read,
+            serialization=core_schema.plain_serializer_function_ser_schema(plain, info_arg=True, when_used="json"),
         )
 
     def __get_pydantic_json_schema__(
@@ -137,6 +154,7 @@ class VaryingQuantity(Quantity):
         return {"anyOf": [*one["anyOf"], {"type": "string"}, data, {"type": "object", "additionalProperties": one}]}
 
 
+_WORD = re.compile(r"[A-Za-z]\w*")
 _LIKE_A_FORMULA = re.compile(r"[*()+]|\b[XYZxyz]\b")
 
 StressField = Annotated[Any, VaryingQuantity("Pa")]

@@ -20,6 +20,8 @@ from verification import BOX, Solved, box, job
 import hpcinv as package
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body, read_source
+from hpcinv.mesh.partitioned import write_partitioned
+from hpcinv.mesh.parts import partitioned
 from hpcinv.model import Model
 from hpcinv.result import Result
 from hpcinv.runtime import MPI, on_root
@@ -97,10 +99,25 @@ def stress_error(result: Result, lower: np.ndarray, upper: np.ndarray) -> float:
 
 
 @pytest.mark.parallel([1, 2])
-def test_two_confined_layers_stretch_each_by_its_own_law(comm: MPI.Intracomm) -> None:
-    """Exact in linear elements, both ways: P is the same in both layers."""
+@pytest.mark.parametrize("rest", ["elsewhere", "block", "block of a partitioned mesh"])
+def test_two_confined_layers_stretch_each_by_its_own_law(
+    rest: str, comm: MPI.Intracomm, meshes: Path, run_directory: Path
+) -> None:
+    """Exact in linear elements, both ways: P is the same in both layers.
+
+    The upper one is what the lower one leaves of the body, whether that is called the rest or by its physical group.
+    """
     stretches = [float(root(lambda s, P=P: P(s) - END, 0.5, 3.0)) for P in (mooney_rivlin, neo_hookean)]
     assert stretches[1] > 1.1
+    mesh = box((1, 1, 4))
+    if "partitioned" in rest:
+        file = run_directory / "box.bp"
+        whole = spec(meshes / "box.py", parameters=mesh["parameters"])
+        on_root(
+            comm,
+            lambda: write_partitioned(file, MPI.COMM_SELF, partitioned(read_source(whole, meshes / "box.py"), 3)[0]),
+        )
+        mesh = {"file": str(file)}
     sides = [sideways(s)[i] for i, s in enumerate(stretches)]
     tensors = [np.diag([side, side, END]) for side in sides]
     for analysis in ("forward", "inverse"):
@@ -115,9 +132,9 @@ def test_two_confined_layers_stretch_each_by_its_own_law(comm: MPI.Intracomm) ->
         result = package.run(
             job(
                 analysis=analysis,
-                mesh=box((1, 1, 4)),
+                mesh=mesh,
                 regions=LOWER,
-                material={"lower": MOONEY_RIVLIN, "elsewhere": NEO_HOOKEAN},
+                material={"lower": MOONEY_RIVLIN, rest.split()[0]: NEO_HOOKEAN},
                 effects=[pull()],
                 supports=CONFINED,
                 discretisation=LINEAR,
@@ -285,6 +302,7 @@ def test_what_describes_the_same_material_gives_the_same_shape(
             assert largest(comm, first - shapes["one value"][0]) > 0.1 * size
 
 
+GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -9.81]}
 REFUSED: list[tuple[dict[str, Any], str]] = [
     (
         {"material": {"lower": NEO_HOOKEAN, "upper": MOONEY_RIVLIN}},
@@ -292,7 +310,15 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"material": {"lower": NEO_HOOKEAN, "most": MOONEY_RIVLIN}},
-        "material: some cells are in 'most' and in 'lower'",
+        "material: some cells are in 'most' and in 'lower', which are both regions of the job",
+    ),
+    (
+        {"material": {"all": NEO_HOOKEAN, "block": MOONEY_RIVLIN}},
+        "material: the regions of the job leave no cell of the group 'block'",
+    ),
+    (
+        {"effects": [GRAVITY | {"density": {"most": 1, "lower": 2, "block": 3}}]},
+        "effects[0].density: some cells are in 'lower' and in 'most', which are both regions of the job",
     ),
     (
         {"material": {"lower": NEO_HOOKEAN, "loewr": MOONEY_RIVLIN}},
@@ -327,7 +353,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parallel(2)
 def test_what_the_mesh_does_not_bear_out_is_refused_before_anything_is_solved(comm: MPI.Intracomm) -> None:
-    regions = {"lower": "z < 0.26 m", "upper": "z > 0.49 m", "most": "z < 0.76 m"}
+    regions = {"lower": "z < 0.26 m", "upper": "z > 0.49 m", "most": "z < 0.76 m", "all": "z < 2 m"}
     for changes, text in REFUSED:
         data = {"material": NEO_HOOKEAN, "supports": CONFINED, "discretisation": LINEAR, "regions": regions}
         given = job(mesh=box((1, 1, 4)), **data | changes)

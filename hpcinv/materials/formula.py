@@ -75,6 +75,10 @@ class Formula(IsochoricLaw):
         if not {"kappa", "parameters"} <= info.data.keys():  # already reported
             return energy
         parameters: Mapping[str, Measured] = info.data["parameters"]
+        if twice := sorted(parameters.keys() & {name for name, _ in energy.definitions}):
+            raise ValueError(
+                f"'{twice[0]}' is a parameter of this law and a formula (let.{twice[0]}); rename one of them"
+            )
         known: dict[str, Dimension | None] = {name: p.dimension for name, p in parameters.items()}
         known |= {name: _NUMBER for name in (*ISOTROPIC, *energy.names) if families_in(name) is not None}
         energy.expect(known, _STRESS)
