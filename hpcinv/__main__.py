@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -21,6 +22,7 @@ from hpcinv.signals import CLOSED_OUTPUT, discard_output, end_on_interrupt
 from hpcinv.study.plan import is_study, load_plan
 from hpcinv.sweep.command import add_sweep
 from hpcinv.sweep.plan import is_sweep, load_sweep
+from hpcinv.untrusted import add_option, asked_for
 
 if TYPE_CHECKING:
     from hpcinv.ingredient import Ingredient
@@ -37,10 +39,12 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
     options = _parser().parse_args(arguments)
     try:
-        code: int = options.command(options)
+        with asked_for(options):
+            code: int = options.command(options)
         sys.stdout.flush()
     except HpcinvError as error:
-        print(error, file=sys.stderr)
+        if not _is_other_rank():
+            print(error, file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:
         discard_output()
@@ -51,6 +55,11 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     return code
+
+
+def _is_other_rank() -> bool:
+    """Whether a launcher started this process beside another that says the same, as far as it is known without MPI."""
+    return any(os.environ.get(name, "0") != "0" for name in ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK"))
 
 
 def _validate(options: argparse.Namespace) -> int:
@@ -133,6 +142,12 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _resume(options: argparse.Namespace) -> int:
+    if options.untrusted:
+        directory = options.directory
+        text = f"{directory}: --untrusted: checkpoints that came from elsewhere are not read"
+        anew = f"Start anew with 'run --untrusted {directory / 'job.yaml'}'"
+        raise OutputError(text, f"{anew}; a run of your own that began with --untrusted keeps to it by itself.")
+
     def read() -> tuple[Job, RunDirectory]:
         directory = RunDirectory(options.directory)
         return directory.job(options.job), directory
@@ -238,6 +253,9 @@ def _parser() -> argparse.ArgumentParser:
     explain = commands.add_parser("explain", help="show what a job's scene contains, and measure what each part costs")
     explain.add_argument("job", type=Path, help="job file (YAML)")
     explain.set_defaults(command=_explain)
+
+    for reading in (run, resume, study, validate, explain):
+        add_option(reading)
 
     for name, command in (("laws", _laws), ("effects", _effects)):
         catalogue = commands.add_parser(name, help=f"list the {name}, or show all about one")

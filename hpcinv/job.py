@@ -22,12 +22,13 @@ from hpcinv.materials import Material, MaterialLaw
 from hpcinv.plugins import fault_of_plugin, load_file, load_installed
 from hpcinv.quantities import AnyQuantity
 from hpcinv.rules import unknown_case, unknown_families, unsuited, wants_pressure
-from hpcinv.schema import FileName, ListOf, Name, Problems, Spec, job_error, raise_if_any, repeated
+from hpcinv.schema import FileName, ListOf, Name, Problems, Spec, job_error, raise_if_any, repeated, shown
 from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.sensitivity.spec import read_sensitivities
 from hpcinv.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
 from hpcinv.study.keys import JobKey, assigned
+from hpcinv.untrusted import REFUSED, applies, is_asked
 
 MOST_ENTRIES = 10_000
 """of one list of a job, such as its quantities: each costs a millisecond here, and a kernel or a search in a run"""
@@ -92,6 +93,7 @@ class Job(Spec):
 
     _path: Path | None = PrivateAttr(default=None)
     _data: Mapping[str, Any] = PrivateAttr(default_factory=dict)
+    _untrusted: bool = PrivateAttr(default=False)
 
     @property
     def path(self) -> Path | None:
@@ -113,9 +115,14 @@ class Job(Spec):
         """
         path = self._path or Path(_UNNAMED)
         try:
-            return parse(assigned(self._data, changes), path)
+            return parse(assigned(self._data, changes), path, untrusted=self._untrusted)
         except ValueError as error:
             raise JobError([f"{path}: {error}"]) from None
+
+    @property
+    def is_untrusted(self) -> bool:
+        """Whether it was read as one that came from elsewhere, so that nothing in it can be executed."""
+        return self._untrusted
 
     def resolve(self, path: str | Path) -> Path:
         """A path of the job file as one that can be opened."""
@@ -198,6 +205,9 @@ class Job(Spec):
     @classmethod
     def _are_imported(cls, plugins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         load_installed()
+        if applies(info):
+            text = f"is a Python file that a run executes, and is {REFUSED}"
+            raise_if_any(((i,), f"{shown(plugin)} {text}") for i, plugin in enumerate(plugins))
         problems = []
         for i, plugin in enumerate(plugins):
             try:
@@ -375,39 +385,45 @@ def _unpickled(plugins: list[Path], data: bytes) -> Job:
     return job
 
 
-def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".") -> Job:
+def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".", untrusted: bool = False) -> Job:
     """Read and check a job: a file, or a mapping with the content of one.
 
     Args:
         directory: where relative paths in a mapping begin; those in a file begin where that lies.
+        untrusted: it came from elsewhere: refuse what in it could execute code (plugins, generators, partitioned
+            meshes, PETSc options not known to do no harm) or leads out of its directory.
 
     Raises:
         JobError: with one line for each thing that is wrong, of the form ``file: key: what, and what to do``.
     """
     if isinstance(source, Mapping):
-        return parse({"job": "job", **source}, Path(directory) / _UNNAMED)
-    return parse(read_yaml(Path(source)), Path(source))
+        return parse({"job": "job", **source}, Path(directory) / _UNNAMED, untrusted=untrusted)
+    return parse(read_yaml(Path(source)), Path(source), untrusted=untrusted)
 
 
-def parse(data: Mapping[str, Any], path: Path) -> Job:
+def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Job:
     """A job from the contents of its file; ``path`` names it in errors and anchors the relative paths in it.
+
+    Args:
+        untrusted: as in `load`.
 
     Raises:
         JobError: as `load`.
     """
+    untrusted = untrusted or is_asked()
     large = {key: len(value) for key, value in data.items() if isinstance(value, list) and len(value) > MOST_ENTRIES}
     if large:
         text = f"entries, and may have {MOST_ENTRIES:,}"
         raise JobError([f"{path}: {key}: has {count:,} {text}" for key, count in large.items()])
     try:
-        job = Job.model_validate({"job": path.stem, **data}, context={"directory": path.parent})
+        job = Job.model_validate({"job": path.stem, **data}, context={"directory": path.parent, "untrusted": untrusted})
     except ValidationError as error:
         raise job_error(path, error, Job) from None
     except Exception as error:
         if (fault := fault_of_plugin(error)) is None:
             raise
         raise JobError([f"{path}: plugins: a law or effect failed where it was checked: {fault}"]) from error
-    job._path, job._data = path, data
+    job._path, job._data, job._untrusted = path, data, untrusted
     return job
 
 

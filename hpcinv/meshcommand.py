@@ -16,6 +16,7 @@ from hpcinv.meshheader import SUFFIX
 from hpcinv.schema import job_error
 from hpcinv.sections import MeshSpec
 from hpcinv.units import length_symbol
+from hpcinv.untrusted import add_option, is_asked, mesh_fault
 
 if TYPE_CHECKING:
     from hpcinv.mesh import MeshSource
@@ -37,11 +38,13 @@ def add_mesh(commands: Any) -> None:
     )
     partition.add_argument("--unit", help="length unit of the coordinates, as mesh.unit of a job")
     partition.add_argument("--geometry-degree", type=int, choices=(1, 2), help="as mesh.geometry_degree of a job")
+    add_option(partition)
     partition.set_defaults(command=_partition)
 
     gather = actions.add_parser("gather", help="write a partitioned mesh as one file, in the order of its tags")
     gather.add_argument("input", type=Path, help="partitioned mesh (.bp)")
     gather.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
+    add_option(gather)
     gather.set_defaults(command=_gather)
 
 
@@ -73,6 +76,8 @@ def _partition(options: argparse.Namespace) -> int:
 def _gather(options: argparse.Namespace) -> int:
     if options.input.suffix != SUFFIX:
         raise OutputError(f"{options.input}: is no partitioned mesh ({SUFFIX})")
+    if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
+        raise JobError([f"{options.input}: {fault}"])
     _on_one_process()
     from hpcinv.mesh.export import SAVERS, save
     from hpcinv.mesh.readers import FILES
@@ -100,7 +105,8 @@ def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
         job = load(options.input)
         return job.mesh, job.resolve(job.mesh.file)
     try:
-        return MeshSpec.model_validate({"file": str(options.input)} | given), options.input
+        context = {"directory": options.input.parent, "untrusted": is_asked()}
+        return MeshSpec.model_validate({"file": options.input.name} | given, context=context), options.input
     except ValidationError as error:
         raise job_error(options.input, error, MeshSpec) from None
 

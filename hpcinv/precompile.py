@@ -13,6 +13,7 @@ from hpcinv.job import load
 from hpcinv.structure import structure_of
 from hpcinv.study.plan import is_study, load_plan
 from hpcinv.sweep.plan import is_sweep, load_sweep
+from hpcinv.untrusted import add_option
 
 if TYPE_CHECKING:
     from hpcinv.job import Job
@@ -28,6 +29,7 @@ def add_compile(commands: Any) -> None:
     command.add_argument(
         "--cache", type=Path, metavar="DIR", help="where kernels go, for runs with HPCINV_KERNELS=DIR (default: that)"
     )
+    add_option(command)
     command.set_defaults(command=_compile)
 
 

@@ -73,7 +73,7 @@ class RunDirectory:
                 shutil.rmtree(old) if old.is_dir() else old.unlink()
             self.path.mkdir(parents=True, exist_ok=True)
             with (self.path / _ORIGIN).open("x") as file:  # of two runs that start together one gets it
-                json.dump({"job": str(job.path.resolve()) if job.path else None}, file)
+                json.dump(_origin_of(job), file)
             if text is not None:
                 (self.path / _JOB).write_text(text)
         except FileExistsError as exc:
@@ -92,7 +92,7 @@ class RunDirectory:
         try:
             for name, text in {
                 _JOB: self._text(job) or "",
-                _ORIGIN: json.dumps({"job": str(job.path.resolve())}),
+                _ORIGIN: json.dumps(_origin_of(job)),
             }.items():
                 partial = self.path / f".{name}.partial"
                 partial.write_text(text)
@@ -116,18 +116,24 @@ class RunDirectory:
             JobError: the job is not valid (any more).
         """
         try:
-            origin = json.loads((self.path / _ORIGIN).read_text())["job"]
-        except (OSError, ValueError, KeyError, TypeError) as exc:
+            content = json.loads((self.path / _ORIGIN).read_text())
+            origin, untrusted = content["job"], bool(content.get("untrusted", False))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as exc:
             raise OutputError(
                 f"{self.path}: is not the directory of a run",
                 "Give 'resume' the directory that 'run' named when it began, such as results/pdms-beam.",
             ) from exc
         if changed is not None:
-            return load(changed)
+            return load(changed, untrusted=untrusted)
         if origin is None:
             raise OutputError(f"{self.path}: was run from Python, without a job file", "Give one with --job.")
         # Relative paths in the job still start from where the job file was.
-        return parse(read_yaml(self.path / _JOB), Path(origin))
+        return parse(read_yaml(self.path / _JOB), Path(origin), untrusted=untrusted)
+
+
+def _origin_of(job: Job) -> dict[str, str | bool | None]:
+    """Where a job is from, and whether it was refused to execute anything, which holds for a resume, too."""
+    return {"job": str(job.path.resolve()) if job.path else None, "untrusted": job.is_untrusted}
 
 
 def _plain(value: Any) -> Any:

@@ -24,6 +24,7 @@ from hpcinv.scalars import Number, with_scalar
 from hpcinv.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.spelling import did_you_mean
 from hpcinv.units import Dimension
+from hpcinv.untrusted import applies, mesh_fault
 
 type Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")
@@ -74,6 +75,8 @@ class MeshFile(Spec):
         path = directory_of(info) / file
         if path.suffix not in FORMATS:
             raise ValueError(f"{shown(file)} is no mesh that can be read; the endings are {', '.join(FORMATS)}")
+        if applies(info) and (fault := mesh_fault(directory_of(info), file)):
+            raise ValueError(f"{shown(file)} {fault}")
         if not exists(path):
             others = [p.name for p in path.parent.glob("*")] if exists(path.parent) else []
             near = did_you_mean(path.name, others, list_all=False)

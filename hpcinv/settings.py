@@ -5,9 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, PlainValidator, WithJsonSchema, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
 from hpcinv.schema import ListOf, Problems, Spec, raise_if_any, shown
+from hpcinv.untrusted import applies, option_fault
 
 
 class Discretisation(Spec):
@@ -94,10 +103,12 @@ class Solver(Spec):
 
     @field_validator("petsc")
     @classmethod
-    def _have_no_dash(cls, petsc: Mapping[str, Any]) -> Mapping[str, Any]:
+    def _have_no_dash(cls, petsc: Mapping[str, Any], info: ValidationInfo) -> Mapping[str, Any]:
         raise_if_any(
             ((key,), f"is written without the dash: {key.lstrip('-')}") for key in petsc if key.startswith("-")
         )
+        if applies(info):
+            raise_if_any(((key,), fault) for key, value in petsc.items() if (fault := option_fault(key, value)))
         return petsc
 
     @model_validator(mode="after")

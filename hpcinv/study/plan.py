@@ -15,6 +15,7 @@ from hpcinv.loading import read_yaml
 from hpcinv.schema import Location, Problems, Spec, at, job_error, raise_if_any
 from hpcinv.study.keys import assigned, parse_key
 from hpcinv.study.spec import Study, measured_key
+from hpcinv.untrusted import is_asked
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Run:
             JobError: it is not valid with them.
         """
         assert self.job.path is not None
-        return parse(assigned(self.data, values), self.job.path)
+        return parse(assigned(self.data, values), self.job.path, untrusted=self.job.is_untrusted)
 
 
 @dataclass(frozen=True)
@@ -82,14 +83,15 @@ def is_study(path: Path) -> bool:
     return "ladders" in read_yaml(path)
 
 
-def read_spec[S: Spec](kind: type[S], name: str, path: Path) -> S:
+def read_spec[S: Spec](kind: type[S], name: str, path: Path, *, untrusted: bool) -> S:
     """A file of a kind that has a ``name``, left out that of the file.
 
     Raises:
         JobError: with a line for each thing that is wrong in it.
     """
+    context = {"directory": path.parent, "untrusted": untrusted}
     try:
-        return kind.model_validate({name: path.stem, **read_yaml(path)}, context={"directory": path.parent})
+        return kind.model_validate({name: path.stem, **read_yaml(path)}, context=context)
     except ValidationError as error:
         raise job_error(path, error, kind) from None
 
@@ -107,22 +109,28 @@ def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
         raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
 
 
-def load_plan(path: Path) -> Plan:
+def load_plan(path: Path, *, untrusted: bool = False) -> Plan:
     """Read a study and check all of its runs.
+
+    Args:
+        untrusted: it came from elsewhere, as in `hpcinv.job.load`.
 
     Raises:
         JobError: with a line for each thing that is wrong, of the form ``file: ladder, value: key: what``.
     """
-    study = read_spec(Study, "study", path)
+    untrusted = untrusted or is_asked()
+    study = read_spec(Study, "study", path, untrusted=untrusted)
     base, data = read_base(path, study.job)
     faults: dict[str, list[str]] = {}
-    runs = tuple(_runs(study, base, data, faults))
+    runs = tuple(_runs(study, base, data, faults, untrusted))
     if faults:
         raise JobError([f"{path}: {_first_of(titles)}: {fault}" for fault, titles in faults.items()])
     return Plan(path, study, runs)
 
 
-def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: dict[str, list[str]]) -> Iterator[Run]:
+def _runs(
+    study: Study, base: Path, data: Mapping[str, Any], faults: dict[str, list[str]], untrusted: bool
+) -> Iterator[Run]:
     """Every run that is valid; what is wrong with the others goes to ``faults``, with the titles of the runs."""
     listed = [(block.set, values) for block in study.cases for values in block.listed()] or [({}, {})]
     for case, (common, parameters) in enumerate(listed):
@@ -135,7 +143,7 @@ def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: dict[str, l
                 try:
                     settings = _merged(study.set, (ladder.set, common, parameters, varied, least))
                     changed = assigned(data, settings)
-                    job = parse(changed, base)
+                    job = parse(changed, base, untrusted=untrusted)
                     raise_if_any(_unmeasurable(study, job))
                 except Problems as error:
                     problems = [f"{at(where)}: {text}" for where, text in error.found]

@@ -13,6 +13,7 @@ from hpcinv.spelling import did_you_mean
 from hpcinv.study.cases import Cases
 from hpcinv.study.keys import JobKey, SummaryKey, parse_key
 from hpcinv.study.ladder import Ladder, Title, faults_between
+from hpcinv.untrusted import FileBeside
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
 """of an error over the cases"""
@@ -76,7 +77,7 @@ class Study(Spec):
 
     study: FileName = "study"
     """up to 100 letters, digits, dots, _, - (no dot or - first), naming the results; left out, the name of the file"""
-    job: str
+    job: FileBeside
     """path from the study file to the job that all runs begin with"""
     set: Mapping[JobKey, Any] = {}
     """values that all runs have unless a ladder or a case has its own"""

@@ -15,6 +15,7 @@ from hpcinv.sweep.reporting import add_reports
 from hpcinv.sweep.results import ledger_of
 from hpcinv.sweep.submit import add_submit
 from hpcinv.sweep.tally import Tally
+from hpcinv.untrusted import add_option
 
 
 def add_sweep(commands: Any) -> None:
@@ -25,6 +26,7 @@ def add_sweep(commands: Any) -> None:
     def action(name: str, command: Any, text: str) -> argparse.ArgumentParser:
         parser: argparse.ArgumentParser = actions.add_parser(name, help=text)
         parser.add_argument("sweep", type=Path, help="sweep file (YAML)")
+        add_option(parser)
         parser.set_defaults(command=command)
         return parser
 

@@ -19,6 +19,7 @@ from hpcinv.study.keys import assigned
 from hpcinv.study.plan import read_base, read_spec, text_of
 from hpcinv.sweep.expand import Point, expanded
 from hpcinv.sweep.spec import Sweep
+from hpcinv.untrusted import is_asked
 
 _STORE = Path("results/store")
 # Of thousands of cases the summaries are enough, and most take less time than a checkpoint.
@@ -56,13 +57,18 @@ class Case:
 
 @dataclass(frozen=True)
 class Plan:
-    """A sweep and its cases in order; ``data`` is the content of the job file ``base``."""
+    """A sweep and its cases in order; ``data`` is the content of the job file ``base``.
+
+    Attributes:
+        is_untrusted: whether it came from elsewhere, so that nothing in its jobs may be executed.
+    """
 
     path: Path
     sweep: Sweep
     base: Path
     data: Mapping[str, Any]
     cases: tuple[Case, ...]
+    is_untrusted: bool = False
 
     @property
     def store(self) -> Path:
@@ -71,7 +77,7 @@ class Plan:
 
     def job(self, case: Case) -> Job:
         """The job of a case; raises ``JobError`` if a file that it needs has gone meanwhile."""
-        return parse(self.content(case), self.base)
+        return parse(self.content(case), self.base, untrusted=self.is_untrusted)
 
     def content(self, case: Case) -> Mapping[str, Any]:
         """What a job file of the case would hold, whose paths begin where those of the sweep's job do."""
@@ -83,21 +89,25 @@ def is_sweep(path: Path) -> bool:
     return "axes" in read_yaml(path)
 
 
-def load_sweep(path: Path) -> Plan:
+def load_sweep(path: Path, *, untrusted: bool = False) -> Plan:
     """Read a sweep and check all of its cases.
+
+    Args:
+        untrusted: it came from elsewhere, as in `hpcinv.job.load`.
 
     Raises:
         JobError: with a line for each thing that is wrong, of the form ``file: case (and n more cases): key: what``.
     """
     if not is_sweep(path):
         raise JobError([f"{path}: is no sweep, since it has no 'axes'; 'run' takes jobs, 'study' takes studies"])
-    sweep = read_spec(Sweep, "sweep", path)
+    untrusted = untrusted or is_asked()
+    sweep = read_spec(Sweep, "sweep", path, untrusted=untrusted)
     base, data = read_base(path, sweep.job)
     faults: dict[str, _Fault] = {}
-    cases = tuple(_cases(sweep, base, data, faults))
+    cases = tuple(_cases(sweep, base, data, faults, untrusted))
     if faults:
         raise JobError([f"{path}: {fault}" for fault in faults.values()])
-    return Plan(path, sweep, base, data, cases)
+    return Plan(path, sweep, base, data, cases, untrusted)
 
 
 @dataclass
@@ -113,12 +123,14 @@ class _Fault:
         return f"{self.title}{others}: {self.text}"
 
 
-def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: dict[str, _Fault]) -> Iterator[Case]:
+def _cases(
+    sweep: Sweep, base: Path, data: Mapping[str, Any], faults: dict[str, _Fault], untrusted: bool
+) -> Iterator[Case]:
     """Every case that is valid; what is wrong with the others goes to ``faults``."""
     digest = cache(file_digest)
     for number, point in enumerate(expanded(sweep)):
         try:
-            yield _case(number, point, _job(data, point.settings, base), digest)
+            yield _case(number, point, _job(data, point.settings, base, untrusted), digest)
         except JobError as error:
             for problem in error.problems:
                 text = problem.removeprefix(f"{base}: ")
@@ -135,9 +147,9 @@ def _case(number: int, point: Point, job: Job, digest: Callable[[Path], str]) ->
     return Case(number, key, structure, numbers_of(job), point.parameters, point.settings)
 
 
-def _job(data: Mapping[str, Any], settings: Mapping[str, Any], base: Path) -> Job:
+def _job(data: Mapping[str, Any], settings: Mapping[str, Any], base: Path, untrusted: bool) -> Job:
     """The job with some settings; raises ``JobError`` if it is not valid."""
-    return parse(_content(data, settings), base)
+    return parse(_content(data, settings), base, untrusted=untrusted)
 
 
 def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import field_validator
+from pydantic import ValidationInfo, field_validator
 
 from hpcinv.schema import FileName, ListOf, Spec, raise_if_any
 from hpcinv.study.keys import JobKey
 from hpcinv.sweep.axes import Axis, faults_between, number_of
+from hpcinv.untrusted import REFUSED, FileBeside, applies
 
 MOST = 1_000_000
 """cases of one sweep: as many as are checked within minutes"""
@@ -20,7 +21,7 @@ class Sweep(Spec):
 
     sweep: FileName = "sweep"
     """up to 100 letters, digits, dots, _, - (no dot or - first), naming the sweep; left out, the name of the file"""
-    job: str
+    job: FileBeside
     """path from the sweep file to the job that all cases begin with"""
     store: str | None = None
     """path from the sweep file to the directory of all cases; left out, results/store where the command runs"""
@@ -30,6 +31,13 @@ class Sweep(Spec):
     """whether a case begins with the solution of the nearest one that has converged; else with the unloaded body"""
     axes: ListOf[Axis]
     """every combination of their points is a case, the last axis changing fastest"""
+
+    @field_validator("store")
+    @classmethod
+    def _is_ours(cls, store: str | None, info: ValidationInfo) -> str | None:
+        if store is not None and applies(info):
+            raise ValueError(f"names a directory of results, which would be read, and is {REFUSED}; remove it")
+        return store
 
     @field_validator("axes")
     @classmethod

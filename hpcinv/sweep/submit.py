@@ -16,6 +16,7 @@ from hpcinv.errors import OutputError, SubmitError
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.store import open_store
 from hpcinv.sweep.templates import TEMPLATES
+from hpcinv.untrusted import VARIABLE, is_asked
 
 if TYPE_CHECKING:
     from hpcinv.sweep.plan import Plan
@@ -112,6 +113,8 @@ def filled(template: Path, options: Sequence[str], arguments: Sequence[str]) -> 
     lines = template.read_text().splitlines()
     end = 1 + max(i for i, line in enumerate(lines) if line.startswith("#SBATCH"))
     added = [*(f"#SBATCH --{option}" for option in options), "", f"set -- {shlex.join(arguments)}"]
+    if is_asked():
+        added.append(f"export {VARIABLE}=1")
     return "\n".join([*lines[:end], *added, *lines[end:], ""])
 
 

@@ -1,0 +1,195 @@
+"""Files that came from elsewhere: with ``--untrusted`` nothing in them is executed, and nothing outside is reached.
+
+What a job can do otherwise stands in docs/security.md. The checks are made where a file is read: a validator asks
+`applies`, and says what is wrong at its place. The environment variable HPCINV_UNTRUSTED=1 is the same for all
+commands, and what the option sets, so that processes that a command starts hold to it, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, ValidationInfo
+
+from hpcinv.errors import JobError
+
+VARIABLE = "HPCINV_UNTRUSTED"
+REFUSED = "refused with --untrusted"
+
+_WORKING_DIRECTORY = (
+    ".petscrc",
+    "petscrc",
+    "petsc.cfg",
+    "ucx.conf",
+    "dolfinx_jit_options.json",
+    "ffcx_options.json",
+    "matplotlibrc",
+)
+"""Files that libraries read in the working directory, and that can name libraries to load or files to write."""
+
+
+def add_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--untrusted`` to the parser of a command that reads a job, study, sweep or mesh."""
+    parser.add_argument(
+        "--untrusted",
+        action="store_true",
+        help="for files from elsewhere: refuse what could execute code, write or reach files of yours",
+    )
+
+
+def is_asked() -> bool:
+    """Whether the environment asks for it; raises ``JobError`` if it says neither yes nor no."""
+    value = os.environ.get(VARIABLE, "")
+    if value not in ("", "0", "1"):
+        raise JobError([f"{VARIABLE}={value}: must be 1, to refuse what a file could execute, or unset"])
+    return value == "1"
+
+
+def applies(info: ValidationInfo) -> bool:
+    """Whether what is validated came from elsewhere."""
+    return bool((info.context or {}).get("untrusted", False))
+
+
+def _stays_beside(path: str, info: ValidationInfo) -> str:
+    if applies(info) and (fault := _path_fault((info.context or {}).get("directory", Path()), path)):
+        raise ValueError(f"'{path}' {fault}")
+    return path
+
+
+FileBeside = Annotated[str, AfterValidator(_stays_beside)]
+"""A path to a file that, if the one that names it came from elsewhere, must lie in the directory of that or below."""
+
+
+@contextmanager
+def asked_for(options: argparse.Namespace) -> Iterator[None]:
+    """Do what the options of a command say about it, for the command and all processes that it starts.
+
+    Raises:
+        JobError: something in the working directory would be executed, or could be.
+    """
+    before = os.environ.get(VARIABLE)
+    if getattr(options, "untrusted", False):
+        os.environ[VARIABLE] = "1"
+    try:
+        if is_asked():
+            _check_working_directory([path for value in vars(options).values() for path in _paths(value)])
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(VARIABLE, None)
+        else:
+            os.environ[VARIABLE] = before
+
+
+def _paths(value: object) -> Iterable[Path]:
+    return [path for path in (value if isinstance(value, list) else [value]) if isinstance(path, Path)]
+
+
+def _check_working_directory(files: list[Path]) -> None:
+    here = Path.cwd()
+    if found := [name for name in _WORKING_DIRECTORY if os.path.lexists(name)]:
+        text = f"{here / found[0]}: {REFUSED}: a library reads it, as it is in the working directory"
+        raise JobError([f"{text}, and it can name code to load; start from another directory, or remove it"])
+    homes = [path.resolve().parent for path in files if path.is_file()]
+    if str(here) in sys.path and any(here == home or home in here.parents for home in homes):
+        text = f"{here}: {REFUSED}: with 'python -m' Python imports modules from the working directory"
+        raise JobError([f"{text}, where the file is; start as 'hpcinv …', or from another directory"])
+
+
+def _path_fault(directory: Path, path: str) -> str:
+    """What is wrong with a path in a file from elsewhere that lies in ``directory``; empty if nothing is."""
+    if (directory / path).resolve().is_relative_to(directory.resolve()):
+        return ""
+    return f"leads out of the directory of the file, and is {REFUSED}; put what it needs beside it"
+
+
+def mesh_fault(directory: Path, file: str) -> str:
+    """What is wrong with the mesh of a job from elsewhere in ``directory``; empty if nothing is."""
+    path = directory / file
+    match path.suffix:
+        case ".py" | ".geo":
+            return f"is a program that a run executes, and is {REFUSED}; ask for the mesh that it makes (.msh, .vtu)"
+        case ".bp":
+            return (
+                f"is read by ADIOS2, which can load libraries that a file names, and is {REFUSED}; ask for a mesh in "
+                "one file (.msh, .vtu), as 'hpcinv mesh gather' makes it"
+            )
+    if fault := _path_fault(directory, file):
+        return fault
+    if path.suffix == ".xdmf" and path.is_file():
+        for data in _heavy_data(path):
+            if fault := _path_fault(path.parent, data):
+                return f"has data in '{data}', which {fault}"
+    return ""
+
+
+def _heavy_data(path: Path) -> list[str]:
+    """The HDF5 files that an XDMF file names."""
+    try:
+        items = [(item.text or "").strip() for item in ET.parse(path).iter("DataItem")]
+    except (ET.ParseError, OSError, ValueError):  # its reader says so
+        return []
+    return list(dict.fromkeys(found[1] for item in items if (found := re.fullmatch(r"(.+?):(/.+)", item))))
+
+
+_KRYLOV = "preonly cg fcg pipecg minres gmres fgmres lgmres dgmres gcr bcgs fbcgs bcgsl tfqmr cr richardson chebyshev"
+_PRECONDITIONERS = "none jacobi pbjacobi bjacobi sor ilu icc lu cholesky asm gasm gamg mg fieldsplit redundant svd"
+_WORDS = {
+    "snes_type": "newtonls newtontr",
+    "snes_linesearch_type": "basic bt l2 cp nleqerr none",
+    "ksp_type": _KRYLOV,
+    "ksp_norm_type": "none default preconditioned unpreconditioned natural",
+    "ksp_pc_side": "left right symmetric",
+    "pc_type": _PRECONDITIONERS,
+    "pc_factor_mat_solver_type": "mumps petsc superlu superlu_dist umfpack cholmod",
+    "pc_factor_mat_ordering_type": "natural nd 1wd rcm qmd",
+    "pc_factor_shift_type": "none nonzero positive_definite inblocks",
+    "pc_fieldsplit_type": "additive multiplicative symmetric_multiplicative schur",
+    "pc_fieldsplit_schur_fact_type": "diag lower upper full",
+    "pc_fieldsplit_schur_precondition": "a11 self selfp user full",
+    "pc_gamg_type": "agg classical",
+    "pc_mg_type": "multiplicative additive full kaskade",
+    "pc_mg_cycle_type": "v w",
+    "pc_asm_type": "basic restrict interpolate none",
+}
+"""PETSc options that take one of these words, by their names without the prefix of an inner solver."""
+_NUMBERS = re.compile(
+    r"snes_(rtol|atol|stol|max_it|max_funcs|divergence_tolerance|lag_jacobian|lag_preconditioner)"
+    r"|snes_linesearch_(max_it|damping|minlambda|maxlambda|maxstep|order|rtol|atol|ltol)"
+    r"|ksp_(rtol|atol|divtol|max_it|min_it|initial_guess_nonzero|gmres_restart|gmres_modifiedgramschmidt|lgmres_augment)"
+    r"|ksp_(chebyshev_esteig|chebyshev_esteig_steps|chebyshev_eigenvalues|richardson_scale|bcgsl_ell)"
+    r"|pc_factor_(levels|fill|shift_amount|zeropivot|reuse_ordering|reuse_fill|pivot_in_blocks)"
+    r"|pc_(sor_omega|sor_its|sor_lits|asm_overlap|asm_blocks|bjacobi_blocks|mg_levels|jacobi_abs|redundant_number)"
+    r"|pc_gamg_(threshold|threshold_scale|agg_nsmooths|aggressive_coarsening|square_graph|coarse_eq_limit)"
+    r"|pc_gamg_(process_eq_limit|repartition|reuse_interpolation|asm_use_agg|recompute_esteig|esteig_ksp_max_it)"
+    # Of MUMPS' controls the first three are units of output, 22 writes factors to files.
+    r"|mat_mumps_(icntl_([4-9]|1\d|2[013-9]|[3-5]\d)|cntl_[1-7])"
+)
+"""PETSc options that take numbers, or true and false."""
+_INNER = re.compile(r"(mg_levels(_\d+)?_|mg_coarse_|sub_|redundant_|fieldsplit_[a-z0-9]+_|pc_gamg_esteig_)+")
+_PLAIN = re.compile(r"[-+]?[\d.][-+\d.eE]*(,[-+]?[\d.][-+\d.eE]*)*|true|false|yes|no|on|off|unlimited|", re.IGNORECASE)
+
+
+def option_fault(name: str, value: object) -> str:
+    """What is wrong with a PETSc option of a job from elsewhere; empty if it is known to do no harm.
+
+    PETSc has thousands, of which some execute code (``pc_type python``) or write files (``ksp_view ascii:PATH``).
+    """
+    inner = _INNER.match(name)
+    bare = name[inner.end() :] if inner else name
+    text = "" if value is None else str(value)
+    if bare in _WORDS:
+        if text in _WORDS[bare].split():
+            return ""
+        return f"cannot be '{text[:40]}', which is {REFUSED}; take one of {', '.join(_WORDS[bare].split())}"
+    if _NUMBERS.fullmatch(bare) is None:
+        return f"is {REFUSED}, as all PETSc options that are not known to do no harm; remove it"
+    return "" if _PLAIN.fullmatch(text) else f"must be a number, true or false; all else is {REFUSED}"
