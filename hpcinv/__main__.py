@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from hpcinv.ingredient import Ingredient
 
 EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
-4 no usable checkpoint, 5 a system part is missing, 6 the certificate fails, 7 it has warnings (--strict),
-75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C, 141 nobody reads the output any more"""
+4 no usable checkpoint, 5 a system part is missing, 6 the certificate fails, 7 it has warnings or is
+not decided (--strict), 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C,
+141 nobody reads the output any more"""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -239,7 +240,9 @@ def _parser() -> argparse.ArgumentParser:
 
     for parallel in (run, resume):
         parallel.add_argument(
-            "--strict", action="store_true", help="end with exit code 7 if the certificate passes with warnings"
+            "--strict",
+            action="store_true",
+            help="end with exit code 7 if the certificate has warnings or is not decided",
         )
     for parallel in (run, resume, study):
         parallel.add_argument(

@@ -108,6 +108,10 @@ class Assembly:
         with self.timings("admissibility check"):
             return self._admissibility.fault_of_solution()
 
+    def compile_lifting(self) -> None:
+        """Compile what prescribed displacements need."""
+        _ = self._along_step
+
     def _forces(self, b: PETSc.Vec) -> None:
         with self.timings("residual"), b.localForm() as local:
             local.set(0.0)

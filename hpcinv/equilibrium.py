@@ -168,9 +168,11 @@ class Equilibrium(Predictor):
             search.setType(kept)
             self.reuse = reuse
 
-    def compile(self) -> None:
-        """Compile what solves may come to need."""
+    def compile(self, *, prescribed_motion: bool) -> None:
+        """Compile what solves may come to need, where supports prescribe a motion or not."""
         self._extrapolated.compile()
+        if prescribed_motion:
+            self.compile_lifting()
 
     def interrupted(self) -> bool:
         """Whether a signal has asked any rank to stop; collective."""

@@ -84,14 +84,20 @@ class Model:
     def _scales(self) -> Scales:
         return Scales(self.body.length_scale, power_of_two(shear_modulus(self.job, self.fields)))
 
-    def scene(self, direction: Direction, known: Function | None = None) -> Scene:
-        """The scene in one direction, on the mesh as it lies when it is used; ``known`` as `Scene` has it."""
-        if known is None and direction in self._scenes:
+    def scene(self, direction: Direction, known: Function | None = None, quadrature: int | None = None) -> Scene:
+        """The scene in one direction, on the mesh as it lies when it is used.
+
+        Args:
+            known: as `Scene` has it.
+            quadrature: degree; left out, the job's.
+        """
+        is_kept = known is None and quadrature is None
+        if is_kept and direction in self._scenes:
             return self._scenes[direction]
-        kinematics = KINEMATICS[direction]
+        kinematics, degree = KINEMATICS[direction], quadrature or self.quadrature_degree
         with self.timings("compile"):
-            scene = Scene(self.job, self.fields, self.unknowns, kinematics, self.quadrature_degree, self.scales, known)
-        if known is None:
+            scene = Scene(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, known)
+        if is_kept:
             self._scenes[direction] = scene
         return scene
 

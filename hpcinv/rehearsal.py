@@ -15,6 +15,8 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 import numpy as np
 
 from hpcinv.certificate import certify
+from hpcinv.certificate.closure import known_displacement
+from hpcinv.certificate.confirmation import second_variation
 from hpcinv.interest import evaluate
 from hpcinv.legs import leg_of
 from hpcinv.mesh.body import read_anywhere
@@ -55,12 +57,14 @@ def _rehearse(job: Job, source: MeshSource) -> None:
         model.unknowns.state.x.array[:] = 0.0
         equilibrium = method_for(model, direction, lambda: False).equilibrium
         equilibrium.scene.parameters.set_load(1.0)
-        equilibrium.compile()
+        equilibrium.compile(prescribed_motion=any(support.displacement for support in job.supports))
         legs.append(leg_of(model, direction, model.scene(direction), ()))
         model.release(equilibrium)
     quantities = evaluate(job.quantities, body, legs[0], model)
     sensitivities(model, legs[0])
     certify(model, legs, quantities)
+    if job.certificate.stability:
+        second_variation(model, known_displacement(model))  # which a run needs if its body is not stable
     model.destroy()
 
 

@@ -57,8 +57,8 @@ class Part:
 
     ``constraint`` belongs to the pressure, and is ``None`` without; ``domain`` are the scalars that must stay positive
     for the law to be defined; ``fixed_volume`` is the elastic volume ratio where the law does not let it change, else
-    ``None``; ``compliance`` is 1/μ + 1/Λ of the undeformed material, where the pressure is an unknown. ``pressure`` is
-    -∂ψ/∂θ per reference volume, an unknown or not, and ``dilatation`` θ.
+    ``None``. ``pressure`` is -∂ψ/∂θ per reference volume, an unknown or not, and ``dilatation`` θ. ``shear_modulus`` is
+    μ of the undeformed material, ``dilatation_modulus`` Λ (``None`` if it is infinite), and ``inelastic_volume`` J_g.
     """
 
     cells: npt.NDArray[np.int32] | None
@@ -67,9 +67,16 @@ class Part:
     constraint: Any
     domain: tuple[Any, ...]
     fixed_volume: Any
-    compliance: Any
     pressure: Any
     dilatation: Any
+    shear_modulus: Any
+    dilatation_modulus: Any
+    inelastic_volume: Any
+
+    @property
+    def compliance(self) -> Any:
+        """``1/μ + 1/Λ`` of the undeformed material."""
+        return 1 / self.shear_modulus + (0 if self.dilatation_modulus is None else 1 / self.dilatation_modulus)
 
 
 class Scene:
@@ -125,7 +132,7 @@ class Scene:
             p, theta = par.of(number), law.dilatation(elastic)
             modulus = None if law.is_incompressible else law.dilatation_modulus(p)
             psi = energy = law.distortion(elastic, p)
-            constraint = compliance = None
+            constraint = None
             if unknowns.p is None:
                 psi = energy = psi + modulus * theta**2 / 2
                 pressure = -J_g * modulus * theta
@@ -134,7 +141,6 @@ class Scene:
                 pressure = J_g * unknowns.p
                 constraint = J_g * (theta if modulus is None else theta + unknowns.p / modulus)
                 energy = energy if modulus is None else energy + unknowns.p**2 / (2 * modulus)
-                compliance = 1 / law.shear_modulus(p) + (0 if modulus is None else 1 / modulus)
             psi = sum((w for w in potentials if w is not None), J_g * psi)
             where = cells[number] if cells else None
             volume = elastic.J if law.is_incompressible else None
@@ -145,9 +151,11 @@ class Scene:
                 constraint,
                 law.domain(elastic, p),
                 volume,
-                compliance,
                 pressure,
                 theta,
+                law.shear_modulus(p),
+                modulus,
+                J_g,
             )
 
         self.parts = tuple(part(number, law) for number, law in enumerate(job.laws.values()))

@@ -10,6 +10,7 @@ import hpcinv.runtime  # noqa: F401  (its import order first)
 # isort: split
 import numpy as np
 
+from hpcinv.certificate.confirmation import MARGIN, Confirmed, confirm
 from hpcinv.certificate.inertia import inertia
 from hpcinv.certificate.verdict import Line, Verdict, at_most, skipped
 from hpcinv.continuation import follow
@@ -19,6 +20,8 @@ from hpcinv.sections import AXES
 from hpcinv.varying import ByFormula
 
 if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
     from hpcinv.effects import Direction
     from hpcinv.job import Job
     from hpcinv.model import Model
@@ -68,8 +71,9 @@ def gap(model: Model, leg: Leg, back: np.ndarray) -> Line:
 def stability(model: Model, leg: Leg) -> Iterator[Line]:
     """Count the directions in which the loaded body would move away by itself; collective.
 
-    A state is stable if the tangent of the forward problem is positive definite in the displacements: with the pressure
-    as an unknown, if it has one negative eigenvalue for each pressure, and no more.
+    A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
+    pressure as an unknown, if it has one negative eigenvalue for each pressure, and no more. Others are confirmed to be
+    instabilities of the body, or the line is not decided (`hpcinv.certificate.confirmation`).
     """
     if not model.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
@@ -81,18 +85,31 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
         return
     with placed(model.body.mesh, leg.reference_nodes / model.body.length_scale):
         model.set_solution(leg.displacement, leg.pressure)
-        # Fibres and stiffness that were seen on the loaded body stay with the material as it moves on from there.
-        known = model.unknowns.displacement() if _seen_on_the_current_body(model.job) else None
+        known = known_displacement(model)
         equilibrium = model.equilibrium(model.scene("forward", known), lambda: False)
         equilibrium.linearise(1.0)
         with model.timings("factorization"):
             found = inertia(equilibrium.matrix)
         model.release(equilibrium)
-    if found is None:
-        yield skipped(STABILITY, "the tangent could not be factorized")
-    else:
-        yield _stability(found.negative - model.unknowns.pressure_size, found.asymmetry)
-    yield _fold(leg)
+        pressures = model.unknowns.pressure_size
+        # Zeros count: a singular tangent is not stable. Each pressure has a negative or a zero one of its own.
+        unstable = None if found is None else found.negative + found.zero - pressures
+        if found is None or unstable is None or unstable < 0:
+            line = skipped(STABILITY, "the tangent could not be factorized")
+        elif unstable == 0:
+            line = _stable(found.asymmetry)
+        else:
+            line = _unstable(unstable, confirm(model, known), is_mixed=pressures > 0)
+    yield line
+    yield _fold(leg, has_spurious_modes=pressures > 0 and line.verdict is Verdict.UNDECIDED)
+
+
+def known_displacement(model: Model) -> Function | None:
+    """The state's displacement where fibres and parameters of laws were seen on the loaded body, else ``None``.
+
+    They stay with the material as it moves on from there.
+    """
+    return model.unknowns.displacement() if _seen_on_the_current_body(model.job) else None
 
 
 def _seen_on_the_current_body(job: Job) -> bool:
@@ -105,18 +122,45 @@ def _seen_on_the_current_body(job: Job) -> bool:
     return any(isinstance(v, ByFormula) and not v.formula.names.isdisjoint(AXES) for v in flat)
 
 
-def _stability(unstable: int, asymmetry: float) -> Line:
-    rule = "number of unstable directions; fail above 0"
-    kind = "" if asymmetry < 1e-8 else f"loads without a potential (asymmetry {asymmetry:.1g}): of the symmetric part"
-    if unstable <= 0:
-        return Line(STABILITY, float(unstable), "", rule, Verdict.PASS, kind)
-    note = "the loaded body would buckle or snap away: in this state it cannot have been seen"
-    # Of a tangent that is not symmetric the symmetric part alone proves stability, but not its absence.
-    verdict = Verdict.WARN if kind else Verdict.FAIL
-    return Line(STABILITY, float(unstable), "", rule, verdict, f"{note}; {kind}" if kind else note)
+_RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
 
 
-def _fold(leg: Leg) -> Line:
+def _stable(asymmetry: float) -> Line:
+    note = "no negative eigenvalue of the forward tangent"
+    return Line(STABILITY, 0.0, "", _RULE, Verdict.PASS, "; ".join(filter(None, [note, _without_potential(asymmetry)])))
+
+
+def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Line:
+    """The line for ``count`` eigenvalues of a tangent that are not positive, of which some may be ``confirmed``."""
+    if confirmed is not None and confirmed.directions:
+        note = "confirmed negative eigenvalues: the loaded body would buckle or snap away from this state"
+        if confirmed.directions < count:
+            note += f"; of the {count} that the forward tangent has, the others may be spurious modes of the elements"
+        # Of a tangent that is not symmetric the symmetric part alone proves stability, but not its absence. That of
+        # the confirmation is told: with the quadrature of the solve follower loads may lack symmetry for that alone.
+        kind = _without_potential(confirmed.asymmetry)
+        verdict = Verdict.WARN if kind else Verdict.FAIL
+        note = f"{note}; {kind}" if kind else note
+        return Line(STABILITY, float(confirmed.directions), "", _RULE, verdict, note)
+    if confirmed is None:
+        why = "the form that could confirm them could not be factorized"
+    elif is_mixed:
+        why = (
+            "none is confirmed with the volume constraint enforced at each point: they may be spurious modes of the "
+            "elements, which tetrahedra and the displacement form have fewer of, or a mode that a finer mesh confirms"
+        )
+    else:
+        why = f"none is left with a margin of {MARGIN:.0%} of the elastic energy: the body is at a critical load"
+    note = f"negative eigenvalues of the forward tangent, but {why}"
+    return Line(STABILITY, float(count), "", _RULE, Verdict.UNDECIDED, note)
+
+
+def _without_potential(asymmetry: float) -> str:
+    return "" if asymmetry < 1e-8 else f"loads without a potential (asymmetry {asymmetry:.1g}): of the symmetric part"
+
+
+def _fold(leg: Leg, *, has_spurious_modes: bool = False) -> Line:
+    """The line on signs along the path, which modes that may be spurious change as well as a fold does."""
     rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
     if not any(s.factorizations for s in leg.solves):
         return Line(FOLD, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
@@ -126,4 +170,8 @@ def _fold(leg: Leg) -> Line:
     changes = len({signs[0][0], *(of_solve[-1] for of_solve in signs)}) - 1
     if not changes:
         return Line(FOLD, 0.0, "", rule, Verdict.PASS)
-    return Line(FOLD, 1.0, "", rule, Verdict.WARN, "another shape may carry the same load: compare with smaller steps")
+    note = "another shape may carry the same load: compare with smaller steps"
+    if has_spurious_modes:
+        note = f"a mode that may be spurious, as the stability line has it, or {note}"
+        return Line(FOLD, 1.0, "", rule, Verdict.UNDECIDED, note)
+    return Line(FOLD, 1.0, "", rule, Verdict.WARN, note)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,10 +30,16 @@ _OPTIONS = {
 
 
 def inertia(matrix: PETSc.Mat) -> Inertia | None:
-    """Factorize ``½(K + Kᵀ) = L D Lᵀ`` by MUMPS and count the signs in ``D``; ``None`` if that fails; collective."""
+    """Factorize ``½(K + Kᵀ) = L D Lᵀ`` by MUMPS and count the signs in ``D``; collective.
+
+    ``None`` if that fails, or if the matrix has entries that are not finite, of which MUMPS makes zero pivots.
+    """
     symmetric = matrix.transpose(PETSc.Mat())
     symmetric.aypx(-1.0, matrix)  # K - Kᵀ
     norms: list[Any] = [m.norm(PETSc.NormType.FROBENIUS) for m in (symmetric, matrix)]
+    if not all(math.isfinite(norm) for norm in norms):
+        symmetric.destroy()
+        return None
     symmetric.axpy(-2.0, matrix)  # -(K + Kᵀ)
     symmetric.scale(-0.5)
     option: Any = PETSc.Mat.Option.SYMMETRIC  # whatever its stub says

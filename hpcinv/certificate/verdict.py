@@ -9,16 +9,23 @@ from typing import Any
 
 
 class Verdict(enum.Enum):
-    """Of one finding, or of all; SKIPPED says that it was switched off or could not be found."""
+    """Of one finding, or of all, in the order of their severity.
+
+    SKIPPED says that it was switched off or could not be found, UNDECIDED that what was found may be a fault of the
+    body or of its discretisation.
+    """
 
     PASS = "pass"
     SKIPPED = "not checked"
+    UNDECIDED = "not decided"
     WARN = "warning"
     FAIL = "fail"
 
     def exit_code(self, *, strict: bool = False) -> int:
-        """What the command line ends with: 0, 6 for a failed certificate, 7 for warnings if they are to count."""
-        return {Verdict.FAIL: 6, Verdict.WARN: 7 if strict else 0}.get(self, 0)
+        """What the command line ends with: 0, 6 for a failed certificate; if ``strict``, 7 for what is in between."""
+        if self is Verdict.FAIL:
+            return 6
+        return 7 if strict and self in (Verdict.WARN, Verdict.UNDECIDED) else 0
 
 
 _SEVERITY = {verdict: i for i, verdict in enumerate(Verdict)}
@@ -68,7 +75,7 @@ class Certificate:
 
     @property
     def verdict(self) -> Verdict:
-        """Fail if a finding fails, a warning if there is one, else pass."""
+        """Fail if a finding fails, else a warning if there is one, else not decided if one is not, else pass."""
         return worst(line.verdict for line in self.lines)
 
     def as_data(self) -> dict[str, Any]:

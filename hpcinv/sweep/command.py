@@ -45,7 +45,9 @@ def add_sweep(commands: Any) -> None:
     run.add_argument(
         "--lease", type=_lease, default=LEASE, metavar="S", help="seconds after which a silent machine counts as lost"
     )
-    run.add_argument("--strict", action="store_true", help="end with exit code 7 if certificates have warnings")
+    run.add_argument(
+        "--strict", action="store_true", help="end with exit code 7 if certificates have warnings or are not decided"
+    )
 
     retry = action("retry", _retry, "open cases again")
     retry.add_argument("--failed", action="store_true", required=True, help="those that have failed")

@@ -37,9 +37,9 @@ class Tally:
         return lines
 
     def exit_code(self, *, strict: bool) -> int:
-        """3 if cases have failed, else 6 if a certificate fails, 7 if one has warnings and these count, else 0."""
+        """3 if cases have failed, else 6 if a certificate fails, 7 if one is in between and ``strict``, else 0."""
         if self.diagnoses:
             return 3
         if self.verdicts["fail"]:
             return 6
-        return 7 if strict and self.verdicts["warning"] else 0
+        return 7 if strict and (self.verdicts["warning"] or self.verdicts["not decided"]) else 0

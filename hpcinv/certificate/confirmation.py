@@ -1,0 +1,114 @@
+"""Confirmation of negative eigenvalues of a forward tangent as instabilities of the body.
+
+The mixed tangent is positive or not on the *discrete* kernel of the volume constraint: displacements whose change of
+volume vanishes on average against each discrete pressure, but not at each point. On such a displacement the pressure's
+term ``-∫ p D²θ[v, v] dV`` can be negative where it could not be for a displacement of the continuous body, so that
+Taylor–Hood elements, hexahedra above all, have spurious negative eigenvalues at finite strain (Auricchio, Beirão da
+Veiga, Lovadina & Reali, Comput. Methods Appl. Mech. Eng. 194, 1075–1092, 2005, doi:10.1016/j.cma.2004.06.014;
+ibid. 199, 314–323, 2010, doi:10.1016/j.cma.2008.06.004).
+
+They are gone in the same spaces once the part of the change of volume that the discrete pressures do not see costs
+energy too. With ``Π`` the projection on the discrete pressures, ``Λ`` the stiffness against ``θ``, and ``p`` frozen,
+
+    a(v, v) = D²[W - pθ](v, v) + Λ ‖Π θ'[v]‖² + α ‖(1 - Π) θ'[v]‖² - loads,      α = min(10 (μ + |τ| + |p|), Λ),
+
+where ``τ`` is the Kirchhoff stress: for the continuous body the second variation of its energy if ``α = Λ``, and equal
+to it in every direction that keeps the volume if ``Λ`` is infinite. In the displacement form nothing needs to be added.
+
+A negative eigenvalue counts if it stays negative with a margin: when 1 % of the linear elastic energy of the direction,
+``2μ ‖sym grad v‖²`` with the gradient in the loaded body, is added. The quadrature is of higher degree than that of the
+solve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx.fem.petsc as fem_petsc
+import ufl
+from dolfinx import fem
+
+from hpcinv.certificate.inertia import inertia
+from hpcinv.chainrule import gradient, without_stages
+from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.model import default_quadrature
+
+if TYPE_CHECKING:
+    from hpcinv.model import Model
+    from hpcinv.scene import Part, Scene
+
+MARGIN = 0.01
+"""Share of the linear elastic energy of a direction that is added before it counts as unstable."""
+_PENALTY = 10.0  # docs/stability.md has what other values do
+_OVERLAP = 0.01  # share of α that stays in Λ too: what is left of Λ must not vanish
+
+
+def second_variation(model: Model, known: fem.Function | None) -> fem.Form:
+    """The form whose negative eigenvalues, less one for each pressure, are confirmed instabilities; collective.
+
+    Args:
+        model: at the state, its mesh at the reference body when the form is assembled.
+        known: as `Scene` has it.
+    """
+    spaces = model.job.discretisation
+    degree = max(model.quadrature_degree, default_quadrature(model.body.source.kind, spaces.displacement)) + 2
+    scene = model.scene("forward", known, degree)
+    scene.parameters.set_load(1.0)
+    unknowns, parts = scene.unknowns, scene.kinematics.integration.part
+    trial = ufl.TrialFunction(unknowns.space)
+    with model.timings("compile"):
+        form = ufl.derivative(scene.residual, unknowns.state, trial)
+        for number, part in enumerate(scene.parts):
+            form += scene.kinematics.dV(_added(scene, part, trial), parts(number))
+        return fem.form(form, jit_options=JIT_OPTIONS)
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """Number of confirmed unstable directions; ``asymmetry`` as `Inertia` has it, of loads without a potential."""
+
+    directions: int
+    asymmetry: float
+
+
+def confirm(model: Model, known: fem.Function | None) -> Confirmed | None:
+    """Count the unstable directions at the model's state; ``None`` if the form cannot be factorized; collective.
+
+    The mesh must lie as the reference body.
+    """
+    form = second_variation(model, known)
+    with model.timings("tangent"):
+        matrix = fem_petsc.assemble_matrix(form, bcs=model.supports.conditions)
+        matrix.assemble()
+    with model.timings("factorization"):
+        found = inertia(matrix)
+    matrix.destroy()
+    pressures = model.unknowns.pressure_size
+    if found is None or found.negative + found.zero < pressures:
+        return None
+    return Confirmed(max(found.negative - pressures, 0), found.asymmetry)
+
+
+def _added(scene: Scene, part: Part, trial: Any) -> Any:
+    """What `second_variation` has beside the tangent, per reference volume."""
+    kin, unknowns = scene.kinematics, scene.unknowns
+    mu, volume = part.shear_modulus, without_stages(ufl.as_ufl(part.inelastic_volume))
+    w, dp = (trial, None) if unknowns.p is None else ufl.split(trial)
+    strains = [ufl.sym(kin.Grad(field) * kin.F_inverse) for field in (unknowns.v, w)]
+    margin = MARGIN * 2 * mu * ufl.inner(*strains)
+    if unknowns.p is None:
+        return margin
+    slope = without_stages(gradient(part.dilatation, scene.H))
+    tau = without_stages(part.P) * (ufl.Identity(3) + kin.H).T
+    alpha = _PENALTY * (mu + ufl.sqrt(ufl.inner(tau, tau)) + abs(unknowns.p))
+    compliance: Any = 0
+    if (modulus := part.dilatation_modulus) is not None:
+        alpha = ufl.min_value(alpha, modulus)
+        # The pressures are left with Λ - α, as 1/(Λ - α) in place of the 1/Λ that the tangent has.
+        compliance = 1 / (modulus - (1 - _OVERLAP) * alpha) - 1 / modulus
+    volumes = ufl.inner(slope, kin.Grad(unknowns.v)) * ufl.inner(slope, kin.Grad(w))
+    return margin + volume * (alpha * volumes - compliance * dp * unknowns.q)
