@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.errors import MeshError
 from hpcinv.expressions import LET
 from hpcinv.meshheader import SUFFIX, read_header
 from hpcinv.schema import Location, at
@@ -29,11 +31,16 @@ def file_digest(path: Path) -> str:
     if path.suffix == SUFFIX:
         return read_header(path).digest()
     digest = hashlib.sha256()
-    content = path.read_bytes()
-    digest.update(content)
-    if path.suffix == ".xdmf":
-        for name in sorted(set(re.findall(rb">\s*([^<>:]+\.h5):", content))):
-            digest.update((path.parent / name.decode()).read_bytes())
+    try:
+        content = path.read_bytes()
+        digest.update(content)
+        if path.suffix == ".xdmf":
+            for name in sorted(set(re.findall(rb">\s*([^<>:]+\.h5):", content))):
+                digest.update((path.parent / os.fsdecode(name)).read_bytes())
+    except (OSError, ValueError) as error:
+        missing = getattr(error, "filename", None) or path
+        advice = "Keep the .h5 file beside the .xdmf file." if path.suffix == ".xdmf" else "Is the file readable?"
+        raise MeshError(f"{path}: {missing} cannot be read: {getattr(error, 'strerror', error)}", advice) from None
     return digest.hexdigest()
 
 

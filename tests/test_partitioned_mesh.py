@@ -280,7 +280,7 @@ def test_damaged_and_foreign_meshes_are_refused_on_all_ranks(
     refused("its array 'points' is not what was written")
     if comm.rank == 0:
         (path / "data.0").write_bytes(content[:100])
-    refused("data.0 in it is not as long as it was")
+    refused("data.0 in it is not what was written")
     if comm.rank == 0:
         (path / "data.0").unlink()
     refused("not whole")

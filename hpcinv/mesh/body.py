@@ -17,7 +17,7 @@ from hpcinv.filenames import exists
 from hpcinv.generators import in_unit
 from hpcinv.mesh.cell_count import Watch, silent
 from hpcinv.mesh.cells import coordinate_element
-from hpcinv.mesh.checks import check
+from hpcinv.mesh.checks import check, check_nodes
 from hpcinv.mesh.degree import of_degree
 from hpcinv.mesh.length_unit import check_unit
 from hpcinv.mesh.partition import Partition, measure, partitioner
@@ -99,6 +99,7 @@ def read_source(spec: MeshSpec, path: Path, told: Callable[[str], None] = silent
                 source = source.in_metres(spec.unit)
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
+    check_nodes(source)
     source = source.without_unused_nodes()
     return source if spec.geometry_degree is None else of_degree(source, spec.geometry_degree)
 

@@ -12,6 +12,7 @@ from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable, unique_rows
 
 FLAT = 1e-12  # |det J| / ∏|∂x/∂ξᵢ| below which a cell has no volume: far under any usable sliver, far over round-off
+FARTHEST = 1e60  # m; the squares and cubes of larger coordinates overflow
 CHUNK = 2_000  # cells at a time, so that what is known of their points stays in the cache
 
 
@@ -19,13 +20,21 @@ def check(source: MeshSource) -> None:
     """Check a whole mesh.
 
     Raises:
-        MeshError: for nodes at no finite or at the same place, overlapping cells, inverted or flat cells, and groups
-            that are empty, overlap, leave cells out, or name facets that no cell has.
+        MeshError: for nodes at no finite or at the same place, cells that are there twice or overlap, inverted or flat
+            cells, and groups that are empty, overlap, leave cells out, or name facets that no cell has.
     """
     if not np.isfinite(source.points).all():
         raise MeshError(f"{source.path}: some node coordinates are not finite", "Write the mesh anew.")
+    if (np.abs(source.points) > FARTHEST).any():
+        raise MeshError(f"{source.path}: some node coordinates are beyond {FARTHEST:g} m", "Write the mesh again.")
     table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
-    problems = [*_double_nodes(source), *_overlaps(source, table), *_bad_cells(source), *_bad_groups(source, table)]
+    problems = [
+        *_double_nodes(source),
+        *_double_cells(source),
+        *_overlaps(source, table),
+        *_bad_cells(source),
+        *_bad_groups(source, table),
+    ]
     if problems:
         raise MeshError(
             "\n".join(f"{source.path}: {problem}" for problem, _ in problems),
@@ -34,6 +43,30 @@ def check(source: MeshSource) -> None:
 
 
 type Problems = Iterator[tuple[str, str]]
+
+
+def check_nodes(source: MeshSource) -> None:
+    """Raise ``MeshError`` where a cell or facet has a node that is not there: nothing else can be asked before."""
+    for what, entities, tags in (("cell", source.cells, source.cell_tags), ("facet", source.facets, None)):
+        wrong = ((entities < 0) | (entities >= len(source.points))).any(axis=1)
+        if wrong.any():
+            which = f" ({_some(tags[wrong], what)})" if tags is not None else ""
+            raise MeshError(
+                f"{source.path}: {wrong.sum()} {what}s have nodes that are not there{which};"
+                f" there are {len(source.points)}",
+                "Write the mesh again.",
+            )
+
+
+def _double_cells(source: MeshSource) -> Problems:
+    vertices = np.sort(source.cells[:, : vertex_count(source.kind)], axis=1)
+    _, place = unique_rows(vertices)
+    twice = np.bincount(place)[place] > 1
+    if twice.any():
+        yield (
+            f"{twice.sum()} cells have the same vertices as another ({_some(source.cell_tags[twice], 'cell')})",
+            "Remove the cells that are there twice.",
+        )
 
 
 def _double_nodes(source: MeshSource) -> Problems:

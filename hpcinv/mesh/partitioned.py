@@ -38,7 +38,7 @@ from hpcinv.mesh.cells import FACET_KIND, no_cells
 from hpcinv.mesh.length_unit import as_unit
 from hpcinv.mesh.rows import Rows, even_range
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place
-from hpcinv.meshheader import HEADER, Header, read_header
+from hpcinv.meshheader import HEADER, Header, describe_file, read_header
 from hpcinv.runtime import MPI, agree, on_root
 
 type Array = npt.NDArray[Any]
@@ -100,7 +100,8 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
     try:
         arrays = _read(path, comm, header, ranges)
     except (RuntimeError, ValueError, OSError) as exc:  # ADIOS2 knows no narrower ones
-        error = MeshError(f"{path}: cannot be read: {str(exc).strip().splitlines()[-1]}", "Do all ranks see the file?")
+        reason = (str(exc).strip().splitlines() or [type(exc).__name__])[-1]
+        error = MeshError(f"{path}: cannot be read: {reason}", "Do all ranks see the file?")
     agree(comm, error)
     for name, array in arrays.items():
         if Rows.of(comm, len(array)).checksum(array) != header.checksums[name]:
@@ -204,7 +205,7 @@ def _published(partial: Path, path: Path, comm: MPI.Intracomm, header: Header) -
 
     def publish() -> None:
         try:
-            files = {file.name: file.stat().st_size for file in partial.iterdir()}
+            files = {file.name: describe_file(file) for file in partial.iterdir()}
             dataclasses.replace(header, files=files).write(partial)
             if path.exists():
                 shutil.rmtree(path)

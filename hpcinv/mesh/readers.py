@@ -13,6 +13,7 @@ from typing import Any
 
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.generators import Value
+from hpcinv.mesh.apart import rehearse_msh
 from hpcinv.mesh.cell_count import Watch, watched
 from hpcinv.mesh.gmsh_model import extract, session
 from hpcinv.mesh.gmsh_views import read_views
@@ -77,6 +78,7 @@ def read_msh(path: Path) -> MeshSource:
         # gmsh executes a file NAME.msh.opt that lies beside NAME.msh: let there be none.
         link = Path(alone) / "mesh.msh"
         link.symlink_to(path.absolute())
+        rehearse_msh(link, path)
         _merge(gmsh, link, path)
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
+import json
+import math
+import re
+import signal
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
+from hpcinv.mesh.apart import run_apart
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.length_unit import FIELD, as_unit
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays
@@ -30,65 +34,102 @@ OF_VTK = "vtk"  # names that begin so, as vtkGhostType, have a meaning of VTK's 
 def read_vtu(path: Path) -> MeshSource:
     """Read an unstructured grid; cell arrays called ``region:NAME`` are its physical groups where they are not 0.
 
-    Other arrays are data.
+    Other arrays are data. VTK reads it in a process of its own, which a damaged file may end.
+
+    Raises:
+        MeshError: it cannot be read, or is no mesh.
     """
-    import pyvista  # takes a second to load
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # pyvista only warns where VTK fails
-            grid = pyvista.read(path)
-    except (ValueError, RuntimeError, AttributeError, UserWarning) as exc:
-        raise MeshError(f"{path}: VTK cannot read it: {exc}", "Is it a whole .vtu file?") from exc
-    if not isinstance(grid, pyvista.UnstructuredGrid) or not grid.n_cells:
+    names, arrays = _read(path)
+    if "types" not in arrays:
         raise MeshError(f"{path}: no unstructured grid with cells in it", "Save the mesh as VTU (unstructured grid).")
-
-    types = np.asarray(grid.celltypes)
-    names = {int(t): pyvista.CellType(t).name for t in np.unique(types)}
+    types, points = arrays["types"], np.asarray(arrays["points"], dtype=np.float64)
     kind = _solid_kind(path, sorted(names.values()))
     rows = {
         dim: np.flatnonzero(np.isin(types, [t for t, name in names.items() if name in VTK_TYPES[k]]))
         for dim, k in ((3, kind), (2, FACET_KIND[kind]))
     }
-    cells = _connectivity(path, grid, kind, rows[3])
+    cells = _connectivity(path, arrays, kind, rows[3])
     degree = degree_of(path, kind, cells.shape[1])
     facets = (
-        _connectivity(path, grid, FACET_KIND[kind], rows[2]) if len(rows[2]) else no_cells(FACET_KIND[kind], degree)
+        _connectivity(path, arrays, FACET_KIND[kind], rows[2]) if len(rows[2]) else no_cells(FACET_KIND[kind], degree)
     )
     if degree_of(path, FACET_KIND[kind], facets.shape[1]) != degree:
         raise MeshError(f"{path}: surface cells are not of the degree of the solid cells", "Save both of one degree.")
 
     groups = []
-    for name in grid.cell_data:
-        if name.startswith(REGION):
+    for name in arrays:
+        if name.startswith(f"cells:{REGION}"):
+            marks = _whole_numbers(path, name.removeprefix("cells:"), arrays[name], len(types))
             for dim, of in rows.items():
-                values = np.asarray(grid.cell_data[name])[of].astype(np.int64)
+                values = marks[of]
                 members = np.flatnonzero(values)
                 if len(members):
-                    groups.append(Group(name.removeprefix(REGION), dim, int(values[members[0]]), members))
-    points = np.asarray(grid.points, dtype=np.float64)
-    node_tags = np.asarray(grid.point_data.get(NODE_TAG, np.arange(1, len(points) + 1)), dtype=np.int64)
-    cell_tags = np.asarray(grid.cell_data.get(CELL_TAG, np.arange(1, len(types) + 1)), dtype=np.int64)[rows[3]]
+                    short = name.removeprefix(f"cells:{REGION}")
+                    groups.append(Group(short, dim, int(values[members[0]]), members))
+    node_tags = _tags(path, NODE_TAG, arrays.get(f"nodes:{NODE_TAG}"), len(points))
+    cell_tags = _tags(path, CELL_TAG, arrays.get(f"cells:{CELL_TAG}"), len(types))[rows[3]]
     facets, named = _named(facets, groups)
-    data = data_arrays(_data(grid, rows[3]))
-    unit = _unit(grid)
+    data, unit = data_arrays(_data(arrays, rows[3])), _unit(arrays)
     return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, facets, named, data=data, unit=unit)
 
 
-def _data(grid: Any, solids: Ints) -> Iterator[tuple[str, Place, npt.NDArray[np.generic]]]:
+def _read(path: Path) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
+    """Names of the cell types in a file, and its arrays: ``points``, …, ``nodes:NAME`` and ``cells:NAME`` for data."""
+    wanted = [name for kinds in VTK_TYPES.values() for name in kinds]
+    with path.open("rb"):  # what cannot be opened is told as any other file
+        done = run_apart("vtu", path, *wanted)
+    complaints = [match[1] for match in _COMPLAINT.finditer(done.stderr.decode(errors="replace"))]
+    if done.returncode or complaints:
+        reason = complaints[0] if complaints else f"it ended ({_ending(done.returncode)}) while it did"
+        raise MeshError(f"{path}: VTK cannot read it: {reason}", "Is it a whole .vtu file?")
+    head, _, content = done.stdout.partition(b"\n")
+    listed = json.loads(head)
+    arrays, start = {}, 0
+    for name, code, shape in listed["arrays"]:
+        dtype = np.dtype(code)
+        count = math.prod(shape)
+        arrays[name] = np.frombuffer(content, dtype, count, start).reshape(shape)
+        start += count * dtype.itemsize
+    return {int(number): name for number, name in listed["names"].items()}, arrays
+
+
+_COMPLAINT = re.compile(r"ERR\|\s*(?:\w+ \(0x[0-9a-f]+\): )?(.*?)\s*(?:\x1b\[0m)?$", re.MULTILINE)
+
+
+def _ending(code: int) -> str:
+    return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+
+def _tags(path: Path, name: str, values: npt.NDArray[Any] | None, count: int) -> Ints:
+    """Tags of nodes or cells, 1, 2, … where the file has none."""
+    return np.arange(1, count + 1) if values is None else _whole_numbers(path, name, values, count)
+
+
+def _whole_numbers(path: Path, name: str, values: npt.NDArray[Any], count: int) -> Ints:
+    """An array with one whole number for each entity."""
+    if values.shape != (count,) or values.dtype.kind not in "iuf":
+        raise MeshError(f"{path}: the array '{name}' is not one number for each entity", "Correct or remove it.")
+    with np.errstate(invalid="ignore"):
+        whole = values.astype(np.int64)
+    if not (whole == values).all():
+        raise MeshError(f"{path}: the array '{name}' holds what is no whole number", "Correct or remove it.")
+    return np.asarray(whole)
+
+
+def _data(arrays: Mapping[str, npt.NDArray[Any]], solids: Ints) -> Iterator[tuple[str, Place, npt.NDArray[np.generic]]]:
     """The arrays that are not of this program's or of VTK's own, those of cells on the ``solids`` alone."""
-    for name in grid.point_data:
-        if name != NODE_TAG and not name.startswith(OF_VTK):
-            yield name, "nodes", np.asarray(grid.point_data[name])
-    for name in grid.cell_data:
-        if name != CELL_TAG and not name.startswith((OF_VTK, REGION)):
-            yield name, "cells", np.asarray(grid.cell_data[name])[solids]
+    for key, values in arrays.items():
+        on, _, name = key.partition(":")
+        if on == "nodes" and name != NODE_TAG and not name.startswith(OF_VTK):
+            yield name, "nodes", values
+        elif on == "cells" and name != CELL_TAG and not name.startswith((OF_VTK, REGION)):
+            yield name, "cells", values[solids]
 
 
-def _unit(grid: Any) -> float | None:
+def _unit(arrays: Mapping[str, npt.NDArray[Any]]) -> float | None:
     """The length unit (m) that the file states."""
-    stated = np.asarray(grid.field_data[FIELD]) if FIELD in grid.field_data else np.zeros(0)
-    return as_unit(float(stated[0])) if stated.dtype.kind in "fiu" and stated.shape == (1,) else None
+    stated = arrays.get(f"field:{FIELD}", np.zeros(0))
+    return as_unit(float(stated[0])) if stated.shape == (1,) else None
 
 
 def _solid_kind(path: Path, names: list[str]) -> str:
@@ -106,14 +147,14 @@ def _solid_kind(path: Path, names: list[str]) -> str:
     )
 
 
-def _connectivity(path: Path, grid: Any, kind: str, rows: Ints) -> Ints:
+def _connectivity(path: Path, arrays: Mapping[str, npt.NDArray[Any]], kind: str, rows: Ints) -> Ints:
     """Nodes of the cells ``rows``, in DOLFINx order."""
-    start = np.asarray(grid.cell_offsets, dtype=np.int64)
+    start = arrays["offsets"].astype(np.int64)
     sizes = np.unique(start[rows + 1] - start[rows])
     if len(sizes) > 1:
         raise MeshError(f"{path}: {kind}s of {' and '.join(map(str, sizes))} nodes", "Save them all of one degree.")
     size = int(sizes[0])
-    nodes: Ints = np.asarray(grid.cell_connectivity, dtype=np.int64)[start[rows][:, None] + np.arange(size)]
+    nodes: Ints = arrays["connectivity"].astype(np.int64)[start[rows][:, None] + np.arange(size)]
     return nodes[:, vtk_order(kind, degree_of(path, kind, size))]
 
 

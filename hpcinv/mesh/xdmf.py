@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -11,11 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
+from hpcinv.filenames import is_file
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place, data_arrays
 from hpcinv.mesh.topology import find_rows
 
 KIND_OF = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "qua": "quadrilateral"}
+MOST_COMPRESSED = 1100  # times that compression makes zeros smaller, zlib's limit being 1032
 PLACES: dict[str, Place] = {"Node": "nodes", "Cell": "cells"}
 
 
@@ -28,7 +31,7 @@ def read_xdmf(path: Path) -> MeshSource:
     try:
         root = ET.parse(path).getroot()
         grids = [g for g in root.findall("Domain/Grid") if g.find("Topology") is not None]
-    except ET.ParseError as exc:
+    except (ET.ParseError, ValueError, LookupError) as exc:  # the last two: an encoding that is none
         raise MeshError(f"{path}: no XML: {exc}", "Is it a whole .xdmf file?") from exc
     mesh = next((g for g in grids if g.find("Geometry/DataItem") is not None), None)
     if mesh is None:
@@ -60,6 +63,14 @@ def read_xdmf(path: Path) -> MeshSource:
             rows = np.arange(len(entities)) + sum(map(len, facets))
             facets.append(entities)
         tags = _data(path, values).ravel()
+        if not np.isfinite(tags.astype(np.float64)).all() or np.abs(tags.astype(np.float64)).max(initial=0.0) > 2.0**53:
+            raise MeshError(f"{path}: '{grid.get('Name', 'tags')}' has tags that are no numbers", "Correct the tags.")
+        if len(tags) != len(entities):
+            name = grid.get("Name", "tags")
+            raise MeshError(f"{path}: '{name}' has {len(tags)} tags of {len(entities)} entities", "Is the file whole?")
+        if on == kind and (rows < 0).any():
+            name = grid.get("Name", "tags")
+            raise MeshError(f"{path}: '{name}' has cells that the mesh has not", "Write the tags with this mesh.")
         for value in np.unique(tags):
             name = f"{grid.get('Name', 'tags')}-{int(value)}"
             groups.append(Group(name, 3 if on == kind else 2, len(groups) + 1, rows[tags == value]))
@@ -104,8 +115,11 @@ def _topology(path: Path, grid: ET.Element) -> tuple[str, Ints]:
     kind = KIND_OF.get(name[:3].lower())
     if kind is None:
         raise MeshError(f"{path}: cells are '{name}'", "One kind is supported in a mesh: tetrahedra or hexahedra.")
-    nodes = _data(path, topology.find("DataItem")).astype(np.int64)
-    return kind, nodes[:, vtk_order(kind, degree_of(path, kind, nodes.shape[1]))]
+    nodes = _data(path, topology.find("DataItem"))
+    if nodes.ndim != 2 or nodes.dtype.kind not in "iu":
+        raise MeshError(f"{path}: the topology is no table of nodes, a row for each cell", "Write the mesh anew.")
+    rows = nodes.astype(np.int64)
+    return kind, rows[:, vtk_order(kind, degree_of(path, kind, rows.shape[1]))]
 
 
 def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
@@ -113,18 +127,44 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
     text = "" if item is None else (item.text or "").strip()
     form = "" if item is None else item.get("Format", "XML")
     if form == "XML" and item is not None:
-        shape = [int(n) for n in item.get("Dimensions", "").split()]
-        declared = item.get("NumberType", item.get("DataType", "Float"))
-        return np.array(text.split(), dtype=np.int64 if declared in ("Int", "UInt") else np.float64).reshape(shape)
+        return _inline(path, item, text)
     if form != "HDF":
         raise MeshError(f"{path}: data in the format '{form}'", "HDF and XML are supported.")
     match = re.fullmatch(r"(.+?):(/.+)", text)
     if match is None:
-        raise MeshError(f"{path}: '{text}' is no FILE:/DATASET", "Write the mesh anew.")
+        raise MeshError(f"{path}: '{text[:80]}' is no FILE:/DATASET", "Write the mesh anew.")
+    file_of, dataset = path.parent / match[1], match[2]
+    if not is_file(file_of):
+        raise MeshError(f"{path}: there is no file '{file_of}'", "Keep the .h5 file beside the .xdmf file.")
     try:
         import h5py  # where it is needed, so that not all ranks of all runs read it
 
-        with h5py.File(path.parent / match[1]) as file:
-            return np.asarray(file[match[2]])
-    except (OSError, KeyError) as exc:
-        raise MeshError(f"{path}: {text} cannot be read: {exc}", "Keep the .h5 file beside the .xdmf file.") from exc
+        with h5py.File(file_of) as file:
+            found = file[dataset]
+            if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf":
+                raise MeshError(f"{path}: {text[:80]} is no array of numbers", "Write the mesh anew.")
+            if found.size * found.dtype.itemsize > MOST_COMPRESSED * file_of.stat().st_size:
+                raise MeshError(f"{path}: {text[:80]} has a shape that the file cannot hold", "Write the mesh anew.")
+            return np.asarray(found)
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as exc:
+        reason = str(exc).partition(", flags =")[0]
+        raise MeshError(f"{path}: {text[:80]} cannot be read: {reason}", "Is the .h5 file whole?") from exc
+
+
+def _inline(path: Path, item: ET.Element, text: str) -> npt.NDArray[np.generic]:
+    """The numbers in the text of a data item."""
+    dimensions = item.get("Dimensions", "")
+    declared = item.get("NumberType", item.get("DataType", "Float"))
+    kind = np.dtype(np.int64 if declared in ("Int", "UInt") else np.float64)
+    numbers = text.split()
+    try:
+        shape = tuple(int(n) for n in dimensions.split())
+        if min(shape, default=0) < 0 or math.prod(shape) != len(numbers):
+            text = f"has {len(numbers)} numbers, but its Dimensions are '{dimensions[:40]}'"
+            raise MeshError(f"{path}: a DataItem {text}", "Is the file whole?")
+        return np.array(numbers, dtype=kind).reshape(shape)
+    except (ValueError, OverflowError) as exc:
+        what = "whole numbers" if kind.kind == "i" else "numbers"
+        raise MeshError(
+            f"{path}: a DataItem does not hold {what} only: {str(exc)[:100]}", "Is the file whole?"
+        ) from exc

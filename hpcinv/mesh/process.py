@@ -1,0 +1,141 @@
+"""Program that opens one mesh file with a library that ends its process, or prints, where the file is damaged.
+
+``python process.py vtu PATH TYPE…`` writes the arrays of a VTU file to standard output: a line of JSON, the names,
+types and shapes of arrays, and then their bytes one after the other. ``python process.py msh PATH`` lets gmsh read a
+file and says nothing. It imports nothing of the package, whose meshes load MPI.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import resource
+import sys
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+import numpy as np
+from vtkmodules import vtkCommonDataModel
+from vtkmodules.util import numpy_support
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+MOST_COMPRESSED = 1100  # times that a compressor makes zeros smaller, zlib's limit being 1032
+vtk_to_numpy: Any = numpy_support.vtk_to_numpy
+FLAT = ("VERTEX", "LINE", "QUADRATIC_EDGE", "POLY_LINE")
+
+
+def read_msh(path: str) -> None:
+    """Let gmsh read the file and give what is asked of it; what it says of a file is told where it is read again."""
+    import gmsh
+
+    limit_memory()
+    gmsh.initialize(argv=[], readConfigFiles=False, run=False, interruptible=False)
+    with contextlib.suppress(Exception):  # gmsh raises nothing narrower
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.NumThreads", 1)
+        gmsh.model.add("rehearsal")
+        gmsh.merge(path)
+        if gmsh.model.getNumberOfPartitions():
+            gmsh.model.mesh.unpartition()
+        gmsh.model.mesh.getNodes()
+        for dim, tag in gmsh.model.getEntities():
+            gmsh.model.mesh.getElements(dim, tag)
+        for dim, tag in gmsh.model.getPhysicalGroups():
+            gmsh.model.getEntitiesForPhysicalGroup(dim, tag)
+        for view in gmsh.view.getTags():
+            last = int(gmsh.view.option.getNumber(view, "NbTimeStep")) - 1
+            gmsh.view.getHomogeneousModelData(view, last)
+    gmsh.finalize()
+
+
+def read_vtu(path: str, wanted: list[str]) -> None:
+    """Read the file at ``path``; ``wanted`` are the names of cell types that are to be known by them."""
+    if fault := fault_of_header(Path(path)):
+        sys.exit(f"ERR| {fault}")
+    from vtkmodules.util import numpy_support
+
+    vtk_to_numpy: Any = numpy_support.vtk_to_numpy
+    limit_memory()
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(path)
+    reader.Update()
+    grid = reader.GetOutput()
+    arrays: dict[str, np.ndarray] = {}
+    names: dict[int, str] = {}
+    if grid is not None and grid.GetNumberOfCells() and grid.GetCells() is not None:
+        cells = grid.GetCells()
+        arrays["points"] = vtk_to_numpy(grid.GetPoints().GetData())
+        arrays["types"] = vtk_to_numpy(grid.GetCellTypes())
+        arrays["offsets"] = vtk_to_numpy(cells.GetOffsetsArray())
+        arrays["connectivity"] = vtk_to_numpy(cells.GetConnectivityArray())
+        arrays |= dict(data_of(grid.GetPointData(), "nodes", vtk_to_numpy))
+        arrays |= dict(data_of(grid.GetCellData(), "cells", vtk_to_numpy))
+        arrays |= dict(data_of(grid.GetFieldData(), "field", vtk_to_numpy))
+        known = {getattr(vtkCommonDataModel, f"VTK_{name}"): name for name in (*wanted, *FLAT)}
+        names = {
+            int(t): known.get(int(t)) or other_name(vtkCommonDataModel, int(t)) for t in np.unique(arrays["types"])
+        }
+    arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    shapes = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
+    sys.stdout.buffer.write(json.dumps({"names": names, "arrays": shapes}).encode() + b"\n")
+    for array in arrays.values():
+        if array.size:
+            sys.stdout.buffer.write(array.data.cast("B"))
+
+
+class _HeaderRead(Exception):
+    pass
+
+
+def fault_of_header(path: Path) -> str | None:
+    """What cannot be true of the numbers that a file says it has: VTK takes memory for them before it reads any."""
+    size, faults = path.stat().st_size, list[str]()
+    most = [size]  # each value takes a byte at least
+
+    def begins(tag: str, attributes: dict[str, str]) -> None:
+        if tag == "VTKFile" and "compressor" in attributes:
+            most[0] = size * MOST_COMPRESSED
+        elif tag == "AppendedData":  # what follows need not be XML
+            raise _HeaderRead
+        for name in ("NumberOfPoints", "NumberOfCells", "NumberOfComponents", "NumberOfTuples"):
+            text = attributes.get(name, "0").strip()
+            if not text.isdecimal() or int(text[:20]) > most[0]:
+                faults.append(f"{name} is {text[:40]} in a file of {size} bytes")
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = begins
+    with contextlib.suppress(_HeaderRead, expat.ExpatError), path.open("rb") as file:  # VTK tells what is no XML
+        parser.ParseFile(file)
+    return faults[0] if faults else None
+
+
+def data_of(attributes: Any, on: str, as_numpy: Any) -> Any:
+    """The arrays of numbers at the nodes, in the cells or of the whole."""
+    for i in range(attributes.GetNumberOfArrays()):
+        array = attributes.GetArray(i)  # nothing where it holds text
+        if array is not None:
+            yield f"{on}:{attributes.GetArrayName(i) or ''}", as_numpy(array)
+
+
+def other_name(vtk: Any, number: int) -> str:
+    """Name of a cell type."""
+    name = str(vtk.vtkCellTypes.GetClassNameFromTypeId(number))
+    return name.removeprefix("vtk") if name != "UnknownClass" else f"of the type {number}"
+
+
+def limit_memory() -> None:
+    """Let no damaged number of values take more memory than there is."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    free = [line.split()[1] for line in Path("/proc/meminfo").read_text().splitlines() if "MemAvailable" in line]
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limit = taken + 1024 * int(free[0])
+    resource.setrlimit(resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "vtu":
+        read_vtu(sys.argv[2], sys.argv[3:])
+    else:
+        read_msh(sys.argv[2])
