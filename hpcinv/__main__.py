@@ -161,12 +161,13 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
     from hpcinv.launch import launched
 
     with launched(options.ranks) as (comm, stop):
-        from hpcinv.progress import Progress
+        from hpcinv.progress import Level, Progress
         from hpcinv.runtime import abort, on_root
 
-        with Progress(comm, sys.stdout) as progress:
+        with Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
 
             def interrupted() -> NoReturn:
+                progress.note("ended by Ctrl-C", Level.VERBOSE)
                 progress.close()  # gives the terminal its cursor back
                 abort(comm, 130)
 
@@ -239,6 +240,9 @@ def _parser() -> argparse.ArgumentParser:
     add_bench(commands)
 
     for parallel in (run, resume):
+        told = parallel.add_mutually_exclusive_group()
+        told.add_argument("-v", "--verbose", action="store_true", help="print every iteration of Newton's method")
+        told.add_argument("-q", "--quiet", action="store_true", help="print warnings, what fails, and how it ended")
         parallel.add_argument(
             "--strict",
             action="store_true",

@@ -20,3 +20,10 @@ class RunConsole(rich.console.Console):
     def on_broken_pipe(self) -> None:
         self.quiet = True
         discard_output()
+
+
+class ForwardedConsole(RunConsole):
+    """Of a run whose terminal others write to: it keeps its cursor, which a run that is killed could not give back."""
+
+    def show_cursor(self, show: bool = True) -> bool:
+        return False

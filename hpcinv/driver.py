@@ -22,6 +22,7 @@ from hpcinv.diagnosis import diagnose
 from hpcinv.equilibrium import Solve
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.fields import write_fields
+from hpcinv.generators import is_generator
 from hpcinv.interest import check_points, evaluate
 from hpcinv.legs import leg_of
 from hpcinv.mesh import write_mesh
@@ -33,8 +34,9 @@ from hpcinv.result import Leg, Result
 from hpcinv.rundirectory import RunDirectory, relative
 from hpcinv.runtime import MPI, compilation_explained, on_root
 from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
-from hpcinv.summary import statistics, write_summary
+from hpcinv.summary import statistics, versions, write_summary
 from hpcinv.timings import Timings
+from hpcinv.totals import Totals, totals_of
 from hpcinv.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -73,7 +75,8 @@ def run(
     where = RunDirectory(directory) if isinstance(directory, Path) else directory
     with ExitStack() as own, compilation_explained(comm):
         workspace = workspace or own.enter_context(Workspace(comm))
-        started = _Run(job, comm, where, progress or Progress(comm, None), stop_asked, workspace, guess)
+        progress = progress or own.enter_context(Progress(comm, None))
+        started = _Run(job, comm, where, progress, stop_asked, workspace, guess)
         return started.go(overwrite=overwrite, resume=resume)
 
 
@@ -97,6 +100,7 @@ class _Run:
         self.unused_options: list[str] = []
         self.record: Record | None = None
         self.estimate: Estimate | None = None
+        self.totals: Totals | None = None
 
     def go(self, *, overwrite: bool, resume: bool) -> Result:
         expected = None if self.job.accuracy else self._prepare()
@@ -104,16 +108,21 @@ class _Run:
             self._search()
         job = self.job
         self.checkpoints, restart = self._open(overwrite=overwrite, resume=resume)
+        with self.progress.phase("compiling"):
+            self.totals = totals_of(self.model, job.legs[0])
+        self.progress.body(self.totals)
 
         for number, direction in enumerate(job.legs):
             if number == len(self.legs):  # else the search has solved it
-                self._solve(number, direction, restart)
+                with self.progress.phase("solving", announced=False):
+                    self._solve(number, direction, restart)
             if self.legs[-1].load != 1.0:
                 self._give_up(self.legs[-1])
             if number == 0:
                 quantities = evaluate(job.quantities, self.body, self.legs[0], self.model)
                 slopes = sensitivities(self.model, self.legs[0])
-                self._write_shape(slopes)
+                with self.progress.phase("writing"):
+                    self._write_shape(slopes)
             if number + 1 < len(job.legs):
                 # The next leg is solved on the body that was just found.
                 self.body.mesh.geometry.x[:] = self.legs[-1].other_nodes / self.body.length_scale
@@ -123,26 +132,40 @@ class _Run:
             errors["expected_shape"] = distance(self.body, self.legs[0], expected)
         if len(self.legs) == 2:
             errors["round_trip"] = closure(*self.legs)
-        certificate, found = certify(self.model, self.legs, quantities, self.estimate)
+        with self.progress.phase("checking"):
+            certificate, found = certify(self.model, self.legs, quantities, self.estimate, self.progress.detail)
         if self.record is not None:
             certificate = Certificate((*certificate.lines, *self.record.lines()))
+        self._judge_displacement()
         result = Result(job, self.body, tuple(self.legs), certificate, quantities, errors, found, slopes)
         return self._finish(result, "converged")
+
+    def _judge_displacement(self) -> None:
+        """Warn where the body hardly moves, unless it was foreseen."""
+        before = self.totals
+        if before is not None and self.job.output.unit_warnings and not before.warnings:
+            self.totals = before.after(self.legs[0].largest_displacement)
+            for text in self.totals.warnings:
+                self.progress.warn(text)
 
     def _prepare(self) -> Floats | None:
         """Body and model as the job gives them, and the local nodes of the expected shape."""
         job = self.job
-        with self.timings("mesh"):
-            self.body = self.workspace.body(job)
+        verb = "meshing" if is_generator(Path(job.mesh.file)) else "reading"
+        with self.timings("mesh"), self.progress.phase(verb, job.mesh.file):
+            self.body = self.workspace.body(job, self.progress.detail)
+            self.progress.detail(f"{sum(self.body.partition.cells):,} cells")
             expected = read_expected(job, self.body)
             check_points(job.quantities, self.body)
         self.model = self.workspace.model(job, self.timings)
+        self.model.told = self.progress.iteration
         return expected
 
     def _search(self) -> None:
         """Body, model and first leg as the demands on the accuracy want them."""
         search = Search(self.job, self.comm, self.timings, self.progress, self.stop_asked)
-        self.record, best = search.run(), search.best
+        with self.progress.phase("searching", "for mesh and degree"):
+            self.record, best = search.run(), search.best
         self.job, self.body, self.model, self.legs = best.job, best.body, best.model, [best.leg]
         self.estimate, self.unused_options = best.estimate, best.unused_options
 
@@ -162,6 +185,7 @@ class _Run:
             on_root(self.comm, lambda: directory.create(job, overwrite=overwrite or resume))
         elif on_root(self.comm, lambda: directory.job(None) != job):
             on_root(self.comm, lambda: directory.change(job))
+        self.progress.open_log(self.comm, directory.path, ", ".join(f"{k} {v}" for k, v in versions().items()))
         self.progress.begin(job, self.body, self.model.unknowns.size, directory.path, restart)
         return checkpoints, restart
 
@@ -235,12 +259,15 @@ class _Run:
             return
         with self.timings("output"):
             for suffix in self.job.shape_formats:
+                self.progress.detail(f"shape.{suffix}")
                 write_mesh(self.directory.path / f"shape.{suffix}", self.body, self.legs[0].other_nodes)
             if self.job.output.fields:
+                self.progress.detail("fields")
                 write_fields(self.directory.path / "fields", self.body, self.legs[0], slopes.fields() if slopes else ())
 
     def _finish(self, result: Result, status: str) -> Result:
         result = replace(result, directory=self.directory.path if self.directory else None, accuracy=self.record)
+        result = replace(result, totals=self.totals)
         found = statistics(result, status, self.model.unknowns.size, self.unused_options, self.timings, self.comm)
         if self.directory is not None:
             write_summary(self.directory.path, found, self.comm, formats=self.job.output.summary)

@@ -71,6 +71,7 @@ class Equilibrium(Predictor):
     ) -> None:
         super().__init__(scene, supports, timings, options, choice)
         self.limit, self.reuse, self.stop_asked = limit, reuse, stop_asked
+        self.told: Callable[[NewtonIteration], None] = lambda _: None  # of each iteration
         with timings("set-up"):
             # SNES iterates on a vector of its own: the state moves along with every trial of the line search.
             self._x, self._before = self.rhs.duplicate(), self.rhs.duplicate()
@@ -232,6 +233,7 @@ class Equilibrium(Predictor):
             self._outcome = self._verdict
             return _GIVEN_UP
         iteration = NewtonIteration(self._correction, norm(x), residual, self._fresh)
+        self.told(iteration)
         self._outcome = self._monitor.judge(iteration)
         if self._outcome is None or not self._outcome.accepted:
             self._outcome = self._verdict or self._outcome

@@ -71,6 +71,17 @@ def shear_modulus(job: Job, fields: BodyFields) -> float:
     return math.sqrt(least) * math.sqrt(most)
 
 
+def young_moduli(job: Job, fields: BodyFields) -> tuple[float, float]:
+    """Least and largest Young's modulus (Pa) in the undeformed body, without what fibres add; collective."""
+    comm, values = fields.body.mesh.comm, []
+    for where, law in job.laws.items():
+        par = _samples(fields, where, law)
+        mu = np.atleast_1d(law.shear_modulus(par))
+        values.append(3 * mu if law.is_incompressible else 9 * mu / (3 + mu / np.atleast_1d(law.bulk_modulus(par))))
+    least = comm.allreduce(min(float(v.min(initial=math.inf)) for v in values), op=MPI.MIN)
+    return least, comm.allreduce(max(float(v.max(initial=0.0)) for v in values), op=MPI.MAX)
+
+
 def _samples(fields: BodyFields, where: str, law: MaterialLaw | Ingredient) -> Any:
     def sampled(name: str, value: Any) -> Any:
         if isinstance(value, tuple):

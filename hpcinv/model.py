@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hpcinv.effects import Direction
     from hpcinv.job import Job
     from hpcinv.mesh import Body
+    from hpcinv.newton import NewtonIteration
     from hpcinv.timings import Timings
 
 KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
@@ -45,6 +46,7 @@ class Model:
         self.job, self.body, self.timings = job, body, timings
         self._scenes: dict[Direction, Scene] = {}
         self._idle: dict[int, Equilibrium] = {}  # by the scene
+        self.told: Callable[[NewtonIteration], None] = lambda _: None
         with timings("set-up"):
             self.fields = BodyFields(body)
             check_fields(job, self.fields)
@@ -117,6 +119,7 @@ class Model:
             )
         equilibrium.options.restore()
         equilibrium.timings, equilibrium.stop_asked = self.timings, stop_asked
+        equilibrium.told = self.told
         if not self._is_held:
             try:
                 check_held(self.body, self.supports, equilibrium)

@@ -1,11 +1,22 @@
-"""What a run says while it goes on: one line for each step on rank 0, a live bar on a terminal, a report at the end."""
+"""What a run says while it goes on, on rank 0: phases, steps, a live bar on a terminal, and a report; and its log."""
 
 from __future__ import annotations
 
+import math
+import socket
 import time
-from collections.abc import Mapping
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
+
+from hpcinv.errors import HpcinvError
+from hpcinv.runlog import RunLog
+from hpcinv.terminal import width_through_mpirun
+from hpcinv.units import readable
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -17,6 +28,8 @@ if TYPE_CHECKING:
     from hpcinv.job import Job
     from hpcinv.linear.choice import Used
     from hpcinv.mesh import Body
+    from hpcinv.newton import NewtonIteration
+    from hpcinv.totals import Totals
 
 _ERRORS = {
     "round_trip": "round trip: closes to {max:.3g} m ({relative:.1g} of the body's length)",
@@ -24,43 +37,183 @@ _ERRORS = {
 }
 
 
+class Level(IntEnum):
+    """How much is printed; the log has all of it."""
+
+    QUIET = 0
+    """warnings, findings of the certificate that do not pass, and how it ended"""
+    NORMAL = 1
+    """a line for each phase and step, and the report"""
+    VERBOSE = 2
+    """a line for each Newton iteration and each check"""
+
+
 class Progress:
     """Messages of a run; silent without a stream, and on every rank but 0.
 
-    Use it as a context, which takes the live bar off the terminal whatever happens.
+    Use it as a context, which takes the live bar off the terminal whatever happens, and ends the log.
     """
 
-    def __init__(self, comm: Intracomm, stream: TextIO | None) -> None:
+    def __init__(self, comm: Intracomm, stream: TextIO | None, level: Level = Level.NORMAL) -> None:
+        self.level = level
         self._console: Console | None = None
         if stream is not None and comm.rank == 0:
-            from hpcinv.console import RunConsole  # a tenth of the files of a start, which other ranks need not read
-
-            self._console = RunConsole(file=stream, highlight=False, markup=False, soft_wrap=True)
+            self._console = _console(stream)
+        self._log = RunLog() if comm.rank == 0 else None
         self._ranks = comm.size
         self._bar: LiveBar | None = None
         self._direction = ""
+        self._directory = ""
+        self._phase: _Phase | None = None
         self._last = time.perf_counter()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _kind: type[BaseException] | None, error: BaseException | None, _trace: object) -> None:
+        self._break_line()
         self.close()
+        if self._log is not None:
+            if error is not None:
+                said = str(error) if isinstance(error, HpcinvError) else "".join(traceback.format_exception(error))
+                self._log.write(f"ended by an error: {said}")
+            self._log.close()
 
-    def note(self, text: str) -> None:
+    def note(self, text: str, level: Level = Level.NORMAL) -> None:
         """One line of text."""
-        if self._console is not None:
+        if self._console is not None and level <= self.level:
+            self._break_line()
             self._console.print(text)
+        if self._log is not None:
+            self._log.write(text)
+
+    def warn(self, text: str) -> None:
+        """One line that is printed in any case."""
+        self.note(f"warning: {text}", Level.QUIET)
+
+    def open_log(self, comm: Intracomm, directory: Path, about: str) -> None:
+        """Log from now on, and what was said before, in a run's directory; collective.
+
+        Args:
+            about: versions of the programs.
+        """
+        hosts = comm.gather(socket.gethostname())
+        if self._log is None:
+            return
+        self._log.open(directory)
+        self._log.write(f"{about}; {_count(self._ranks, 'rank')} on {', '.join(sorted(set(hosts or ())))}")
+        if self._log.fault:
+            self.warn(self._log.fault)
+
+    @contextmanager
+    def phase(self, name: str, about: str = "", *, announced: bool = True) -> Iterator[None]:
+        """A part of a run: one line that begins with it, grows with each `detail`, and ends with its time.
+
+        Args:
+            announced: whether to say that it begins; if not, other lines have.
+        """
+        begun = time.perf_counter()
+        title = f"{name} {about}".rstrip()
+        self._break_line()
+        outer, self._phase = self._phase, _Phase(title, broken=not announced)
+        if announced:
+            if self._log is not None:
+                self._log.write(f"{title} ...")
+            if self._is_terminal:
+                self._show(title)
+            elif self._console is not None and self.level >= Level.NORMAL:
+                self._console.print(f"{title}:", end="")
+        try:
+            yield
+            self._end_phase(self._phase, name, time.perf_counter() - begun)
+        finally:
+            self._break_line()
+            self._phase = outer
+
+    def detail(self, text: str) -> None:
+        """Something about the present phase."""
+        if self._phase is None:
+            return
+        if self._log is not None:
+            self._log.write(f"  {text}")
+        first, self._phase.details = not self._phase.details, [*self._phase.details, text]
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], description=f"{self._phase.title}: {text}")
+        elif self._console is not None and self.level >= Level.NORMAL and not self._is_terminal:
+            if self._phase.broken:
+                self._console.print(f"  {text}")
+            else:
+                self._console.print(f"{'' if first else ','} {text}", end="")
+
+    def iteration(self, iteration: NewtonIteration) -> None:
+        """One iteration of Newton's method."""
+        tangent = ", new tangent" if iteration.new_tangent else ""
+        sizes = f"correction {iteration.correction:.3g} of {iteration.state:.3g}, residual {iteration.residual:.3g}"
+        self.note(f"    iteration: {sizes}{tangent}", Level.VERBOSE)
+
+    def _end_phase(self, phase: _Phase, name: str, seconds: float) -> None:
+        told = f"{', '.join(phase.details)}; {seconds:.1f} s" if phase.details else f"{seconds:.1f} s"
+        if self._log is not None:
+            self._log.write(f"{phase.title}: {told}")
+        if self._console is None or self.level < Level.NORMAL:
+            return
+        if self._is_terminal:
+            self.close()
+            self._console.print(f"  {name}: {seconds:.1f} s" if phase.broken else f"{phase.title}: {told}")
+        elif phase.broken:
+            self._console.print(f"  {name}: {seconds:.1f} s")
+        else:
+            self._console.print(f"{';' if phase.details else ''} {seconds:.1f} s")
+            phase.broken = True
+
+    def _break_line(self) -> None:
+        """End the line of a phase that is not complete, so that others can follow."""
+        if self._phase is not None and not self._phase.broken:
+            self._phase.broken = not self._is_terminal
+            if self._console is not None and self.level >= Level.NORMAL and not self._is_terminal:
+                self._console.print()
+
+    @property
+    def _is_terminal(self) -> bool:
+        return self._console is not None and self._console.is_terminal and self.level >= Level.NORMAL
+
+    def _show(self, title: str, total: float | None = None) -> None:
+        """A live bar; without a total it only shows that something goes on."""
+        if not self._is_terminal or self._bar is not None:
+            return
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as LiveBar
+
+        text = TextColumn("  {task.description}", markup=False)
+        columns = (text, BarColumn(), TextColumn("{task.completed:.3f}" if total else ""), TimeElapsedColumn())
+        self._bar = LiveBar(*columns, console=self._console, transient=True, refresh_per_second=2)
+        self._bar.add_task(title, total=total)
+        self._bar.start()
 
     def begin(self, job: Job, body: Body, unknowns: int, directory: Path, restart: Restart | None) -> None:
         """What is about to be solved, and where results go."""
         cells = sum(body.partition.cells)
         ranks = f"{self._ranks} rank{'s' if self._ranks > 1 else ''}"
+        self._directory = str(directory)
         self.note(f"{job.job}: {job.analysis}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
         if restart is not None:
             for complaint in restart.complaints:
                 self.note(f"  not used: {complaint}")
             self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}")
+
+    def body(self, totals: Totals) -> None:
+        """What the job describes, in figures that show a mistake in a unit."""
+        sides = " x ".join(readable(side, "m") for side in totals.size)
+        told = [sides, f"volume {readable(totals.volume, 'm^3')}"]
+        if totals.mass is not None:
+            told.append(f"mass {readable(totals.mass, 'kg')}")
+        if totals.load is not None:
+            size = math.hypot(*totals.load)
+            along = ", ".join(f"{part / size:.3g}" for part in totals.load) if size else ""
+            told.append(f"resultant of the loads {readable(size, 'N')}{along and f' along ({along})'}")
+        self.note(f"  meshed part: {', '.join(told)}")
+        for text in totals.warnings:
+            self.warn(text)
 
     def leg(self, direction: str, linear: Used) -> None:
         """A direction begins, with a linear solver."""
@@ -68,14 +221,7 @@ class Progress:
         self._direction, self._last = direction, time.perf_counter()
         self.note(f"{direction}:")
         self.note(f"  {linear.preset} linear solver: {linear.why}")
-        if self._console is not None and self._console.is_terminal:
-            from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-            from rich.progress import Progress as LiveBar
-
-            columns = TextColumn("  load"), BarColumn(), TextColumn("{task.completed:.3f}"), TimeElapsedColumn()
-            self._bar = LiveBar(*columns, console=self._console, transient=True, refresh_per_second=2)
-            self._bar.add_task(direction, total=1.0)
-            self._bar.start()
+        self._show("load", total=1.0)
 
     def solve(self, solve: Solve, largest_displacement: float, min_mesh_J: float) -> None:
         """A step was solved, or not: the state is then that of the last one that was."""
@@ -99,6 +245,9 @@ class Progress:
         self.close()
         for line in report(statistics):
             self.note(line)
+        if self.level == Level.QUIET:
+            for line in _in_short(statistics, self._directory):
+                self.note(line, Level.QUIET)
 
     def close(self) -> None:
         """Take the live bar off the terminal, and give that its cursor back."""
@@ -116,6 +265,36 @@ class Listener(Progress):
 
     def finish(self, statistics: Mapping[str, Any]) -> None:
         self.statistics = statistics
+
+    def open_log(self, comm: Intracomm, directory: Path, about: str) -> None:
+        """Many small runs leave no logs."""
+
+
+@dataclass
+class _Phase:
+    """The line of a phase: whether it was broken off, so that the time must stand in another."""
+
+    title: str
+    broken: bool
+    details: list[str] = field(default_factory=list)
+
+
+def _console(stream: TextIO) -> Console:
+    """With a live bar where a terminal is behind the stream, also through mpirun."""
+    from hpcinv.console import ForwardedConsole, RunConsole  # a tenth of the files of a start; others need not read it
+
+    settings: dict[str, Any] = {"highlight": False, "markup": False, "soft_wrap": True}
+    if not stream.isatty() and (width := width_through_mpirun(stream)):
+        return ForwardedConsole(file=stream, force_terminal=True, width=width, **settings)
+    return RunConsole(file=stream, **settings)
+
+
+def _in_short(statistics: Mapping[str, Any], directory: str) -> list[str]:
+    """What a quiet run says at its end: findings that do not pass, and one line."""
+    certificate, seconds = statistics["certificate"], statistics["timings"]["total"]
+    open_questions = [line for line in _certificate(certificate)[1:] if line.lstrip().startswith(("warning", "fail"))]
+    where = f"; results in {directory}" if directory else ""
+    return [*open_questions, f"{statistics['status']}, certificate {certificate['verdict']}, {seconds:.1f} s{where}"]
 
 
 def report(statistics: Mapping[str, Any]) -> list[str]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hpcinv.linear.choice import Used
     from hpcinv.mesh import Body
     from hpcinv.sensitivity.analysis import Sensitivities
+    from hpcinv.totals import Totals
 
 type Floats = npt.NDArray[np.float64]
 
@@ -102,6 +103,7 @@ class Result:
         statistics: what ``summary.json`` holds.
         directory: where it was written, if anywhere.
         accuracy: how the job's demands on it were met, if it has any.
+        totals: size, volume, mass and load of the meshed part.
     """
 
     job: Job
@@ -115,6 +117,7 @@ class Result:
     statistics: Mapping[str, Any] = field(default_factory=dict)
     directory: Path | None = None
     accuracy: Record | None = None
+    totals: Totals | None = None
 
     @property
     def shape(self) -> Floats:

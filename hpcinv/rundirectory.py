@@ -19,7 +19,7 @@ from hpcinv.job import Job, load, parse
 from hpcinv.loading import read_yaml
 
 _JOB, _ORIGIN = "job.yaml", "origin.json"
-_CONTENT = (_JOB, _ORIGIN, "checkpoints", "fields", "shape.*", "summary.*", ".*.partial")
+_CONTENT = (_JOB, _ORIGIN, "checkpoints", "fields", "shape.*", "summary.*", "run.log", ".*.partial")
 
 
 @dataclass(frozen=True)

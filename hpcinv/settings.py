@@ -169,6 +169,8 @@ class Output(Spec):
     """displacement, pressure, volume ratio and Cauchy stress for ParaView"""
     mesh: ListOf[Literal["bp", "msh", "vtu"]] | None = None
     """formats of the recovered shape; left out, bp if the job's mesh is a partitioned one, else msh and vtu"""
+    unit_warnings: bool = True
+    """whether sizes, masses and loads that look like a mistake in a unit are told"""
     summary: ListOf[Literal["json", "h5"]] = ("json", "h5")
     """formats of the summary; json must be among them"""
 

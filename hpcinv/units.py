@@ -101,6 +101,13 @@ NAMES = {
 }
 
 _LONGEST = 400  # characters of a quantity
+_READABLE = {
+    "m": ((1e-9, "nm"), (1e-6, "um"), (1e-3, "mm"), (1.0, "m"), (1e3, "km")),
+    "m^3": ((1e-18, "um^3"), (1e-9, "mm^3"), (1e-6, "ml"), (1e-3, "L"), (1.0, "m^3")),
+    "kg": ((1e-12, "ng"), (1e-9, "ug"), (1e-6, "mg"), (1e-3, "g"), (1.0, "kg"), (1e3, "t")),
+    "N": ((1e-9, "nN"), (1e-6, "uN"), (1e-3, "mN"), (1.0, "N"), (1e3, "kN"), (1e6, "MN")),
+    "Pa": ((1e-3, "mPa"), (1.0, "Pa"), (1e3, "kPa"), (1e6, "MPa"), (1e9, "GPa")),
+}
 LENGTH_UNITS = ("m", "mm", "um", "nm", "cm", "dm", "km", "in", "ft")
 
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
@@ -151,6 +158,13 @@ def parse_unit(text: str) -> tuple[Fraction, Dimension]:
         exponents = Dimension(*(a + power * b for a, b in zip(exponents, dimension, strict=True)))
         rest = rest[match.end() :]
     return total, exponents
+
+
+def readable(value: float, unit: str) -> str:
+    """A value with a prefix that makes it readable, such as ``182 mm`` or ``10.3 ml`` (units m, m^3, kg, N and Pa)."""
+    value, units = float(f"{value:.3g}"), _READABLE[unit]
+    size, name = next(((s, n) for s, n in reversed(units) if abs(value) >= s), units[0])
+    return f"{value / size:.3g} {name}" if value else f"0 {unit}"
 
 
 def length_symbol(unit: float) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 import json
+from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -18,6 +19,7 @@ from petsc4py import PETSc
 from hpcinv.errors import HpcinvError
 from hpcinv.fingerprint import file_digest
 from hpcinv.mesh import build_body
+from hpcinv.mesh.cell_count import silent
 from hpcinv.model import Model
 from hpcinv.runtime import MPI, on_root
 from hpcinv.structure import structure_of
@@ -46,8 +48,8 @@ class Workspace:
     def __exit__(self, *_: object) -> None:
         self.clear()
 
-    def body(self, job: Job) -> Body:
-        """The body of a job as its mesh gives it.
+    def body(self, job: Job, told: Callable[[str], None] = silent) -> Body:
+        """The body of a job as its mesh gives it; ``told`` as `build_body` has it.
 
         Raises:
             MeshError, SystemPartMissing: the same on every rank.
@@ -58,7 +60,7 @@ class Workspace:
             body.mesh.geometry.x[:] = given  # a round trip has left it elsewhere
             return body
         self.clear()
-        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve)
+        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, told=told)
         self._body = key, body, body.mesh.geometry.x.copy()
         return body
 

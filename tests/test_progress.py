@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
+import json
 import os
 import pty
+import re
+import struct
+import subprocess
+import termios
 import threading
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from command_line import BLOCK, command, environment, hpcinv, write_job
 from legs import SOLVES
 
 from hpcinv.linear.choice import Used
-from hpcinv.progress import Progress
+from hpcinv.newton import NewtonIteration
+from hpcinv.progress import Level, Progress
 
 DIRECT = Used("direct", "at 9 unknowns, multigrid would take about 2 times as long", None)
 
@@ -141,3 +150,164 @@ def read_to_the_end(terminal: int, seen: list[bytes]) -> None:
     with contextlib.suppress(OSError):
         while piece := os.read(terminal, 4096):
             seen.append(piece)
+
+
+class Comm:
+    """Of one rank."""
+
+    rank, size = 0, 1
+
+    def gather(self, value: object) -> list[object]:
+        return [value]
+
+
+def alone() -> Any:
+    return Comm()
+
+
+def go_through_phases(progress: Progress) -> None:
+    with progress.phase("meshing", "body.py"):
+        progress.detail("about 7 cells expected")
+        progress.detail("6 cells")
+    with progress.phase("compiling"):
+        pass
+    with progress.phase("solving", announced=False):
+        progress.leg("inverse", DIRECT)
+        progress.iteration(NewtonIteration(0.5, 2.0, 1e-3, True))
+    with progress.phase("checking"):
+        progress.detail("stability")
+        progress.warn("look at this")
+
+
+def without_seconds(text: str) -> list[str]:
+    return [re.sub(r"\d+\.\d s$", "0.0 s", line) for line in text.splitlines()]
+
+
+def test_each_phase_is_a_line_that_grows_and_ends_with_its_time() -> None:
+    stream = io.StringIO()
+    with Progress(alone(), stream) as progress:
+        with progress.phase("meshing", "body.py"):
+            progress.detail("about 7 cells expected")
+            assert stream.getvalue() == "meshing body.py: about 7 cells expected"  # there before it ends
+        stream.truncate(0)
+        stream.seek(0)
+        go_through_phases(progress)
+    assert without_seconds(stream.getvalue()) == [
+        "meshing body.py: about 7 cells expected, 6 cells; 0.0 s",
+        "compiling: 0.0 s",
+        "inverse:",
+        "  direct linear solver: at 9 unknowns, multigrid would take about 2 times as long",
+        "  solving: 0.0 s",
+        "checking: stability",
+        "warning: look at this",
+        "  checking: 0.0 s",
+    ]
+
+
+def test_a_quiet_run_says_warnings_and_how_it_ended_and_a_verbose_one_every_iteration() -> None:
+    for level, expected in (
+        (
+            Level.QUIET,
+            ["warning: look at this", "  warning: sag 0.5 m (much)", "converged, certificate warning, 12.3 s"],
+        ),
+        (Level.VERBOSE, ["    iteration: correction 0.5 of 2, residual 0.001, new tangent"]),
+    ):
+        stream = io.StringIO()
+        with Progress(alone(), stream, level) as progress:
+            go_through_phases(progress)
+            progress.finish(STATISTICS)
+        lines = stream.getvalue().splitlines()
+        assert (lines if level is Level.QUIET else [line for line in lines if "iteration" in line]) == expected
+
+
+def test_an_error_ends_the_line_of_its_phase() -> None:
+    stream = io.StringIO()
+    with contextlib.suppress(RuntimeError), Progress(alone(), stream) as progress, progress.phase("checking"):
+        raise RuntimeError
+    assert stream.getvalue() == "checking:\n"
+
+
+def test_the_log_has_all_that_a_quiet_run_does_not_say_and_its_error(tmp_path: Path) -> None:
+    for _ in range(2):  # the second time as a resume does
+        with contextlib.suppress(RuntimeError), Progress(alone(), None, Level.QUIET) as progress:
+            go_through_phases(progress)
+            progress.open_log(alone(), tmp_path, "hpcinv 1.2.3")
+            progress.finish(STATISTICS)
+            raise RuntimeError("out of luck")
+    text = (tmp_path / "run.log").read_text()
+    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d ", line) for line in text.splitlines())
+    for line in (
+        "meshing body.py ...\n",
+        "  6 cells\n",
+        "compiling: ",
+        "iteration: correction 0.5 of 2",
+        "hpcinv 1.2.3; 1 rank on ",
+        "  pass: residual 1.23e-09\n",
+        "warning: look at this\n",
+        "RuntimeError: out of luck\n",
+    ):
+        assert text.count(line) == 2, line
+
+
+def test_a_log_that_cannot_be_written_does_not_end_the_run(tmp_path: Path) -> None:
+    stream = io.StringIO()
+    with Progress(alone(), stream) as progress:
+        progress.open_log(alone(), tmp_path / "none", "")
+        progress.note("a note")
+    assert stream.getvalue().splitlines() == [
+        "warning: run.log cannot be written: No such file or directory",
+        "a note",
+    ]
+
+
+def test_a_run_under_mpirun_tells_its_phases_and_logs_them(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", BLOCK, output={"fields": False, "mesh": ["msh"]})
+    done = hpcinv(2, "run", job, "--output", "run", "-v", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    phases = [line.partition(":")[0].split()[0] for line in done.stdout.splitlines() if line.endswith(" s")]
+    wanted = ["meshing", "compiling", "load", "solving", "writing", "checking", "converged"]
+    assert [phase.rstrip(",") for phase in phases] == wanted
+    assert re.search(r"^meshing .*box.py: about \d+ cells expected, 48 cells; \d+\.\d s$", done.stdout, re.MULTILINE)
+    assert re.search(r"^checking: equilibrium, .*stability, ineffective loads; \d+\.\d s$", done.stdout, re.MULTILINE)
+    assert "\x1b" not in done.stdout
+    log = (tmp_path / "run" / "run.log").read_text()
+    assert "python -m hpcinv run " in log
+    assert "; 2 ranks on " in log
+    iterations = json.loads((tmp_path / "run" / "summary.json").read_text())["legs"][0]["newton_iterations"]
+    assert done.stdout.count("    iteration: ") == log.count("    iteration: ") == iterations
+    for line in done.stdout.splitlines():
+        assert line in log or line.startswith(("meshing", "checking", "writing")), line
+
+    wrong = hpcinv(2, "run", job, "--output", "run", "-q", cwd=tmp_path)
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert (tmp_path / "run" / "run.log").read_text() == log  # the other run's
+    finished = hpcinv(1, "resume", "run", cwd=tmp_path)
+    assert "this run is finished" in finished.stdout
+
+
+def on_a_terminal(line: str, cwd: Path) -> str:
+    """What a terminal of 90 columns shows of a command line."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 90, 0, 0))
+    seen: list[bytes] = []
+    reader = threading.Thread(target=read_to_the_end, args=(ours, seen))
+    reader.start()
+    shell = ["timeout", "100", "sh", "-c", line]
+    env = environment(TERM="xterm")
+    subprocess.run(shell, cwd=cwd, env=env, stdin=theirs, stdout=theirs, stderr=theirs, check=True)
+    os.close(theirs)
+    reader.join()
+    os.close(ours)
+    return b"".join(seen).decode()
+
+
+def test_a_bar_is_shown_through_mpirun_where_its_output_is_a_terminal_and_only_there(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", BLOCK, output={"fields": False, "mesh": ["msh"]})
+    run = " ".join(command(2, "run", job, "--overwrite", "--output", "run"))
+    shown = on_a_terminal(run, tmp_path)
+    assert "━" in shown
+    assert "\x1b[?25l" not in shown  # a killed mpirun could not give the cursor back
+    assert re.search(r"meshing [^\n]*about \d+ cells expected, 48 cells; \d+\.\d s", shown)
+    redirected = on_a_terminal(f"{run} > out", tmp_path)
+    assert "\x1b" not in redirected + (tmp_path / "out").read_text()
+    assert "\x1b" not in on_a_terminal(f"{run} | cat", tmp_path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,11 @@ DISCRETISATION = "discretisation error of the shape, relative to the displacemen
 
 
 def certify(
-    model: Model, legs: Sequence[Leg], computed: Mapping[str, Value], known: Estimate | None = None
+    model: Model,
+    legs: Sequence[Leg],
+    computed: Mapping[str, Value],
+    known: Estimate | None = None,
+    told: Callable[[str], None] = lambda _: None,
 ) -> tuple[Certificate, Estimate | None]:
     """Check what the legs of a run have found; collective.
 
@@ -32,17 +36,24 @@ def certify(
         legs: one, or both of a round trip; the certificate is on the body that the first one found.
         computed: values of the job's quantities of interest.
         known: the estimate of the first leg, if it has been made before.
+        told: called with the name of each check when it begins.
     """
     leg, lines, found = legs[0], list[Line](), known
     with model.timings.as_one("certificate"):
         with placed(model.body.mesh, leg.mesh_nodes / model.body.length_scale):
+            told("equilibrium")
             lines += _of_the_solution(model, leg)
             if found is None and model.job.certificate.estimate and _can_estimate(model):
+                told("discretisation error")
                 found = estimate(model, leg, computed)
             lines += _discretisation(model, leg, found)
+        told("cells and overlap")
         lines += shape(model, leg)
+        told("round trip")
         lines += round_trip(model, leg) if len(legs) == 1 else [gap(model, leg, legs[1].u)]
+        told("stability")
         lines += stability(model, leg)
+        told("ineffective loads")
         lines += idle_loads(model)
     return Certificate(tuple(lines)), found
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hpcinv.summary.content import statistics
+from hpcinv.summary.content import statistics, versions
 from hpcinv.summary.files import write_summary
 
-__all__ = ["statistics", "write_summary"]
+__all__ = ["statistics", "versions", "write_summary"]

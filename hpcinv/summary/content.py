@@ -51,6 +51,7 @@ def statistics(
         "versions": versions(),
         "machine": {"ranks": comm.size, "omp_threads": int(os.environ.get("OMP_NUM_THREADS", "1"))},
         "mesh": _mesh(body) | {"file": job.mesh.file, "unknowns": unknowns},
+        "body": result.totals and result.totals.as_data(),
         "partition": _partition(body),
         "legs": [_leg(leg, job.discretisation.displacement) for leg in result.legs],
         "unused_petsc_options": list(unused_options),

@@ -1,0 +1,68 @@
+"""The log of a run, ``run.log`` in its directory: all that is said, with the time of each line, on rank 0."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import TextIO
+
+NAME = "run.log"
+_STAMP = "%Y-%m-%d %H:%M:%S"
+
+
+class RunLog:
+    """Lines with their times; those from before there is a file are kept for it.
+
+    A file that cannot be written ends the log and not the run; ``fault`` tells why.
+    """
+
+    def __init__(self) -> None:
+        self.fault = ""
+        self._file: TextIO | None = None
+        self._waiting: list[str] = []
+
+    def open(self, directory: Path) -> None:
+        """Go on in the log of a directory, behind what earlier runs there have said."""
+        self.close()
+        try:
+            self._file = (directory / NAME).open("a", encoding="utf-8")
+        except OSError as error:
+            self._fail(error)
+            return
+        waiting, self._waiting = self._waiting, []
+        self._append("".join([f"{time.strftime(_STAMP)} {_command()}\n", *waiting]))
+
+    def write(self, text: str) -> None:
+        """One or more lines."""
+        stamp = time.strftime(_STAMP)
+        lines = "".join(f"{stamp}   {line}\n" for line in text.splitlines())
+        if self._file is not None:
+            self._append(lines)
+        elif not self.fault:
+            self._waiting.append(lines)
+
+    def close(self) -> None:
+        if self._file is not None:
+            try:
+                self._file.close()
+            except OSError as error:
+                self._fail(error)
+            self._file = None
+
+    def _append(self, text: str) -> None:
+        assert self._file is not None
+        try:
+            self._file.write(text)
+            self._file.flush()
+        except OSError as error:
+            self._fail(error)
+
+    def _fail(self, error: OSError) -> None:
+        self.fault = f"{NAME} cannot be written: {error.strerror or error}"
+        self._file, self._waiting = None, []
+
+
+def _command() -> str:
+    return shlex.join(["python", "-m", "hpcinv", *sys.argv[1:]]) if sys.argv[1:] else "hpcinv, from Python"

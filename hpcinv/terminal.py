@@ -1,0 +1,68 @@
+"""The terminal that standard output ends on, also through the pipes of a process manager such as mpirun."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TextIO
+
+_MANAGERS = ("mpirun", "mpiexec", "mpiexec.hydra")
+_LABELS = (
+    "-l",
+    "-prepend-rank",
+    "-prepend-pattern",
+    "-outfile",
+    "-outfile-pattern",
+)  # lines are changed or go to files
+_GENERATIONS = 8
+
+
+def width_through_mpirun(stream: TextIO, proc: Path = Path("/proc")) -> int | None:
+    """Columns of the terminal to which mpirun, on this machine, passes on what is written to ``stream``, else ``None``.
+
+    It is the terminal only if ``stream`` is a pipe that a parent process reads, if one of the parents is mpirun, and if
+    the output of that is a terminal: output that is redirected or piped on, inside mpirun or behind it, is none.
+    """
+    try:
+        number = stream.fileno()
+        if not stat.S_ISFIFO(os.fstat(number).st_mode):
+            return None
+        pipe = (proc / "self" / "fd" / str(number)).readlink()
+        parents = list(_parents(proc, os.getpid()))
+        if not any(pipe in _open_files(proc / str(parent)) for parent in parents[:2]):
+            return None
+        manager = next(p for p in parents if _arguments(proc, p) and _is_manager(_arguments(proc, p)))
+        if any(argument.split("=")[0] in _LABELS for argument in _arguments(proc, manager)):
+            return None
+        with open(proc / str(manager) / "fd" / "1", "wb", buffering=0, opener=_without_control) as terminal:
+            return os.get_terminal_size(terminal.fileno()).columns if terminal.isatty() else None
+    except (OSError, ValueError, StopIteration):  # another system, another user's processes, no terminal
+        return None
+
+
+def _without_control(path: str, flags: int) -> int:
+    return os.open(path, (flags & ~(os.O_CREAT | os.O_TRUNC)) | os.O_NOCTTY | os.O_NONBLOCK)
+
+
+def _parents(proc: Path, process: int) -> Iterator[int]:
+    for _ in range(_GENERATIONS):
+        # The name, in parentheses, may have any character in it.
+        process = int((proc / str(process) / "stat").read_text().rpartition(")")[2].split()[1])
+        if process <= 1:
+            return
+        yield process
+
+
+def _open_files(process: Path) -> set[Path]:
+    return {file.readlink() for file in (process / "fd").iterdir()}
+
+
+def _arguments(proc: Path, process: int) -> list[str]:
+    return [os.fsdecode(a) for a in (proc / str(process) / "cmdline").read_bytes().split(b"\0")]
+
+
+def _is_manager(arguments: list[str]) -> bool:
+    """By the program, or by the script where an interpreter runs it."""
+    return any(Path(argument).name in _MANAGERS for argument in arguments[:2])
