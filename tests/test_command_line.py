@@ -92,6 +92,7 @@ def test_results_go_to_the_first_free_place_and_no_other_run_is_touched(cube: Pa
         "fields",
         "job.yaml",
         "origin.json",
+        "run.log",
         "shape.msh",
         "shape.vtu",
         "summary.h5",
