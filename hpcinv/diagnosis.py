@@ -18,8 +18,20 @@ class Diagnosis(enum.Enum):
 
     FOLD = (
         "the load turns back here (fold): no solution near by carries more",
-        "It is the most that is carried on the way from the unloaded body. Lower the load; a solution beyond the"
-        " turning point, if there is one, is found with 'solver: {strategy: arc-length, folds: 1}', or more folds.",
+        "It is the most that is carried on the way from the unloaded body: lower the load. Beyond this limit point the"
+        " load falls; only on a path that turns a second time does it rise to the full load again (strategy:"
+        " arc-length, folds: 2).",
+    )
+    LEAST_LOAD = (
+        "the load turns back here (fold): no solution near by carries less",
+        "Beyond the first limit point the load falls to this one and rises again. The solution at full load that lies"
+        " before the limit points is found with 'folds: 0'.",
+    )
+    BEYOND_FULL_LOAD = (
+        "beyond the solution at full load that the path from the unloaded body passes first, no other was reached",
+        "That first solution is found with 'folds: 0'. For another one refine the mesh, to second order where the body"
+        " is curved, or try a smaller solver.initial_step. Laws that soften, such as mooney-rivlin with a negative c2,"
+        " may lose ellipticity at large strain: from there on the equations determine no shape, on any mesh.",
     )
     NO_UNDEFORMED_SHAPE = (
         "no undeformed shape was found beyond this load: an element of it would turn inside out, or an incompressible"
@@ -75,6 +87,11 @@ class Diagnosis(enum.Enum):
         "Newton's method does not converge, however small the step",
         "Try a smaller solver.minimum_step, and a finer mesh where the body deforms most.",
     )
+    ARC_LENGTH_CUT_SHORT = (
+        "Newton's method does not converge, and arc-length continuation, tried after it, ran out of its factorizations",
+        "Take it from the beginning, without that limit (solver: {strategy: arc-length}): it tells whether the load has"
+        " a limit point here. Else refine the mesh where the body deforms most.",
+    )
     FORWARD_FAILED = (
         "the fixed-point method did not find the shape",
         "Try 'method: direct', which needs no forward solves, or a smaller fixed_point.relaxation.",
@@ -111,12 +128,17 @@ def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     found = _OF_OUTCOME.get(_telling(solves), Diagnosis.NOT_CONVERGED)
     if found is Diagnosis.LINEAR_SOLVER and not accepted:
         return Diagnosis.ILL_POSED
+    if any(solve.load > 1 for solve in accepted) and found is not Diagnosis.STEP_LIMIT:
+        turned = sum(solve.turning_point for solve in accepted)
+        return Diagnosis.LEAST_LOAD if found is Diagnosis.FOLD and turned % 2 == 0 else Diagnosis.BEYOND_FULL_LOAD
     if found in _DECISIVE:
         return found
     if _crossed_singular_point(accepted):
         return Diagnosis.LOSS_OF_STABILITY if direction == "forward" else Diagnosis.BRANCHING
     if found in _DEGENERATE and direction == "inverse" and accepted:
         return Diagnosis.NO_UNDEFORMED_SHAPE
+    if found is Diagnosis.NOT_CONVERGED and _arc_length_was_cut_short(solves):
+        return Diagnosis.ARC_LENGTH_CUT_SHORT
     return found
 
 
@@ -125,6 +147,12 @@ def _telling(solves: Sequence[Solve]) -> Outcome:
     last = {solve.strategy: solve.outcome for solve in solves}
     ends = [last[s] for s in _TELLING if s in last and not last[s].accepted] or [solves[-1].outcome]
     return next((end for end in ends if end is not Outcome.STEP_LIMIT), ends[0])
+
+
+def _arc_length_was_cut_short(solves: Sequence[Solve]) -> bool:
+    """Whether it was tried where the job's own strategy failed, and given up for its effort."""
+    ends = [solve.outcome for solve in solves if solve.strategy == "arc-length"]
+    return solves[0].strategy != "arc-length" and ends[-1:] == [Outcome.STEP_LIMIT]
 
 
 def _crossed_singular_point(accepted: Sequence[Solve]) -> bool:

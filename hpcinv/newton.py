@@ -73,7 +73,7 @@ class Outcome(enum.Enum):
     )
     FOLD = (
         "the load turns back here",
-        "Lower the load; to go past the turning point, set 'solver: {strategy: arc-length, folds: 1}', or more folds.",
+        "Lower the load.",
     )
     ANOTHER_PATH = (
         "the solution found there does not belong to the path from the unloaded body",

@@ -15,6 +15,7 @@ from verification import box, job
 
 import hpcinv
 from hpcinv.arclength import ArcLengthSteps, trace
+from hpcinv.certificate.verdict import Verdict
 from hpcinv.equilibrium import Solve
 from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
@@ -188,6 +189,15 @@ def test_two_shapes_carry_the_same_tension(analysis: str, comm: MPI.Intracomm) -
         assert sum(s.turning_point for s in result.legs[0].solves) == folds
 
 
+def test_the_certificate_says_that_another_shape_carries_the_same_load(comm: MPI.Intracomm) -> None:
+    given = cube(0.9, folds=1)
+    asked = given.model_copy(update={"certificate": given.certificate.model_copy(update={"stability": True})})
+    lines = {line.name: line for line in hpcinv.run(asked, comm).certificate.lines}
+    fold = lines["fold of the path"]
+    assert (fold.value, fold.verdict) == (1.0, Verdict.WARN)
+    assert "the path reaches the full load once before, where other shapes carry it" in fold.note
+
+
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_the_largest_tension_is_told(analysis: str, comm: MPI.Intracomm, run_directory: Path) -> None:
     with pytest.raises(SolveError, match=r"the load turns back here \(fold\)") as caught:
@@ -260,6 +270,59 @@ def test_balloon_before_and_beyond_its_largest_pressure(
         if solve.turning_point:
             print(f"largest pressure: {0.9 * solve.load:.6f} of the closed form's")
             assert 0.9 * solve.load == pytest.approx(1.0, abs=3e-4)
+
+
+# A thick sphere that softens: two cavities at rest lead to the one that is seen.
+
+SOFTENING = {"law": "mooney-rivlin", "c1": 1.0, "c2": -0.25, "d1": "incompressible"}
+SOFT_LIMIT = 1.0540177  # Pa, at the inner radius 0.5290292 at rest; from 0.5 on, λ² > -c1/c2, it is not elliptic
+
+
+def soft_sphere(comm: MPI.Intracomm, n: int, p: float, *, hexahedra: bool, **solver: Any) -> Result:
+    parameters = {"radial": n, "along": n, "hexahedra": hexahedra}
+    return hpcinv.run(
+        job(
+            mesh=SPHERE | {"parameters": SPHERE["parameters"] | parameters},
+            material=SOFTENING,
+            effects=[{"effect": "pressure", "region": "inner", "pressure": p}],
+            supports=OCTANT,
+            solver={"strategy": "arc-length"} | solver,
+            quantities=[{"name": "radius", "of": "norm(X, Y, Z)", "on": "inner", "reduce": "mean"}],
+        ),
+        comm,
+    )
+
+
+@pytest.mark.parametrize(
+    ("hexahedra", "radius_within", "limit_within"), [(False, 3e-4, 0.015), (True, 5e-5, 0.02)], ids=["tets", "hexes"]
+)
+def test_first_root_and_largest_pressure_of_a_sphere_that_softens(
+    hexahedra: bool, radius_within: float, limit_within: float, comm: MPI.Intracomm
+) -> None:
+    """The limit is approached from above on hexahedra and from below on tetrahedra, 2 and 3 cells being few."""
+    A = soft_sphere(comm, 2, 0.3, hexahedra=hexahedra).quantities["radius"]
+    print(f"inner radius at rest {A:.7f}, closed form 0.9225369")
+    assert pytest.approx(0.9225369, rel=radius_within) == A
+    errors = []
+    for n in (2, 3) if hexahedra else (2,):
+        with pytest.raises(SolveError, match=r"the load turns back here \(fold\)") as caught:
+            soft_sphere(comm, n, 1.2, hexahedra=hexahedra)
+        assert "folds: 1" not in str(caught.value)  # beyond one limit point the load only falls
+        reached = 1.2 * float(str(caught.value).split("load factor ")[1].split(" of")[0])
+        print(f"n = {n}: largest pressure {reached:.5f} Pa, closed form {SOFT_LIMIT}")
+        errors.append(abs(reached / SOFT_LIMIT - 1))
+    assert errors[0] < limit_within
+    assert sorted(errors, reverse=True) == errors
+    if hexahedra:
+        assert errors[1] < errors[0] / 2
+
+
+def test_the_other_root_where_it_is_lost_is_said_with_advice_that_holds(comm: MPI.Intracomm) -> None:
+    """Beyond a radius of 0.5 the equations are not elliptic; a coarse mesh does not come to the second root there."""
+    with pytest.raises(SolveError, match="beyond the solution at full load that the path") as caught:
+        soft_sphere(comm, 2, 0.3, hexahedra=True, folds=1)
+    assert "lower the load" not in str(caught.value).lower()
+    assert "'folds: 0'" in str(caught.value)
 
 
 # A thick sphere, compressible: how large was it, before a pressure made it as large as the balloon?

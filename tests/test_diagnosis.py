@@ -10,8 +10,10 @@ from paths import OCTANT, SPHERE, cube, tried
 from verification import box, job
 
 from hpcinv.diagnosis import Diagnosis, diagnose
+from hpcinv.equilibrium import Solve
 from hpcinv.job import Job
 from hpcinv.methods.cascade import attempts
+from hpcinv.newton import Outcome
 from hpcinv.runtime import MPI
 
 
@@ -108,3 +110,35 @@ def test_reasons_are_told_apart(case: str, comm: MPI.Intracomm) -> None:
     load = max((s.load for s in solves if s.outcome.accepted), default=0.0)
     print(f"{case}: {found.name} at load factor {load:.4f}; {attempts(solves)}")
     assert found is reason
+
+
+def path(*loads: float, turning: tuple[float, ...] = (), end: Outcome) -> list[Solve]:
+    """An arc-length path through these loads, and how it ended."""
+    points = [Solve(x, Outcome.CONVERGED, (), 1, (1,), None, 0, "arc-length", x in turning) for x in loads]
+    return [*points, Solve(loads[-1], end, (), 1, (), None, 0, "arc-length")]
+
+
+@pytest.mark.parametrize(
+    ("solves", "expected"),
+    [
+        (path(0.5, 0.8, turning=(0.8,), end=Outcome.FOLD), Diagnosis.FOLD),
+        (path(0.9, 3.5, 3.1, turning=(3.5,), end=Outcome.VOLUME_CHANGED), Diagnosis.BEYOND_FULL_LOAD),
+        (path(0.9, 3.5, 3.1, turning=(3.5,), end=Outcome.DIVERGED), Diagnosis.BEYOND_FULL_LOAD),
+        (path(0.9, 3.4, end=Outcome.INVERTED), Diagnosis.BEYOND_FULL_LOAD),
+        (path(0.9, 1.5, 1.2, turning=(1.5, 1.2), end=Outcome.FOLD), Diagnosis.LEAST_LOAD),
+        (path(0.9, 3.4, end=Outcome.STEP_LIMIT), Diagnosis.STEP_LIMIT),
+    ],
+)
+def test_a_path_that_passed_full_load_is_told_from_one_that_never_reached_it(
+    solves: list[Solve], expected: Diagnosis
+) -> None:
+    assert diagnose("inverse", solves) is expected
+
+
+def test_arc_length_that_ran_out_of_factorizations_is_advised_without_that_limit() -> None:
+    """As on a coarse sphere of tetrahedra that softens, beyond its limit, where it finds the limit if it may."""
+    steps = [Solve(0.5, Outcome.CONVERGED, (), 1, (1,)), Solve(1.0, Outcome.DIVERGED, (), 1)]
+    arcs = path(0.8, 0.87, end=Outcome.STEP_LIMIT)
+    last = Solve(0.88, Outcome.DIVERGED, (), 1, (), None, 0, "line-search")
+    assert diagnose("inverse", [*steps, *arcs, last]) is Diagnosis.ARC_LENGTH_CUT_SHORT
+    assert diagnose("inverse", [*steps, last]) is Diagnosis.NOT_CONVERGED

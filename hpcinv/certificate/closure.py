@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -162,6 +163,16 @@ def _without_potential(asymmetry: float) -> str:
 def _fold(leg: Leg, *, has_spurious_modes: bool = False) -> Line:
     """The line on signs along the path, which modes that may be spurious change as well as a fold does."""
     rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
+    turned = sum(s.turning_point for s in leg.solves)
+    if turned:
+        note = "another shape may carry the same load: compare with smaller steps"
+        if passed := _earlier_passes([s.load for s in leg.solves if s.outcome.accepted]):
+            times = "once" if passed == 1 else f"{passed} times"
+            note = (
+                f"{turned} limit {'point' if turned == 1 else 'points'} of the load; the path reaches the full load"
+                f" {times} before, where other shapes carry it: the first is found with 'folds: 0'"
+            )
+        return Line(FOLD, float(turned), "", rule, Verdict.WARN, note)
     if not any(s.factorizations for s in leg.solves):
         return Line(FOLD, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
     signs = [s.signs for s in leg.solves if s.outcome.accepted and s.signs]
@@ -175,3 +186,9 @@ def _fold(leg: Leg, *, has_spurious_modes: bool = False) -> Line:
         note = f"a mode that may be spurious, as the stability line has it, or {note}"
         return Line(FOLD, 1.0, "", rule, Verdict.UNDECIDED, note)
     return Line(FOLD, 1.0, "", rule, Verdict.WARN, note)
+
+
+def _earlier_passes(loads: list[float]) -> int:
+    """How often a path from the unloaded body passes full load before it ends there."""
+    path = [load - 1 for load in (0.0, *loads)]
+    return sum(before * after < 0 for before, after in pairwise(path))
