@@ -62,7 +62,7 @@ def _partition(options: argparse.Namespace) -> int:
     from hpcinv.runtime import MPI
 
     began = time.perf_counter()
-    source = read_source(spec, path)
+    source = read_source(spec, path, lambda text: print(f"meshing {path}: {text}", flush=True))
     check(source)
     source, cut = partitioned(source, options.parts)
     write_partitioned(options.output, MPI.COMM_SELF, source)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command_line import hpcinv
 from mesh_cases import spec
 
 from hpcinv.errors import MeshError
@@ -125,6 +127,17 @@ def test_the_limit_is_the_jobs_and_holds_for_what_is_made_in_other_ways(tmp_path
     )
     with pytest.raises(MeshError, match=r"about 2 cells expected, more than .* \(1\)"):
         read_source(spec(by_hand, maximum_cells=1), by_hand)
+
+
+def test_a_mesh_to_be_partitioned_is_told_too_and_refused_where_it_is_absurd(tmp_path: Path) -> None:
+    path = generator(tmp_path, BALL)
+    cut = hpcinv(1, "mesh", "partition", path, "ball.bp", "--parts", 2, cwd=tmp_path)
+    told, done = cut.stdout.splitlines()
+    assert re.fullmatch(rf"meshing {path}: about \d,\d00 cells expected", told)
+    assert "number of parts 2" in done
+    absurd = hpcinv(1, "mesh", "partition", path, "b.bp", "--parts", 2, "--parameter", "size=1e-4", cwd=tmp_path)
+    assert (absurd.returncode, "more than mesh.maximum_cells allows" in absurd.stderr) == (2, True)
+    assert not (tmp_path / "b.bp").exists()
 
 
 def test_the_mesh_is_the_one_that_gmsh_makes_unwatched(tmp_path: Path) -> None:

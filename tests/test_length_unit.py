@@ -14,7 +14,6 @@ from mpi4py import MPI
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body, read_source, write_mesh
 from hpcinv.mesh.gmsh_model import session
-from hpcinv.mesh.partitioned import write_partitioned
 from hpcinv.units import length_symbol
 
 BOX: dict[str, Any] = {
@@ -75,17 +74,6 @@ def test_a_partitioned_mesh_is_in_metres_and_gathered_in_the_unit_it_came_from(t
         assert np.allclose(again.points, source.points, rtol=1e-15, atol=0)
     wrong = hpcinv(1, "mesh", "partition", "again.msh", "u.bp", "--parts", "1", "--unit", "mm", cwd=tmp_path)
     assert (wrong.returncode, "Write 'unit: in'" in wrong.stderr) == (2, True)
-
-
-def test_a_partitioned_mesh_of_before_has_no_unit_and_the_same_digest(tmp_path: Path) -> None:
-    from hpcinv.meshheader import read_header
-
-    path = ROOT / "meshes" / "block.bp"
-    assert '"unit"' not in (path / "mesh.json").read_text()
-    before = read_header(path).digest()
-    write_partitioned(tmp_path / "block.bp", MPI.COMM_SELF, read_source(spec(path), path).in_metres(1.0))
-    assert read_header(path).unit == 1.0
-    assert len(before) == 64
 
 
 def test_what_states_the_unit_is_no_obstacle_to_gmsh_and_what_states_none_is_taken_as_said(

@@ -118,3 +118,13 @@ def test_a_body_that_hardly_moves_is_told_at_the_end(tmp_path: Path) -> None:
 )
 def test_values_are_told_with_a_prefix(value: float, unit: str, text: str) -> None:
     assert readable(value, unit) == text
+
+
+def test_the_cases_of_a_sweep_end_with_their_warnings(tmp_path: Path) -> None:
+    write_job(tmp_path / "job.yaml", block(0.1, output={"fields": False, "mesh": []}))
+    axes = [{"grid": {"effects[0].density": ["1000 kg/m^3", "1.05 kg/m^3"]}}]
+    (tmp_path / "sweep.yaml").write_text(json.dumps({"sweep": "s", "job": "job.yaml", "axes": axes}))
+    done = hpcinv(1, "sweep", "run", "sweep.yaml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    cases = [line for line in done.stdout.splitlines() if line.startswith("case ")]
+    assert [line.count("; warning: the mean density is 1.05 kg/m^3") for line in cases] == [0, 1]

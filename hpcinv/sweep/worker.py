@@ -225,7 +225,9 @@ def _line(case: Case, record: Record, *, first: bool) -> str:
     if not record.converged:
         return line + record.status
     certificate = record.statistics["certificate"]["verdict"]
-    return line + f"{record.seconds:.2f} s, certificate {certificate}" + (", from a guess" if record.start else "")
+    line += f"{record.seconds:.2f} s, certificate {certificate}" + (", from a guess" if record.start else "")
+    warnings = (record.statistics.get("body") or {"warnings": []})["warnings"]
+    return "; ".join([line, *(f"warning: {text}" for text in warnings)])
 
 
 def _plain(value: Any) -> Any:
