@@ -26,7 +26,7 @@ def check_output(path: Path) -> None:
     try:
         str(path).encode()  # the libraries that write results know no other names
         path.stat()
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):  # the latter is told where the directory is made
         return
     except UnicodeEncodeError:
         raise OutputError(f"{path}: the name is not UTF-8", "Choose another --output.") from None
