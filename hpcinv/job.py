@@ -21,8 +21,9 @@ from hpcinv.loading import read_yaml
 from hpcinv.materials import Material, MaterialLaw
 from hpcinv.plugins import fault_of_plugin, load_file, load_installed
 from hpcinv.quantities import AnyQuantity
+from hpcinv.regionnames import unknown_regions
 from hpcinv.rules import unknown_case, unknown_families, unsuited, wants_pressure
-from hpcinv.schema import FileName, ListOf, Name, Problems, Spec, job_error, raise_if_any, repeated, shown
+from hpcinv.schema import FileName, ListOf, Name, Problems, Spec, at, job_error, raise_if_any, repeated, shown
 from hpcinv.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.sensitivity.spec import read_sensitivities
@@ -424,6 +425,8 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
             raise
         raise JobError([f"{path}: plugins: a law or effect failed where it was checked: {fault}"]) from error
     job._path, job._data, job._untrusted = path, data, untrusted
+    if unknown := [f"{path}: {at(where)}: {what}" for where, what in unknown_regions(job)]:
+        raise JobError(unknown)
     return job
 
 

@@ -31,6 +31,7 @@ class Quantity:
         unit: the SI unit that a plain number is taken in; None takes a quantity of any dimension.
         infinite: a word that stands for infinity, where that has a meaning.
         above, at_least, at_most: bounds of the value, in SI.
+        remedy: what else to write where a value is out of bounds.
     """
 
     unit: str | None
@@ -38,6 +39,7 @@ class Quantity:
     above: float = -math.inf
     at_least: float = -math.inf
     at_most: float = math.inf
+    remedy: str = ""
 
     @cached_property
     def dimension(self) -> Dimension | None:
@@ -58,7 +60,7 @@ class Quantity:
         if not math.isfinite(number) and not (self.infinite and number == math.inf):
             raise ValueError(f"must be finite, not {value!r}")
         if not self.admits(number):
-            raise ValueError(f"must be {self.bounds}, not {value}")
+            raise ValueError(f"must be {self.bounds}, not {value}" + (f"; {self.remedy}" if self.remedy else ""))
         return number
 
     def admits(self, number: float) -> bool:
@@ -101,7 +103,7 @@ Frequency = Annotated[float, Quantity("1/s")]
 Velocity = Annotated[float, Quantity("m/s")]
 Acceleration = Annotated[float, Quantity("m/s^2")]
 Mass = Annotated[float, Quantity("kg")]
-Density = Annotated[float, Quantity("kg/m^3")]
+Density = Annotated[float, Quantity("kg/m^3", at_least=0.0)]
 Force = Annotated[float, Quantity("N")]
 Stress = Annotated[float, Quantity("Pa")]
 BulkStress = Annotated[float, Quantity("Pa", infinite="incompressible")]

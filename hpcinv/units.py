@@ -116,6 +116,29 @@ _FACTOR = re.compile(r"\s*([*/·])?\s*(cmH2O|[A-Za-zµμ_]+|[%°])(?:(?:\^|\*\*)
 _SUPERSCRIPTS = str.maketrans("⁻¹²³", "-123")
 
 
+TEMPERATURES = {
+    "°C": (Fraction(1), Fraction("273.15")),
+    "℃": (Fraction(1), Fraction("273.15")),
+    "degC": (Fraction(1), Fraction("273.15")),
+    "°F": (Fraction(5, 9), Fraction("459.67") * Fraction(5, 9)),
+    "degF": (Fraction(5, 9), Fraction("459.67") * Fraction(5, 9)),
+    "K": (Fraction(1), Fraction(0)),
+}
+"""Units of temperatures: kelvins of one degree, and of zero."""
+
+
+def parse_temperature(text: str) -> float:
+    """An absolute temperature in K from ``<number> <unit>``; ``ValueError`` tells what is wrong with it."""
+    match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
+    if match is None or match[2] not in TEMPERATURES:
+        raise ValueError(f"must be a temperature, such as 400 °C or 673.15 K, not '{text[:60]}'")
+    degree, zero = TEMPERATURES[match[2]]
+    kelvins = Fraction(match[1]) * degree + zero
+    if kelvins < 0:
+        raise ValueError(f"'{text}' is below absolute zero")
+    return as_float(kelvins)
+
+
 def parse_quantity(text: str) -> tuple[float, Dimension]:
     """SI value and dimension of ``<number> <unit>``; ``ValueError`` tells what is wrong with it."""
     value, dimension = _parse(text)
@@ -137,6 +160,11 @@ def _parse(text: str) -> tuple[Fraction, Dimension]:
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise ValueError(f"'{text}' is not a number, with or without a unit")
+    if match[2] in TEMPERATURES and TEMPERATURES[match[2]][1]:
+        raise ValueError(
+            f"'{text}' is a temperature, and none is asked for here; a difference of temperatures is given in K (one "
+            "of 1 °C is 1 K), and thermal-expansion takes 'temperature' and 'reference_temperature' in place of one"
+        )
     factor, dimension = parse_unit(match[2])
     return Fraction(match[1]) * factor, dimension
 

@@ -27,7 +27,8 @@ class Gravity(Effect):
     acceleration: Triple[Acceleration]
     """acceleration of free fall, along x, y and z"""
     density: DensityField
-    """mass density (for a body in a fluid: its excess over the fluid's)"""
+    """mass density, not negative (of a body in a fluid: the difference of the two; if it is the lighter one, with the
+    acceleration turned round)"""
     density_in: Configuration = "reference"
     """configuration whose volume the density refers to"""
 

@@ -2,13 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from pydantic import ConfigDict, model_validator
+
 from hpcinv.effects.base import Effect
+from hpcinv.schema import Location, raise_if_any, shown
+from hpcinv.units import as_float, parse_temperature
 from hpcinv.varying import ExpansionField, TemperatureField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics import Deformation
+
+_KEYS = ("temperature", "reference_temperature")
+_MEANINGS = {
+    "temperature": "temperature of the deformed body, such as 400 °C, 673.15 K or 752 °F, or one for each region",
+    "reference_temperature": "temperature of the undeformed body, such as 20 °C",
+}
+
+
+def _with_temperatures(schema: dict[str, Any], _kind: type[Any]) -> None:
+    """Offer two temperatures in the JSON schema in place of their difference."""
+    one: dict[str, Any] = {"type": ["string", "number"]}
+    either = {"anyOf": [one, {"type": "object", "additionalProperties": one}]}
+    schema["properties"]["temperature"] = either | {"description": _MEANINGS["temperature"]}
+    schema["properties"]["reference_temperature"] = one | {"description": _MEANINGS["reference_temperature"]}
+    schema["required"] = [key for key in schema.get("required", ()) if key != "temperature_change"]
 
 
 class ThermalExpansion(Effect):
@@ -17,8 +37,14 @@ class ThermalExpansion(Effect):
     The stresses follow from the elastic part ``F_e``, with the energy ``J_g psi(F_e)`` per reference volume. The load
     factor scales the temperature change.
 
+    In place of ``temperature_change``, a difference in K, a job may give two temperatures: ``temperature`` of the
+    deformed body (one number, or one for each region) and ``reference_temperature`` of the undeformed one, in °C, °F
+    or K. A difference is never given in °C, since ``400 °C`` could mean either.
+
     Source: Vujošević & Lubarda (2002), Theoretical and Applied Mechanics 28–29.
     """
+
+    model_config = ConfigDict(json_schema_extra=_with_temperatures)
 
     example: ClassVar = {"effect": "thermal-expansion", "coefficient": "3e-4 1/K", "temperature_change": "40 K"}
 
@@ -26,7 +52,51 @@ class ThermalExpansion(Effect):
     coefficient: ExpansionField
     """coefficient of linear expansion, alpha"""
     temperature_change: TemperatureField
-    """temperature of the deformed body less that of the undeformed one, ΔT"""
+    """temperature of the deformed body less that of the undeformed one, ΔT, in K; or give both temperatures"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _change_of_temperatures(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or not any(key in data for key in _KEYS):
+            return data
+        raise_if_any(_misfits(data))
+        undeformed = _kelvins(data["reference_temperature"], "reference_temperature")
+        deformed = data["temperature"]
+        rest = {key: value for key, value in data.items() if key not in _KEYS}
+        if isinstance(deformed, Mapping):
+            parts = {region: _kelvins(value, "temperature") for region, value in deformed.items()}
+            return rest | {"temperature_change": {region: value - undeformed for region, value in parts.items()}}
+        return rest | {"temperature_change": _kelvins(deformed, "temperature") - undeformed}
+
+    @classmethod
+    def known_keys(cls) -> tuple[str, ...]:
+        return (*super().known_keys(), *_KEYS)
 
     def inelastic_strain(self, k: Deformation, load: Any, par: Any) -> Any:
         return load * par.coefficient * par.temperature_change * k.I
+
+
+def _misfits(data: Mapping[str, Any]) -> list[tuple[Location, str]]:
+    """Temperatures of which one is missing, or that stand beside their difference."""
+    if "temperature_change" in data:
+        return [((key,), "stands beside 'temperature_change'; remove one of them") for key in _KEYS if key in data]
+    found: list[tuple[Location, str]] = []
+    for key, other in (_KEYS, _KEYS[::-1]):
+        if key not in data:
+            found.append(((key,), f"is needed beside '{other}': {_MEANINGS[key]}"))
+    return found
+
+
+def _kelvins(value: object, key: str) -> float:
+    """An absolute temperature in K."""
+    try:
+        if isinstance(value, str):
+            return parse_temperature(value)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"must be a temperature, such as 400 °C or 673.15 K, not {shown(value)}")
+        if not 0 <= (kelvins := as_float(value)) < float("inf"):
+            raise ValueError(f"must be a temperature in K, 0 or more, not {shown(value)}")
+    except ValueError as error:
+        raise_if_any([((key,), str(error))])
+        raise
+    return kelvins

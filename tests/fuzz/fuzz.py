@@ -79,6 +79,7 @@ def run_jobs(directory: Path, source: random.Random, count: int | None, until: f
     while (count is None or count > 0) and time.monotonic() < until:
         content = mutated_text(source, texts)
         path.write_bytes(content)
+        TRIED["jobs"] += 1
         if (fault := fault_of_job(path)) is not None:
             yield content, fault
         count = None if count is None else count - 1
@@ -188,11 +189,14 @@ def run_meshes(directory: Path, source: random.Random, count: int | None, until:
                 victim = source.choice((path, place / beside.name))
         content = mutated_bytes(source, victim.read_bytes(), lines=victim.suffix not in (".h5",))
         victim.write_bytes(content)
+        TRIED["meshes"] += 1
         if (fault := fault_of_mesh(path)) is not None:
             yield content, f"{original.name} ({victim.name}): {fault}"
         count = None if count is None else count - 1
 
 
+TRIED = {"jobs": 0, "meshes": 0}
+"""how many mutants have been tried"""
 KINDS: dict[str, Callable[[Path, random.Random, int | None, float], Iterator[tuple[bytes, str]]]] = {
     "jobs": run_jobs,
     "meshes": run_meshes,
@@ -219,7 +223,7 @@ def main() -> int:
                 kept = options.keep / f"{kind}-{options.seed}-{found}"
                 kept.write_bytes(content)
                 print(f"{kept}: {fault}\n", flush=True)
-    print(f"{found} wrong answers")
+    print(f"{found} wrong answers to {', '.join(f'{n} {kind}' for kind, n in TRIED.items())}")
     return 1 if found else 0
 
 
