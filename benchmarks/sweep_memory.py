@@ -17,7 +17,7 @@ import matplotlib as mpl
 import yaml
 
 from hpcinv.runtime import MPI
-from hpcinv.sweep.conduct import conduct
+from hpcinv.sweep.groupwork import work
 from hpcinv.sweep.plan import load_sweep
 
 mpl.use("Agg")
@@ -76,7 +76,7 @@ def main() -> None:
         axes = [{"grid": {"mesh.parameters": meshes}}, {"name": "law", "branches": laws}]
         sweep.write_text(yaml.safe_dump({"job": base.name, "store": "store", "axes": axes}))
         plan = load_sweep(sweep)
-        conduct(plan, MPI.COMM_WORLD, lease=60.0, note=note, stop_asked=lambda: False)
+        work(plan, MPI.COMM_WORLD, 0.0, 60.0, note, lambda: False)
 
     structures = len({case.structure for case in plan.cases})
     print(f"{done} cases of {structures} structures in one process; MB resident, communicators free")

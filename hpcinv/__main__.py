@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from hpcinv.signals import note_while_starting, starting_is_over
+
+if __name__ == "__main__":
+    note_while_starting()  # the imports below take a while
+
 import argparse
 import io
 import json
@@ -13,6 +18,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv import __version__
 from hpcinv.bench.command import add_bench
+from hpcinv.earlyexit import refuse_exit_without_end
 from hpcinv.errors import HpcinvError, OutputError
 from hpcinv.job import Job, json_schema, load
 from hpcinv.meshcommand import add_mesh
@@ -39,6 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
     options = _parser().parse_args(arguments)
+    starting_is_over()
     try:
         with asked_for(options):
             code: int = options.command(options)
@@ -280,4 +287,5 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
+    refuse_exit_without_end()
     sys.exit(main())

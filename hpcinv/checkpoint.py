@@ -194,7 +194,8 @@ def _remove_partial(directory: Path) -> None:
 def _create(partial: Path) -> None:
     _remove_partial(partial.parent)
     try:
-        partial.mkdir(parents=True)
+        partial.parent.mkdir(exist_ok=True)  # but not the run's directory, which may have been removed
+        partial.mkdir()
     except OSError as exc:
         raise CheckpointError(f"{partial}: cannot be created: {exc.strerror}", "Is the directory writable?") from exc
 

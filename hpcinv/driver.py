@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
 
@@ -19,8 +19,9 @@ from hpcinv.certificate import Certificate, Estimate, Line, Verdict, certify
 from hpcinv.checkpoint import Checkpoints, Position, Restart, cells_digest
 from hpcinv.comparison import closure, distance, read_expected
 from hpcinv.diagnosis import diagnose
+from hpcinv.directorylock import DirectoryLock
 from hpcinv.equilibrium import Solve
-from hpcinv.errors import Interrupted, SolveError
+from hpcinv.errors import CheckpointError, Interrupted, SolveError
 from hpcinv.fields import write_fields
 from hpcinv.generators import is_generator
 from hpcinv.interest import check_points, evaluate
@@ -77,6 +78,7 @@ def run(
         workspace = workspace or own.enter_context(Workspace(comm))
         progress = progress or own.enter_context(Progress(comm, None))
         started = _Run(job, comm, where, progress, stop_asked, workspace, guess)
+        own.callback(started.unlock)
         return started.go(overwrite=overwrite, resume=resume)
 
 
@@ -101,8 +103,11 @@ class _Run:
         self.record: Record | None = None
         self.estimate: Estimate | None = None
         self.totals: Totals | None = None
+        self.lock: DirectoryLock | None = None  # on rank 0
 
     def go(self, *, overwrite: bool, resume: bool) -> Result:
+        if self.directory is not None and resume:
+            on_root(self.comm, self._lock)
         expected = None if self.job.accuracy else self._prepare()
         if self.job.accuracy:
             self._search()
@@ -182,12 +187,32 @@ class _Run:
             checkpoints = Checkpoints(directory.checkpoints, self.comm, problem, job.checkpoint.keep)
         restart = checkpoints.latest() if checkpoints and resume else None
         if not resume or checkpoints is None:
-            on_root(self.comm, lambda: directory.create(job, overwrite=overwrite or resume))
-        elif on_root(self.comm, lambda: directory.job(None) != job):
+            on_root(self.comm, lambda: self._create(overwrite=overwrite or resume))
+        elif not on_root(self.comm, lambda: directory.holds(job)):
             on_root(self.comm, lambda: directory.change(job))
         self.progress.open_log(self.comm, directory.path, ", ".join(f"{k} {v}" for k, v in versions().items()))
         self.progress.begin(job, self.body, self.model.unknowns.size, directory.path, restart)
         return checkpoints, restart
+
+    def _lock(self) -> None:
+        assert self.directory is not None
+        self.lock = self.directory.lock()
+
+    def _create(self, *, overwrite: bool) -> None:
+        assert self.directory is not None
+        self.unlock()  # it is locked again between there and here
+        self.lock = self.directory.create(self.job, overwrite=overwrite)
+
+    def unlock(self) -> None:
+        """Let other processes have the directory."""
+        if self.lock is not None:
+            self.lock.release()
+            self.lock = None
+
+    def _check_directory(self) -> None:
+        """Raise ``OutputError`` on all ranks if the directory was removed meanwhile, before it is written to."""
+        if (directory := self.directory) is not None:
+            on_root(self.comm, lambda: directory.check_in_place(self.lock))
 
     def _solve(self, number: int, direction: Direction, restart: Restart | None) -> None:
         """One leg: from the unloaded body, or from the checkpoint, to the full load."""
@@ -220,7 +245,7 @@ class _Run:
             self._checkpoint(number, load, solves)
         if stop and (load != 1.0 or number + 1 < len(self.job.legs)):
             restartable = number > 0 or load > 0 or any(map(method.can_restart_after, solves))
-            raise self._interrupted(number, load, saved=restartable)
+            raise self._interrupted(direction, load, saved=restartable)
         scene = model.scene(direction)
         scene.parameters.set_load(load)
         self.legs.append(leg_of(model, direction, scene, tuple(solves), load, method.equilibrium.used))
@@ -243,11 +268,17 @@ class _Run:
         self.since_checkpoint, self.last_checkpoint = 0, time.monotonic()
         if self.checkpoints is None:
             return
+        self._check_directory()
         with self.timings("checkpoint"):
             position = Position(number, load, (*(leg.solves for leg in self.legs), tuple(solves)))
             solutions = [*((leg.displacement, leg.pressure) for leg in self.legs), self.model.solution()]
             named = (_named(leg, *solution) for leg, solution in enumerate(solutions))
-            self.checkpoints.write(position, {name: f for part in named for name, f in part.items()})
+            try:
+                self.checkpoints.write(position, {name: f for part in named for name, f in part.items()})
+            except CheckpointError:  # not on all ranks
+                if self.directory is not None:
+                    self.directory.check_in_place(None)
+                raise
 
     def _largest_displacement(self) -> float:
         u = self.model.unknowns.displacement().x.array.reshape(-1, 3)
@@ -257,6 +288,7 @@ class _Run:
     def _write_shape(self, slopes: Sensitivities | None) -> None:
         if self.directory is None:
             return
+        self._check_directory()
         with self.timings("output"):
             for suffix in self.job.shape_formats:
                 self.progress.detail(f"shape.{suffix}")
@@ -266,13 +298,18 @@ class _Run:
                 write_fields(self.directory.path / "fields", self.body, self.legs[0], slopes.fields() if slopes else ())
 
     def _finish(self, result: Result, status: str) -> Result:
-        result = replace(result, directory=self.directory.path if self.directory else None, accuracy=self.record)
-        result = replace(result, totals=self.totals)
-        found = statistics(result, status, self.model.unknowns.size, self.unused_options, self.timings, self.comm)
-        if self.directory is not None:
-            write_summary(self.directory.path, found, self.comm, formats=self.job.output.summary)
+        result = replace(result, directory=self.directory.path if self.directory else None)
+        result = replace(result, accuracy=self.record, totals=self.totals)
+        found = self._write_summary(result, status)
         self.progress.finish(found)
         return replace(result, statistics=found)
+
+    def _write_summary(self, result: Result, status: str) -> dict[str, Any]:
+        found = statistics(result, status, self.model.unknowns.size, self.unused_options, self.timings, self.comm)
+        if self.directory is not None:
+            self._check_directory()
+            write_summary(self.directory.path, found, self.comm, formats=self.job.output.summary)
+        return found
 
     def _give_up(self, leg: Leg) -> None:
         """Tell how far it came, and leave what was reached in the summary and the checkpoint."""
@@ -287,13 +324,20 @@ class _Run:
         self._finish(Result(self.job, self.body, tuple(self.legs), Certificate((line,))), why.text)
         raise SolveError(f"{where}: {why.text}", why.advice)
 
-    def _interrupted(self, number: int, load: float, *, saved: bool) -> Interrupted:
-        where = f"stopped by a signal in the {self.job.legs[number]} solve at load factor {load:.6g}"
-        if self.directory is None or self.checkpoints is None:
+    def _interrupted(self, direction: Direction, load: float, *, saved: bool) -> Interrupted:
+        """The error that ends a run after a signal; its summary has the legs before this one, and how far this came."""
+        why = "stopped by a signal"
+        where = f"{why} in the {direction} solve at load factor {load:.6g}"
+        if self.directory is None:
             return Interrupted(f"{where}; nothing was saved")
+        line = Line("load factor", load, "", "must reach 1", Verdict.FAIL, why)
+        result = Result(self.job, self.body, tuple(self.legs), Certificate((line,)))
+        self._write_summary(replace(result, accuracy=self.record, totals=self.totals), why)
+        saved = saved and self.checkpoints is not None
         return Interrupted(
             f"{where}; {'what was reached is saved' if saved else 'there was nothing to save yet'}",
-            f"Go on with: mpirun -n {self.comm.size} python -m hpcinv resume {relative(self.directory.path)}",
+            f"{'Go on with' if saved else 'Start it again with'}: "
+            f"mpirun -n {self.comm.size} python -m hpcinv resume {relative(self.directory.path)}",
         )
 
 

@@ -165,7 +165,7 @@ def test_a_signal_saves_and_ends_with_75_however_often_it_comes(name: str, to: s
     position = state(newest(run))
     assert steps_behind(position) >= 1
     assert f"load factor {position['load']:g}; what was reached is saved" in started.text
-    assert not (run / "summary.json").exists()
+    assert summary(run)["status"] == "stopped by a signal"
 
 
 @pytest.fixture(scope="module")

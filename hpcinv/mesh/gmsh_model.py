@@ -17,7 +17,7 @@ from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
 from hpcinv.mesh.gmsh_views import write_views
 from hpcinv.mesh.length_unit import state_in_model
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
-from hpcinv.signals import handlers_kept
+from hpcinv.signals import ended_by_signals, handlers_kept
 
 DIMENSION_NAMES = {0: "point", 1: "curve", 2: "surface", 3: "volume"}
 GMSH_NAMES = {
@@ -53,7 +53,8 @@ def session(name: str) -> Iterator[Any]:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)
         gmsh.model.add(name)
-        yield gmsh
+        with ended_by_signals():
+            yield gmsh
     finally:
         if gmsh.isInitialized():  # a generator may have ended it
             gmsh.finalize()

@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import itertools
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from hpcinv.atomic import replace
 from hpcinv.errors import OutputError
 from hpcinv.filenames import check_output
 
@@ -82,13 +82,8 @@ class Store:
         """Write a file of the study; it appears whole or not at all."""
         data = content.encode() if isinstance(content, str) else content
         path = self.path / name
-        partial = path.parent / f".{path.name}.partial"
         with self._told():
-            with partial.open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            partial.replace(path)
+            replace(path, data)
 
     @contextlib.contextmanager
     def _told(self) -> Any:

@@ -46,6 +46,12 @@ def add_sweep(commands: Any) -> None:
         "--lease", type=_lease, default=LEASE, metavar="S", help="seconds after which a silent machine counts as lost"
     )
     run.add_argument(
+        "--no-isolation",
+        action="store_false",
+        dest="isolation",
+        help="solve cases in the ranks of the launcher themselves: a case that crashes ends them all",
+    )
+    run.add_argument(
         "--strict", action="store_true", help="end with exit code 7 if certificates have warnings or are not decided"
     )
 
@@ -89,8 +95,8 @@ def _plan(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     from hpcinv.launch import launched
 
-    with launched(options.ranks) as (world, stop):
-        from hpcinv.runtime import on_root
+    with launched(options.ranks, stack=False) as (world, stop):
+        from hpcinv.ranks import on_root
         from hpcinv.sweep.conduct import Share, conduct
 
         plan = on_root(world, lambda: load_sweep(options.sweep))
@@ -114,8 +120,9 @@ def _run(options: argparse.Namespace) -> int:
                 ranks_per_case=options.ranks_per_case,
                 share=Share(*options.shard),
                 lease=options.lease,
+                isolated=options.isolation,
                 note=lambda text: print(text, flush=True),
-                stop_asked=stop,
+                stop=stop,
             )
         except Interrupted:
             interrupted = True

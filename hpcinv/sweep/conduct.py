@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from hpcinv.errors import HpcinvError, Interrupted, OutputError
-from hpcinv.runtime import MPI, agree, compilation_explained, on_root
-from hpcinv.sweep.holder import Holder
-from hpcinv.sweep.ledger import Ledger
-from hpcinv.sweep.queue import Queue
-from hpcinv.sweep.store import open_store
-from hpcinv.sweep.worker import Worker
+from hpcinv.ranks import MPI, agree
+from hpcinv.sweep.isolation import can_isolate, supervise
 
 if TYPE_CHECKING:
+    from hpcinv.signals import StopRequest
     from hpcinv.sweep.plan import Plan
 
 
@@ -42,13 +35,15 @@ def conduct(
     ranks_per_case: int = 1,
     share: Share = Share(),
     lease: float,
+    isolated: bool = True,
     note: Callable[[str], None],
-    stop_asked: Callable[[], bool],
+    stop: StopRequest,
 ) -> None:
     """Run the cases of a sweep that are open; collective.
 
     Args:
         lease: seconds in which a holder on another machine must give a sign of life.
+        isolated: whether cases are solved in processes of their own, where that is possible.
         note: called on the first rank of each group.
 
     Raises:
@@ -60,8 +55,15 @@ def conduct(
     group = cast(MPI.Intracomm, world.Split(number))
     error: HpcinvError | None = None
     try:
-        with compilation_explained(group):
-            _work(plan, group, share.begin(number, groups), lease, note, stop_asked)
+        begin = share.begin(number, groups)
+        if isolated and can_isolate(group):
+            supervise(plan, group, begin, lease, note, stop)
+        else:
+            from hpcinv.sweep.groupwork import work  # with PETSc and DOLFINx
+
+            stop.ends_libraries_by(None)  # there are cases of other groups to save
+            stop.install()  # PETSc has put a handler of its own on SIGTERM
+            work(plan, group, begin, lease, note, stop)
     except HpcinvError as met:
         error = met
         if group.rank == 0 and not isinstance(met, Interrupted):
@@ -78,27 +80,6 @@ def _groups(world: MPI.Intracomm, ranks_per_case: int) -> int:
             f"Start a multiple of {ranks_per_case} ranks.",
         )
     return world.size // ranks_per_case
-
-
-def _work(
-    plan: Plan,
-    group: MPI.Intracomm,
-    begin: float,
-    lease: float,
-    note: Callable[[str], None],
-    stop_asked: Callable[[], bool],
-) -> None:
-    """What one group does; its first rank alone knows the ledger."""
-    with ExitStack() as held:
-
-        def open_queue() -> Queue:
-            open_store(plan.store)
-            holder = held.enter_context(Holder(plan.store))
-            return Queue(plan.cases, Ledger(plan.store, holder, lease=lease), begin=begin, patience=1.2 * lease)
-
-        queues: list[Queue] = []
-        on_root(group, lambda: queues.append(open_queue()))
-        Worker(plan, group, queues[0] if queues else None, note, stop_asked).work()
 
 
 def _wait_for_all(world: MPI.Intracomm) -> None:

@@ -8,11 +8,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hpcinv.sweep.exclusive import told
-from hpcinv.sweep.store import records_in
+from hpcinv.sweep.store import records_in, told
 
 _NAME = re.compile(
-    r"\.?\w+\.(?P<kind>claim|released|record|reopened)-(?P<round>\d+)(-(?P<claim>\d+))?(\.json)?(?P<partial>\.\w+\.partial)?"
+    r"\.?\w+\.(?P<kind>claim|crashed|released|record|reopened)-(?P<round>\d+)(-(?P<claim>\d+))?(\.json)?(?P<partial>\.\w+\.partial)?"
 )
 
 
@@ -25,6 +24,7 @@ class History:
         finished: whether it has a record.
         claims: how many there were, and so the number of the last.
         released: which of them were given back.
+        crashed: which of them ended with a crash of their process that its supervisor has seen.
         passing: names of all files, of any round, that mean nothing once there is a record.
     """
 
@@ -32,18 +32,19 @@ class History:
     finished: bool = False
     claims: int = 0
     released: frozenset[int] = frozenset()
+    crashed: frozenset[int] = frozenset()
     passing: tuple[str, ...] = ()
 
     @classmethod
     def told_by(cls, names: Iterable[str]) -> History:
         rounds, records = [1], set[int]()
-        claims, released = dict[int, set[int]](), dict[int, set[int]]()
+        claims, released, crashed = dict[int, set[int]](), dict[int, set[int]](), dict[int, set[int]]()
         passing = []
         for name in names:
             if (found := _NAME.fullmatch(name)) is None:
                 continue
             kind, number, claim = found["kind"], int(found["round"]), int(found["claim"] or 0)
-            if found["partial"] or kind in ("claim", "released"):
+            if found["partial"] or kind in ("claim", "crashed", "released"):
                 passing.append(name)
             if found["partial"]:
                 continue
@@ -54,6 +55,8 @@ class History:
                     records.add(number)
                 case "claim":
                     claims.setdefault(number, set()).add(claim)
+                case "crashed":
+                    crashed.setdefault(number, set()).add(claim)
                 case _:
                     released.setdefault(number, set()).add(claim)
         latest = max(rounds)
@@ -62,6 +65,7 @@ class History:
             finished=latest in records,
             claims=max(claims.get(latest, ()), default=0),
             released=frozenset(released.get(latest, ())),
+            crashed=frozenset(crashed.get(latest, ())),
             passing=tuple(passing),
         )
 

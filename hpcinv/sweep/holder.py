@@ -9,18 +9,15 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
-import secrets
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from hpcinv.sweep.exclusive import create, told
-from hpcinv.sweep.store import heartbeats_in, open_store
+from hpcinv.atomic import create
+from hpcinv.processes import Identity
+from hpcinv.sweep.store import heartbeats_in, open_store, told
 
 BEAT = 5.0  # seconds; a fraction of the lease
 
@@ -46,59 +43,6 @@ try:
 except OSError:
     pass
 """
-
-
-@dataclass(frozen=True)
-class Identity:
-    """What tells one process from all others, on any host, of any time.
-
-    Attributes:
-        token: its name, never used again.
-        host: for people.
-        machine: the running system whose process numbers are meant; "" if that cannot be told.
-        pid, started: process number, and start in ticks since the system booted.
-        job: cluster and job of Slurm; "" outside of it.
-        restart: how often Slurm has requeued the job.
-    """
-
-    token: str
-    host: str
-    machine: str
-    pid: int
-    started: str
-    job: str
-    restart: int
-
-    @classmethod
-    def of_this_process(cls, environment: Mapping[str, str] = os.environ) -> Identity:
-        host, pid = os.uname().nodename, os.getpid()
-        job = environment.get("SLURM_JOB_ID", "")  # of its own for each task of an array
-        return cls(
-            token=f"{re.sub(r'[^A-Za-z0-9]', '-', host)}-{pid}-{secrets.token_hex(6)}",
-            host=host,
-            machine=_this_machine(host),
-            pid=pid,
-            started=start_of(pid) or "",
-            job=f"{environment.get('SLURM_CLUSTER_NAME', '')}/{job}" if job else "",
-            restart=int(environment.get("SLURM_RESTART_COUNT", "0")),
-        )
-
-    @classmethod
-    def from_json(cls, data: Any) -> Identity:
-        """Raises ``ValueError`` if it is none."""
-        try:
-            values = {field.name: data[field.name] for field in fields(cls)}
-        except (KeyError, TypeError) as error:
-            raise ValueError("it names no holder") from error
-        if any(type(values[field.name]).__name__ != field.type for field in fields(cls)):
-            raise ValueError("it has entries of another type")
-        return cls(**values)
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
-
-    def __str__(self) -> str:
-        return f"process {self.pid} on {self.host}" + (f" (job {self.job.rpartition('/')[2]})" if self.job else "")
 
 
 class Holder:
@@ -154,27 +98,3 @@ def _signals_blocked() -> Iterator[None]:
 
 def heartbeat_of(token: str, store: Path) -> Path:
     return heartbeats_in(store) / token
-
-
-def start_of(pid: int) -> str | None:
-    """When a process here started, in ticks since boot; "" if it has ended, ``None`` if that cannot be told."""
-    try:
-        status = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return ""
-        except OSError:  # a process of someone else, which the system hides
-            return None
-        return None
-    return "" if status[0] in "ZX" else status[19]  # a zombie works no more
-
-
-def _this_machine(host: str) -> str:
-    """Host, boot, and which process numbers are seen (containers have their own); "" where that cannot be told."""
-    try:
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-        return f"{host} {boot} {Path('/proc/self/ns/pid').readlink()}"
-    except OSError:
-        return ""

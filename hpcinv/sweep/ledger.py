@@ -1,9 +1,10 @@
 """The ledger of a store: which cases are finished, and who works on which, over any number of allocations at once.
 
-The state of a case is the set of its files. Each is created once, whole and exclusively (`exclusive`), and never
+The state of a case is the set of its files. Each is created once, whole and exclusively (`atomic`), and never
 changed:
 
 - ``KEY.claim-R-N.json``: claim N in round R, by whom; ``KEY.released-R-N``: it was given back.
+- ``KEY.crashed-R-N.json``: its process crashed, and how, as the process saw that had started it.
 - ``KEY.record-R.json``: how the case ended. A round has one at most.
 - ``KEY.reopened-R.json``: round R has begun, since the record of the round before is damaged, or its case shall be
   tried again. Round 1 begins by itself.
@@ -36,19 +37,23 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
+from hpcinv.atomic import create, make_directory, publish
 from hpcinv.errors import OutputError
-from hpcinv.sweep.exclusive import create, make_directory, publish, told
+from hpcinv.processes import Identity
 from hpcinv.sweep.history import Histories, History
-from hpcinv.sweep.holder import Holder, Identity
+from hpcinv.sweep.holder import Holder
 from hpcinv.sweep.liveness import LEASE, Watch
 from hpcinv.sweep.record import Record
-from hpcinv.sweep.store import open_store, runs_in
+from hpcinv.sweep.store import open_store, runs_in, told
 
 DEADLY = 5
 """So many processes must have died with a case until that is its own fault.
 
 A process can also die with its allocation, through no fault of the case; so one or two deaths say nothing.
 """
+
+CRASHES = 2
+"""So many crashes that a supervisor has seen, each in another process, are the fault of the case."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,7 @@ class Claim:
     Attributes:
         round, attempt: which claim it is; both count from 1, attempts within the round.
         died: how many of the earlier attempts ended with their process.
+        crashes: how earlier attempts ended that crashed their process.
         run: where checkpoints and results go, with what earlier attempts have saved; it need not exist.
     """
 
@@ -66,6 +72,7 @@ class Claim:
     attempt: int
     died: int
     run: Path
+    crashes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -131,7 +138,7 @@ class Ledger:
             if not create(file, json.dumps(content).encode()):
                 return None
         run = self.directory(key) / f"run-{before.round}-{attempt}"
-        claim = Claim(key, before.round, attempt, before.unreleased, run)
+        claim = Claim(key, before.round, attempt, before.unreleased, run, self._crashes(key, before))
         if not _is_last(claim, self._files.of(key)):
             with told(file):
                 file.unlink(missing_ok=True)
@@ -161,6 +168,12 @@ class Ledger:
         file = self._files.file(claim.key, f"released-{claim.round}-{claim.attempt}")
         with told(file):
             create(file, b"")
+
+    def crashed(self, claim: Claim, how: str) -> None:
+        """Note that the process of a claim, which is known to have ended, crashed with the case."""
+        file = self._files.file(claim.key, f"crashed-{claim.round}-{claim.attempt}.json")
+        with told(file):
+            create(file, json.dumps({"how": how}).encode())
 
     def retry(self, key: str) -> bool:
         """Open a case that failed again: its record stays, its runs go. Tells whether that was done."""
@@ -205,6 +218,17 @@ class Ledger:
                 return Identity.from_json(content["holder"]), str(content["since"])
             except (FileNotFoundError, ValueError, KeyError, TypeError):
                 return None, ""
+
+    def _crashes(self, key: str, history: History) -> tuple[str, ...]:
+        found = []
+        for number in sorted(history.crashed):
+            file = self._files.file(key, f"crashed-{history.round}-{number}.json")
+            with told(file):
+                try:
+                    found.append(str(json.loads(file.read_bytes())["how"]))
+                except (FileNotFoundError, ValueError, KeyError, TypeError):
+                    found.append("it is not known how")
+        return tuple(found)
 
     def _read_record(self, key: str, history: History) -> Record | None:
         if not history.finished:

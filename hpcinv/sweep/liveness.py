@@ -11,7 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 from time import monotonic
 
-from hpcinv.sweep.holder import Identity, heartbeat_of, start_of
+from hpcinv.processes import Identity, start_of
+from hpcinv.sweep.holder import heartbeat_of
 
 LEASE = 60.0
 """Seconds within which the heartbeat of a holder elsewhere must change; many times `holder.BEAT`."""

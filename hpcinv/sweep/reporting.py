@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.atomic import replace
 from hpcinv.errors import OutputError
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import ledger_of, provenance, results
@@ -105,10 +106,8 @@ def _table_file(text: str) -> Path:
 
 def _write(path: Path, content: bytes) -> None:
     """Write a file; it appears whole or not at all."""
-    partial = path.with_name(f".{path.name}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(content)
-        partial.replace(path)
+        replace(path, content)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror}", "Choose another --output.") from error

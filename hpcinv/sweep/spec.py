@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import ValidationInfo, field_validator
 
+from hpcinv.quantities import Quantity
 from hpcinv.schema import FileName, ListOf, Spec, raise_if_any
 from hpcinv.study.keys import JobKey
 from hpcinv.sweep.axes import Axis, faults_between, number_of
@@ -29,6 +30,8 @@ class Sweep(Spec):
     """values that all cases have unless an axis has its own"""
     warm_start: bool = True
     """whether a case begins with the solution of the nearest one that has converged; else with the unloaded body"""
+    limit: Annotated[float, Quantity("s", above=0.0)] | None = None
+    """wall time that a case may take, such as 10 min; one that takes longer has failed. Left out, there is none"""
     axes: ListOf[Axis]
     """every combination of their points is a case, the last axis changing fastest"""
 

@@ -2,14 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
+from hpcinv.atomic import make_directory, publish
 from hpcinv.errors import OutputError
 from hpcinv.filenames import check_output
-from hpcinv.sweep.exclusive import make_directory, publish, told
 
 _FORMAT = "hpcinv store 1"
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+_GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENOTCONN}
+
+
+@contextlib.contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Turn an error of the file system into an ``OutputError`` that says what to do."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _FULL:
+            remedy = "Make room there;"
+        elif error.errno in _GONE:
+            remedy = "See whether its file system is still there;"
+        else:
+            remedy = "Make it writable, or choose another 'store';"
+        kept = "all that was finished is kept, and the same command goes on from there."
+        raise OutputError(f"{path}: {error.strerror or error}", f"{remedy} {kept}") from error
 
 
 def open_store(path: Path) -> None:

@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -21,9 +22,11 @@ from hpcinv.methods.guess import Guess
 from hpcinv.progress import Listener
 from hpcinv.rundirectory import RunDirectory
 from hpcinv.runtime import MPI, on_root
-from hpcinv.sweep.ledger import DEADLY
+from hpcinv.sweep.ledger import CRASHES, DEADLY
 from hpcinv.sweep.neighbours import Neighbours, Solution
+from hpcinv.sweep.outcomes import overdue_record, remove_run
 from hpcinv.sweep.record import Record
+from hpcinv.sweep.store import told
 from hpcinv.workspace import Workspace, collect_garbage
 
 if TYPE_CHECKING:
@@ -56,6 +59,7 @@ class Worker:
         queue: on rank 0, ``None`` on the others.
         note: told on rank 0 of each case that has ended.
         stop_asked: asked on every rank.
+        holding: told on rank 0 of each case that is begun, and by ``None`` that it is over.
     """
 
     def __init__(
@@ -65,9 +69,10 @@ class Worker:
         queue: Queue | None,
         note: Callable[[str], None],
         stop_asked: Callable[[], bool],
+        holding: Callable[[Claim | None], None] = lambda claim: None,
     ) -> None:
         self.plan, self.comm, self.queue = plan, comm, queue
-        self.note, self.stop_asked = note, stop_asked
+        self.note, self.stop_asked, self.holding = note, stop_asked, holding
         self.workspace = Workspace(comm)
         self.neighbours: tuple[str, Neighbours] = "", Neighbours()
         self.solved = 0
@@ -103,12 +108,17 @@ class Worker:
             return None
         case, claim = found
         text = yaml.safe_dump(_plain(self.plan.content(case)), sort_keys=False, allow_unicode=True)
-        return Task(case, self.plan.job(case), claim, self.queue.point(case), RunDirectory(claim.run, text))
+        self.holding(claim)
+        directory = RunDirectory(claim.run, text, claimed=True)
+        return Task(case, self.plan.job(case), claim, self.queue.point(case), directory)
 
     def _solve(self, task: Task) -> Record:
         """Solve a case; that it cannot be solved is a result too."""
         begun = time.perf_counter()
         record = Record("", "", {}, 0.0, task.claim.attempt)
+        if len(crashes := task.claim.crashes) >= CRASHES:
+            status = f"its process crashed {len(crashes)} times: {crashes[-1]}"
+            return replace(record, status=status, advice="What it printed last is in the output of the sweep.")
         if task.claim.died >= DEADLY:
             status = f"the process that ran it was killed {task.claim.died} times"
             return replace(
@@ -120,14 +130,19 @@ class Worker:
             return replace(record, status="converged", statistics=known)  # it was killed just before its commit
         heard = Listener(self.comm)
         start, guess = self._guess(task)
+        overdue = self._overdue(begun)
         try:
-            result = self._run(task, heard, guess)
+            result = self._run(task, heard, guess, lambda: self.stop_asked() or overdue())
             self._remember(task, result)
             record = replace(record, status="converged")
         except (SolveError, MeshError) as error:
             record = replace(record, status=error.message, advice=error.advice)
         except JobError as error:  # a formula without a value
             record = replace(record, status="; ".join(error.problems))
+        except Interrupted:
+            if self.comm.allreduce(self.stop_asked(), op=MPI.LOR) or not self.comm.allreduce(overdue(), op=MPI.LOR):
+                raise
+            record = overdue_record(self.plan.sweep.limit, task.claim)
         except HpcinvError:
             raise
         except Exception as error:
@@ -140,7 +155,12 @@ class Worker:
             start = ""
         return replace(record, statistics=heard.statistics, seconds=seconds, start=start)
 
-    def _run(self, task: Task, heard: Listener, guess: Guess | None) -> Result:
+    def _overdue(self, begun: float) -> Callable[[], bool]:
+        """Whether a case takes longer than its limit."""
+        limit = self.plan.sweep.limit
+        return lambda: limit is not None and time.perf_counter() - begun > limit
+
+    def _run(self, task: Task, heard: Listener, guess: Guess | None, stop_asked: Callable[[], bool]) -> Result:
         """From the last checkpoint if there is one that can be used."""
         go = partial(
             run,
@@ -148,14 +168,15 @@ class Worker:
             self.comm,
             directory=task.directory,
             progress=heard,
-            stop_asked=self.stop_asked,
+            stop_asked=stop_asked,
             workspace=self.workspace,
             guess=guess,
         )
-        if on_root(self.comm, lambda: (task.directory.path / "origin.json").exists()):
+        if on_root(self.comm, lambda: task.directory.is_begun):
             with contextlib.suppress(CheckpointError):
                 return go(resume=True)
-        return go(overwrite=True)
+        on_root(self.comm, partial(_clear, task.directory.path))
+        return go()
 
     def _guess(self, task: Task) -> tuple[str, Guess | None]:
         """Key of the nearest case, and what to begin with."""
@@ -184,8 +205,10 @@ class Worker:
         assert self.queue is not None
         if not self.queue.ledger.holds(task.claim):
             self.note(f"{task.case.title}: was taken over by another, who thought that this process had ended")
+            self.holding(None)
             return False
         self.queue.ledger.release(task.claim)
+        self.holding(None)
         return True
 
     def _commit(self, task: Task, record: Record) -> None:
@@ -194,10 +217,18 @@ class Worker:
         if record.converged and any(path for kept in _KEPT for path in task.directory.path.glob(kept)):
             shutil.rmtree(task.directory.checkpoints, ignore_errors=True)
         else:
-            shutil.rmtree(task.directory.path, ignore_errors=True)
-            with contextlib.suppress(OSError):  # there may be those of earlier rounds
-                task.directory.path.parent.rmdir()
+            remove_run(task.claim)
+        self.holding(None)
         self.note(_line(task.case, record, first=first))
+
+
+def _clear(path: Path) -> None:
+    """Remove what earlier attempts have left that no run can go on from."""
+    with told(path):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _summary(directory: RunDirectory) -> Mapping[str, Any] | None:

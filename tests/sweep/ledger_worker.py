@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from hpcinv.sweep import holder as holder_module
+from hpcinv import processes
 from hpcinv.sweep.holder import Holder
 from hpcinv.sweep.ledger import Claim, Ledger
 from hpcinv.sweep.record import Record
@@ -112,7 +112,7 @@ def main() -> None:
     parser.add_argument("--no-links", action="store_true")
     arguments = parser.parse_args()
     if arguments.elsewhere:
-        holder_module._this_machine = lambda host: f"not this one {os.getpid()}"
+        processes._this_machine = lambda host: f"not this one {os.getpid()}"
     if arguments.no_links:
 
         def no_links(*_: object) -> None:

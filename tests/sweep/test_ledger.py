@@ -16,11 +16,14 @@ from typing import Any
 
 import pytest
 
+from hpcinv import atomic, processes
 from hpcinv.errors import OutputError
-from hpcinv.sweep import exclusive, holder, liveness
-from hpcinv.sweep.holder import Holder, Identity
+from hpcinv.processes import Identity
+from hpcinv.sweep import liveness
+from hpcinv.sweep.holder import Holder
 from hpcinv.sweep.ledger import Ledger, State
 from hpcinv.sweep.record import Record
+from hpcinv.sweep.store import told
 
 KEY, OTHER = "ab" + 18 * "0", "ab" + 18 * "1"
 DONE = Record("converged", "", {"quantities": {"length": 0.1}}, 1.5, 1)
@@ -157,7 +160,7 @@ def test_who_hesitates_between_looking_and_claiming_gets_nothing(
         faster = Ledger(store, other)
         for _ in range(before):
             given_back(ledger, faster)
-        create = exclusive.create
+        create = atomic.create
 
         def late(path: Path, content: bytes) -> bool:
             monkeypatch.undo()
@@ -355,11 +358,11 @@ def test_who_is_dead_at_once(store: Path, other: Identity, dead: bool) -> None:
 
 def test_a_zombie_is_dead() -> None:
     with subprocess.Popen(["sleep", "100"]) as process:
-        assert holder.start_of(process.pid)
+        assert processes.start_of(process.pid)
         process.kill()
         while Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
             time.sleep(0.001)
-        assert holder.start_of(process.pid) == ""
+        assert processes.start_of(process.pid) == ""
 
 
 def test_slurm_tells_who_we_are() -> None:
@@ -501,9 +504,9 @@ def test_without_hard_links_it_works_all_the_same(ledger: Ledger, store: Path, m
 
     monkeypatch.setattr(os, "link", no_links)
     file = store / "ledger" / "claim"
-    assert exclusive.create(file, b"1")
-    assert not exclusive.create(file, b"2")
-    assert not exclusive.publish(file, b"3")
+    assert atomic.create(file, b"1")
+    assert not atomic.create(file, b"2")
+    assert not atomic.publish(file, b"3")
     assert file.read_bytes() == b"1"
     test_only_a_failed_case_is_tried_again_and_anew(ledger, store)
     assert files(store) == {"record-1.json", "reopened-2.json", "record-2.json"}
@@ -527,7 +530,7 @@ def test_without_hard_links_a_claim_that_cannot_be_written_leaves_nothing(
     monkeypatch.setattr(os, "link", no_links)
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        exclusive.create(tmp_path / "claim", b"1")
+        atomic.create(tmp_path / "claim", b"1")
     assert not any(tmp_path.iterdir())
 
 
@@ -542,8 +545,8 @@ def test_a_link_that_was_made_though_it_is_told_otherwise_is_ours(
         link(source, target)
 
     monkeypatch.setattr(os, "link", repeated)
-    assert exclusive.create(tmp_path / "claim", b"1")
-    assert not exclusive.create(tmp_path / "claim", b"2")
+    assert atomic.create(tmp_path / "claim", b"1")
+    assert not atomic.create(tmp_path / "claim", b"2")
     assert (tmp_path / "claim").read_bytes() == b"1"
 
 
@@ -554,8 +557,8 @@ def test_any_other_error_of_a_link_is_raised_and_leaves_nothing(
         raise OSError(122, "Disk quota exceeded")
 
     monkeypatch.setattr(os, "link", fails)
-    with pytest.raises(OutputError, match=r"Disk quota exceeded\n  Make room there"), exclusive.told(tmp_path):
-        exclusive.publish(tmp_path / "record", b"1")
+    with pytest.raises(OutputError, match=r"Disk quota exceeded\n  Make room there"), told(tmp_path):
+        atomic.publish(tmp_path / "record", b"1")
     assert not any(tmp_path.iterdir())
 
 

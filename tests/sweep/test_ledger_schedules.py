@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from hpcinv.sweep.holder import Identity
+from hpcinv.processes import Identity
 from hpcinv.sweep.ledger import Claim, Ledger
 from hpcinv.sweep.liveness import Watch
 from hpcinv.sweep.record import Record

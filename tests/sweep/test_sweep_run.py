@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import random
 import re
 import signal
@@ -127,6 +128,42 @@ def test_a_signal_saves_the_case_at_hand_and_the_next_run_goes_on_with_it(tmp_pa
         assert [s["load"] for s in record.statistics["legs"][0]["solves"]] == pytest.approx(
             [(i + 1) / 400 for i in range(400)]
         )
+
+
+def test_whatever_a_kill_has_left_of_a_run_directory_the_case_is_solved(tmp_path: Path) -> None:
+    """Each case was claimed by a process that died, and left a directory in another state."""
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000 + 500 * i for i in range(9)]}}])
+    plan = load_sweep(sweep)
+    dead = subprocess.Popen(["true"])
+    with Holder(plan.store) as holder:
+        holder.identity = dataclasses.replace(holder.identity, pid=dead.pid)
+        dead.wait()
+        ledger = Ledger(plan.store, holder)
+        claims = [ledger.claim(case.key) for case in plan.cases]
+    origin = json.dumps({"job": str(plan.base.resolve())})
+    text = yaml.safe_dump(dict(plan.content(plan.cases[5])), sort_keys=False)
+    states: list[dict[str, str]] = [
+        {},
+        {"origin.json": ""},
+        {"origin.json": origin},
+        {"origin.json": origin, "job.yaml": ""},
+        {"origin.json": origin, "job.yaml": text[: len(text) // 2]},
+        {"origin.json": origin[:10], "job.yaml": text},
+        {".origin.json.partial": "", ".lock": ""},
+        {"origin.json": origin, "job.yaml": text, "checkpoints": "no directory"},
+        {"job.yaml": text, "summary.json": "{"},
+    ]
+    for claim, files in zip(claims, states, strict=True):
+        assert claim is not None
+        claim.run.mkdir(parents=True)
+        for name, content in files.items():
+            (claim.run / name).write_text(content)
+    ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    for number, record in records_of(sweep).items():
+        assert record is not None
+        assert record.attempts == 2
+        assert top(record) == pytest.approx(alone(sweep, number), rel=1e-10)
 
 
 def test_a_killed_case_goes_on_from_its_checkpoint(tmp_path: Path) -> None:

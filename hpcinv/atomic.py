@@ -1,8 +1,9 @@
-"""Files that appear under their name whole or not at all, and only once: who comes second is told so.
+"""Files that appear under their name whole or not at all.
 
-The content is written beside and flushed to the disk; then a hard link gives it the name, which fails if the name is
-taken. That is atomic on local disks, NFS and parallel file systems. Some file systems (FUSE, SMB) have no hard links:
-`create` and `publish` say what they do there.
+`replace` takes the place of what has the name. With `create` and `publish` a file appears only once: who comes second
+is told so. For these the content is written beside and flushed to the disk; then a hard link gives it the name, which
+fails if the name is taken. That is atomic on local disks, NFS and parallel file systems. Some file systems (FUSE, SMB)
+have no hard links: `create` and `publish` say what they do there.
 """
 
 from __future__ import annotations
@@ -11,14 +12,10 @@ import contextlib
 import errno
 import os
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-from hpcinv.errors import OutputError
-
 _NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
-_FULL = {errno.ENOSPC, errno.EDQUOT}
-_GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENOTCONN}
 
 
 def create(path: Path, content: bytes) -> bool:
@@ -42,6 +39,29 @@ def publish(path: Path, content: bytes) -> bool:
     return first
 
 
+def replace(path: Path, content: bytes) -> None:
+    """Write a file in place of what has its name; it survives a power failure.
+
+    A kill leaves the file as it was before, or as it is now, and perhaps a hidden ``.NAME.partial`` beside it, which
+    the next call replaces: of one file only one process may be the writer.
+
+    Raises:
+        OSError: it cannot be written; the file is then as it was.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise
+    _flush_directory(path.parent)
+
+
 def make_directory(path: Path) -> None:
     """Make a directory if it is not there, in one that is; it survives a power failure."""
     if not path.is_dir():
@@ -58,22 +78,6 @@ def _flush_directory(path: Path) -> None:
             raise
     finally:
         os.close(descriptor)
-
-
-@contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Turn an error of the file system into an ``OutputError`` that says what to do."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno in _FULL:
-            remedy = "Make room there;"
-        elif error.errno in _GONE:
-            remedy = "See whether its file system is still there;"
-        else:
-            remedy = "Make it writable, or choose another 'store';"
-        kept = "all that was finished is kept, and the same command goes on from there."
-        raise OutputError(f"{path}: {error.strerror or error}", f"{remedy} {kept}") from error
 
 
 def _create(path: Path, content: bytes, without_links: Callable[[Path, Path], None]) -> bool:

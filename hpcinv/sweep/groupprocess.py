@@ -1,0 +1,71 @@
+"""Program of the processes that solve the cases of one group, apart from those that the launcher has started.
+
+``python -m hpcinv.sweep.groupprocess DIRECTORY``, on one rank, or under mpiexec on several. The supervisor that has
+started them (`isolation`) reads in the directory what the group is doing, and finds out there what it was at, should
+they crash.
+"""
+
+from __future__ import annotations
+
+from hpcinv.signals import StopRequest
+
+stop = StopRequest()
+stop.install()  # before anything that takes time
+
+import sys  # noqa: E402
+import time  # noqa: E402
+from pathlib import Path  # noqa: E402
+from typing import NoReturn  # noqa: E402
+
+from hpcinv.errors import HpcinvError  # noqa: E402
+from hpcinv.signals import STOPPED, end_on_interrupt  # noqa: E402
+
+_PATIENCE = 5.0  # seconds after which another rank will not come to its end any more
+
+
+def main(directory: Path) -> int:
+    """Work until no case is left, and tell of the end; only what ends otherwise has an exit code that is not 0."""
+    from hpcinv.runtime import MPI, abort, failing_together, on_root
+    from hpcinv.sweep.grouptask import GroupTask, Speaker
+    from hpcinv.sweep.groupwork import work
+
+    stop.install()
+    world = MPI.COMM_WORLD
+
+    def interrupted() -> NoReturn:
+        abort(world, 130)
+
+    def end_in_library() -> NoReturn:  # the supervisor gives the case back
+        abort(world, STOPPED)
+
+    end_on_interrupt(interrupted)
+    stop.ends_libraries_by(end_in_library)
+    with failing_together(world):
+        speaker = Speaker(directory) if world.rank == 0 else None
+        task = on_root(world, lambda: GroupTask.read(directory))
+        error: HpcinvError | None = None
+        try:
+            work(
+                task.plan,
+                world,
+                task.begin,
+                task.lease,
+                lambda text: print(text, flush=True),
+                stop,
+                speaker.holding if speaker is not None else lambda claim: None,
+            )
+        except HpcinvError as met:
+            error = met
+        stop.ignore()
+        if speaker is not None:
+            speaker.ended(error)
+        everyone, deadline = world.Ibarrier(), time.monotonic() + _PATIENCE
+        while not everyone.Test():
+            if time.monotonic() > deadline:
+                abort(world, 1)
+            time.sleep(0.01)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))

@@ -1,0 +1,84 @@
+"""What a supervisor and the processes of its group tell each other, by two files in a directory of their own."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from hpcinv.errors import HpcinvError
+from hpcinv.sweep.ledger import Claim
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.plan import Plan
+
+_TASK, _EVENTS = "task", "events"
+
+
+@dataclass(frozen=True)
+class GroupTask:
+    """What a group does; see ``groupwork.work``."""
+
+    plan: Plan
+    begin: float
+    lease: float
+
+    def write(self, directory: Path) -> None:
+        (directory / _TASK).write_bytes(pickle.dumps(self))
+        (directory / _EVENTS).touch()
+
+    @classmethod
+    def read(cls, directory: Path) -> GroupTask:
+        task: GroupTask = pickle.loads((directory / _TASK).read_bytes())
+        return task
+
+
+@dataclass(frozen=True)
+class Ended:
+    """That a group has come to an end by itself; ``error``: why, unless no case was left."""
+
+    error: HpcinvError | None
+
+
+class Speaker:
+    """The side of the group: what it tells, it tells at once."""
+
+    def __init__(self, directory: Path) -> None:
+        self._file: TextIO = (directory / _EVENTS).open("a", encoding="utf-8")
+
+    def holding(self, claim: Claim | None) -> None:
+        """Which case is worked on."""
+        self._tell({"claim": None if claim is None else asdict(claim) | {"run": str(claim.run)}})
+
+    def ended(self, error: HpcinvError | None) -> None:
+        self._tell({"ended": pickle.dumps(error).hex()})
+
+    def _tell(self, event: object) -> None:
+        self._file.write(json.dumps(event) + "\n")
+        self._file.flush()
+
+
+class Listener:
+    """The side of the supervisor."""
+
+    def __init__(self, directory: Path) -> None:
+        self._file = (directory / _EVENTS).open("rb")
+        self._rest = b""
+
+    def events(self) -> Iterator[Claim | Ended | None]:
+        """What was told since the last call: a claim that is worked on, that none is, or the end."""
+        *lines, self._rest = (self._rest + self._file.read()).split(b"\n")
+        for line in lines:
+            event = json.loads(line)
+            if "ended" in event:
+                yield Ended(pickle.loads(bytes.fromhex(event["ended"])))
+            elif (claim := event["claim"]) is None:
+                yield None
+            else:
+                yield Claim(**claim | {"run": Path(claim["run"]), "crashes": tuple(claim["crashes"])})
+
+    def close(self) -> None:
+        self._file.close()

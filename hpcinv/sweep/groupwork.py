@@ -1,0 +1,52 @@
+"""What one group of ranks does in a sweep: it opens the store, and solves case after case."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+from hpcinv.runtime import MPI, compilation_explained, on_root
+from hpcinv.sweep.holder import Holder
+from hpcinv.sweep.ledger import Ledger
+from hpcinv.sweep.queue import Queue
+from hpcinv.sweep.store import open_store
+from hpcinv.sweep.worker import Worker
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.ledger import Claim
+    from hpcinv.sweep.plan import Plan
+
+
+def work(
+    plan: Plan,
+    group: MPI.Intracomm,
+    begin: float,
+    lease: float,
+    note: Callable[[str], None],
+    stop_asked: Callable[[], bool],
+    holding: Callable[[Claim | None], None] = lambda claim: None,
+) -> None:
+    """Solve the cases that are open; its first rank alone knows the ledger. Collective.
+
+    Args:
+        begin: where in the list of all cases, from 0 to 1.
+        lease: seconds in which a holder on another machine must give a sign of life.
+        note, holding: see ``Worker``.
+
+    Raises:
+        HpcinvError: the same on every rank, as ``Worker.work`` does.
+    """
+    with ExitStack() as held, compilation_explained(group):
+
+        def open_queue() -> Queue:
+            open_store(plan.store)
+            holder = held.enter_context(Holder(plan.store))
+            return Queue(plan.cases, Ledger(plan.store, holder, lease=lease), begin=begin, patience=1.2 * lease)
+
+        queues: list[Queue] = []
+        on_root(group, lambda: queues.append(open_queue()))
+        Worker(plan, group, queues[0] if queues else None, note, stop_asked, holding).work()

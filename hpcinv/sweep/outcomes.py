@@ -1,0 +1,27 @@
+"""Ends of cases that not their own process alone can bring about: too long, with what that leaves."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from typing import TYPE_CHECKING
+
+from hpcinv.sweep.forecast import in_words
+from hpcinv.sweep.record import Record
+
+if TYPE_CHECKING:
+    from hpcinv.sweep.ledger import Claim
+
+
+def overdue_record(limit: float | None, claim: Claim) -> Record:
+    """The record of a case that took longer than its limit (s)."""
+    seconds = limit or 0.0
+    advice = "Raise 'limit' and open it again with 'sweep retry --failed', or take larger steps or a coarser mesh."
+    return Record(f"took longer than its limit of {in_words(seconds)}", advice, {}, seconds, claim.attempt)
+
+
+def remove_run(claim: Claim) -> None:
+    """Remove what a case has left in its directory."""
+    shutil.rmtree(claim.run, ignore_errors=True)
+    with contextlib.suppress(OSError):  # there may be those of earlier rounds
+        claim.run.parent.rmdir()
