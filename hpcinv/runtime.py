@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from hpcinv.errors import SystemPartMissing
 from hpcinv.ranks import MPI, abort, agree, failing_together, on_root, require_ranks
+from hpcinv.signals import handlers_kept
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -32,7 +33,8 @@ def _load_stack() -> None:
         importlib.import_module(name)
 
 
-_load_stack()
+with handlers_kept():  # PETSc puts a handler of its own on SIGTERM, which kills
+    _load_stack()
 
 
 @contextmanager

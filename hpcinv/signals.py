@@ -87,6 +87,7 @@ def _watch() -> None:
 
 
 def _wait_for_signals(read_end: int) -> None:
+    signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # the main thread gets them, or puts them off
     while received := os.read(read_end, 1):
         time.sleep(_GRACE)
         if received[0] == signal.SIGINT:
@@ -166,8 +167,9 @@ def end_on_interrupt(end: Callable[[], NoReturn]) -> None:
 
 @contextmanager
 def handlers_kept() -> Iterator[None]:
-    """Undo what a library does in this block to signals that Python handles, behind Python's back."""
+    """Undo what a library does in this block to signals that Python handles, behind its back; they wait meanwhile."""
     handled = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, handled)
     try:
         yield
     finally:
@@ -175,3 +177,4 @@ def handlers_kept() -> Iterator[None]:
             for number, handler in handled.items():
                 if callable(handler):
                     signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
