@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 MARGIN = 0.01
 """Share of the linear elastic energy of a direction that is added before it counts as unstable."""
-_PENALTY = 10.0  # docs/stability.md has what other values do
+PENALTY = 10.0  # docs/stability.md has what other values do
 _OVERLAP = 0.01  # share of α that stays in Λ too: what is left of Λ must not vanish
 
 
@@ -104,7 +104,7 @@ def _added(scene: Scene, part: Part, trial: Any) -> Any:
         return margin
     slope = without_stages(gradient(part.dilatation, scene.H))
     tau = without_stages(part.P) * (ufl.Identity(3) + kin.H).T
-    alpha = _PENALTY * (mu + ufl.sqrt(ufl.inner(tau, tau)) + abs(unknowns.p))
+    alpha = PENALTY * (mu + ufl.sqrt(ufl.inner(tau, tau)) + abs(unknowns.p))
     compliance: Any = 0
     if (modulus := part.dilatation_modulus) is not None:
         alpha = ufl.min_value(alpha, modulus)

@@ -1,0 +1,177 @@
+"""Modes of forward tangents, spurious and physical ones, and what confirming them takes (docs/stability.md).
+
+``modes`` solves ``K v = ω M v`` on the discrete kernel of the volume constraint, with M the linear elastic energy, and
+prints the lowest ω with the root mean square of the volume change by that of the gradient. ``counts`` prints how many
+negative eigenvalues the tangent has, and how many of them are confirmed with other penalties than the certificate's.
+``price`` prints seconds: of a run without a certificate, of counting, and of confirming, kernels having been compiled.
+
+Command: mpirun -n 1 python benchmarks/stability.py modes|counts|price
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from math import pi, tanh
+from pathlib import Path
+from typing import Any
+
+import hpcinv.runtime
+
+# isort: split
+import dolfinx.fem.petsc as fem_petsc
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+import scipy.sparse
+import ufl
+from dolfinx import fem
+
+import hpcinv
+from hpcinv.certificate import confirmation
+from hpcinv.certificate.inertia import inertia
+from hpcinv.job import Job, load, parse
+from hpcinv.model import Model
+from hpcinv.placement import placed
+from hpcinv.result import Leg, Result
+from hpcinv.runtime import MPI
+from hpcinv.timings import Timings
+
+ROOT = Path(__file__).parents[1]
+NO_CERTIFICATE = {"round_trip": "off", "stability": False, "estimate": False, "overlap": False}
+PENALTIES = (0.0, 1.0, 5.0, 10.0, 20.0, 100.0)
+"""Of which the certificate's is one."""
+
+
+def block(divisions: tuple[int, int], stretch: float, *, height: float = 1.0, half: bool, hexahedra: bool) -> Job:
+    """In plane strain between smooth plates, pressed to ``stretch``; its lower face free, or on a plane of symmetry."""
+    nx, ny = divisions
+    parameters = {"nx": nx, "ny": ny, "nz": 1, "ly": height, "lz": 0.2, "hexahedra": hexahedra}
+    supports: list[dict[str, Any]] = [{"region": region, "fix": [region[0]]} for region in ("x0", "z0", "z1")]
+    supports.append({"region": "x1", "displacement": [stretch - 1, None, None]})
+    springs = {"effect": "elastic-foundation", "region": "x0", "tangential": 1e-5}  # against motion up and down
+    data = {
+        "analysis": "forward",
+        "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": parameters},
+        "material": {"law": "isochoric-neo-hookean", "mu": 1.0, "kappa": "incompressible"},
+        "supports": [*supports, {"region": "y0", "fix": ["y"]}] if half else supports,
+        "effects": [] if half else [springs],
+        "certificate": NO_CERTIFICATE,
+    }
+    return parse(data, ROOT / "block.yaml")
+
+
+def column(divisions: tuple[int, int], kh: float, share: float, *, hexahedra: bool) -> Job:
+    """Pressed by a share of the strain at which it buckles with the wave number k and the half-height h."""
+    stretches = np.linspace(0.99, 0.5, 100_000)
+    s = stretches**2
+    beyond = 4 * s * np.array([tanh(kh * v) for v in s]) < (1 + s**2) ** 2 * tanh(kh)
+    critical = float(stretches[np.argmax(beyond != beyond[0])])
+    height = 2 * kh * critical**2 / pi
+    return block(divisions, 1 - share * (1 - critical), height=height, half=False, hexahedra=hexahedra)
+
+
+def cases() -> Iterator[tuple[str, Job]]:
+    for hexahedra in (True, False):
+        kind = "hexahedra" if hexahedra else "tetrahedra"
+        for n in (4, 6, 8):
+            yield f"half-block, 0.75, {kind} {n}", block((n, n), 0.75, half=True, hexahedra=hexahedra)
+        for share in (0.99, 1.01, 1.03, 1.1):
+            yield f"column, kh = 1, {share}, {kind} 8×4", column((8, 4), 1.0, share, hexahedra=hexahedra)
+        yield f"column, kh = 0.3, 1.1, {kind} 4×1", column((4, 1), 0.3, 1.1, hexahedra=hexahedra)
+        for stretch in (0.55, 0.53, 0.49):
+            yield f"half-block, {stretch}, {kind} 8", block((8, 8), stretch, half=True, hexahedra=hexahedra)
+
+
+def at_the_solution(job: Job) -> tuple[Result, Model, Leg]:
+    result = hpcinv.run(job, MPI.COMM_WORLD)
+    model, leg = Model(job, result.body, Timings()), result.legs[0]
+    model.set_solution(leg.displacement, leg.pressure)
+    return result, model, leg
+
+
+def dense(form: Any, model: Model, diagonal: float) -> npt.NDArray[np.float64]:
+    matrix = fem_petsc.assemble_matrix(fem.form(form), bcs=model.supports.conditions, diag=diagonal)
+    matrix.assemble()
+    begins, columns, values = matrix.getValuesCSR()
+    found: npt.NDArray[np.float64] = scipy.sparse.csr_matrix((values, columns, begins), matrix.getSize()).toarray()
+    matrix.destroy()
+    return found
+
+
+def modes(job: Job, number: int = 3) -> str:
+    result, model, leg = at_the_solution(job)
+    unknowns, scene = model.unknowns, model.scene("forward")
+    scene.parameters.set_load(1.0)
+    kin, trial = scene.kinematics, ufl.TrialFunction(unknowns.space)
+    v, w = (kin.Grad(f) * kin.F_inverse for f in (unknowns.v, ufl.split(trial)[0]))
+    forms = [ufl.inner(ufl.sym(v), ufl.sym(w)) * 2, ufl.tr(v) * ufl.tr(w), ufl.inner(v, w)]
+    with placed(result.body.mesh, leg.reference_nodes / result.body.length_scale):
+        K = dense(ufl.derivative(scene.residual, unknowns.state, trial), model, 1.0)
+        M, D, G = (dense(kin.dV(form), model, 0.0) for form in forms)
+    held = [part.dofs for part in model.supports.prescribed]
+    u = np.setdiff1d(unknowns.owned_displacement_dofs, np.concatenate(held))
+    uu = np.ix_(u, u)
+    kernel = scipy.linalg.null_space(K[np.ix_(unknowns.owned_pressure_dofs, u)], rcond=1e-11)
+    K, M = (kernel.T @ matrix[uu] @ kernel for matrix in (K, M))
+    M += 1e-8 * np.eye(len(M))  # motion up and down strains nothing
+    values, vectors = scipy.linalg.eigh((K + K.T) / 2, (M + M.T) / 2, subset_by_index=[0, number - 1])
+    shapes = (kernel @ vectors).T
+    ratios = [np.sqrt((x @ D[uu] @ x) / (x @ G[uu] @ x)) for x in shapes]
+    return ", ".join(f"{value:+.3f} ({ratio:.3f})" for value, ratio in zip(values, ratios, strict=True))
+
+
+def negative(model: Model) -> int:
+    equilibrium = model.equilibrium(model.scene("forward"), lambda: False)
+    equilibrium.linearise(1.0)
+    found = inertia(equilibrium.matrix)
+    model.release(equilibrium)
+    assert found is not None
+    return found.negative - model.unknowns.pressure_size
+
+
+def counts(job: Job) -> str:
+    result, model, leg = at_the_solution(job)
+    texts = []
+    with placed(result.body.mesh, leg.reference_nodes / result.body.length_scale):
+        texts.append(str(negative(model)))
+        for penalty in PENALTIES:
+            # A constant of the form: one kernel serves all penalties.
+            confirmation.PENALTY = fem.Constant(result.body.mesh, penalty)
+            found = confirmation.confirm(model, None)
+            texts.append("-" if found is None else str(found.directions))
+    return " | ".join(texts)
+
+
+def price(job: Job) -> str:
+    without = type(job.certificate).model_validate(NO_CERTIFICATE)
+    job = job.model_copy(update={"certificate": without})
+    seconds = []
+    for _ in range(2):  # kernels are there the second time
+        begin = time.perf_counter()
+        result, model, leg = at_the_solution(job)
+        seconds = [time.perf_counter() - begin]
+        with placed(result.body.mesh, leg.reference_nodes / result.body.length_scale):
+            for count in (negative, lambda model: confirmation.confirm(model, None)):
+                begin = time.perf_counter()
+                count(model)
+                seconds.append(time.perf_counter() - begin)
+    return f"{model.unknowns.size} | " + " | ".join(f"{value:.2f}" for value in seconds)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("modes", "counts", "price"))
+    what = parser.parse_args().what
+    if what == "price":
+        names = ("coil-through-itself", "standing-beam")
+        for name in names:
+            print(f"{name} | {price(load(ROOT / 'jobs' / 'hard' / f'{name}.yaml'))}", flush=True)
+        return
+    for name, job in cases():
+        print(f"{name} | {(modes if what == 'modes' else counts)(job)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
