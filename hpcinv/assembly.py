@@ -51,6 +51,11 @@ class Assembly:
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
 
+    @property
+    def note(self) -> str:
+        """What is unusual in how the tangent is assembled; empty if nothing is."""
+        return self._tangent.note
+
     def set_load(self, load: float) -> None:
         """Set the load factor λ of the scene and its supports."""
         self.scene.parameters.set_load(load)

@@ -29,7 +29,13 @@ if TYPE_CHECKING:
 
 
 class FilledTangent:
-    """``K = ∂R/∂x`` of the residual of a scene, with ones on the diagonal of unknowns that are prescribed."""
+    """``K = ∂R/∂x`` of the residual of a scene, with ones on the diagonal of unknowns that are prescribed.
+
+    Raises:
+        UnsupportedForm: on all ranks, if the residual is of a form that moduli cannot be made of.
+    """
+
+    note = ""
 
     def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
         unknowns, options = scene.unknowns, dict(jit_options)

@@ -70,7 +70,7 @@ class LinearSystem(Assembly):
     @property
     def used(self) -> Used:
         """Which linear solver it is by now, and why."""
-        return Used(self.preset.name, self.choice.why, self.fallback)
+        return Used(self.preset.name, self.choice.why, self.fallback, self.note)
 
     def linearise(self, load: float) -> None:
         """Assemble the tangent at the present state and a load factor."""

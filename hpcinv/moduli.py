@@ -8,6 +8,7 @@ the tangent is the same for all laws (`hpcinv.contraction`).
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +19,18 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from ufl.algorithms import expand_derivatives
-from ufl.algorithms.analysis import extract_arguments, extract_coefficients
-from ufl.classes import ListTensor, Variable, Zero
+from ufl.classes import Derivative, Variable, Zero
+from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.chainrule import Jacobian, Local, without_stages
+from hpcinv.runtime import MPI
 
 if TYPE_CHECKING:
     from hpcinv.unknowns import Unknowns
+
+
+class UnsupportedForm(Exception):
+    """A residual of a form that moduli cannot be made of; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -66,20 +72,51 @@ class Moduli:
 
 
 def moduli_of(residual: Any, unknowns: Unknowns) -> list[Moduli]:
-    """Those of a form's volume integrals; the cells of its regions must be all cells."""
+    """Those of a form's volume integrals; the cells of its regions must be all cells.
+
+    Raises:
+        UnsupportedForm: if the residual is of another form than the one above, as an effect of a plugin may be.
+    """
     integrals = [one for one in residual.integrals() if one.integral_type() == "cell"]
+    degrees = {one.metadata().get("quadrature_degree") for one in integrals}
+    if len(degrees) != 1 or not isinstance(degree := degrees.pop(), int):
+        raise UnsupportedForm("its volume integrals have no common quadrature degree")
     common = [one.integrand() for one in integrals if one.subdomain_id() in ("everywhere", "otherwise")]
     regions: dict[int, list[Any]] = {}
     for one in integrals:
         if one.subdomain_id() not in ("everywhere", "otherwise"):
             regions.setdefault(one.subdomain_id(), []).append(one.integrand())
-    degree = integrals[0].metadata()["quadrature_degree"]
     if not regions:
-        return [_moduli(sum(common[1:], common[0]), None, degree, unknowns)]
-    cells = dict(integrals[0].subdomain_data())
+        return [_checked(sum(common[1:], common[0]), None, degree, unknowns)]
+    if not all(isinstance(number, int) for number in regions):
+        raise UnsupportedForm("a volume integral is over several regions at once")
+    given = [one.subdomain_data() for one in integrals if one.subdomain_id() in regions]
+    if any(data is not given[0] for data in given):
+        raise UnsupportedForm("its volume integrals are over regions of different measures")
+    cells = dict(given[0])
+    _check_cover(unknowns, [cells[number] for number in regions])
     return [
-        _moduli(sum((*own[1:], *common), own[0]), cells[number], degree, unknowns) for number, own in regions.items()
+        _checked(sum((*own[1:], *common), own[0]), cells[number], degree, unknowns) for number, own in regions.items()
     ]
+
+
+def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> None:
+    """Check that the owned cells of regions are all those of the mesh, each once; collective."""
+    mesh = unknowns.mesh
+    owned = mesh.topology.index_map(3).size_local
+    here = np.sort(np.concatenate([cells[cells < owned] for cells in regions]))
+    if not mesh.comm.allreduce(np.array_equal(here, np.arange(owned)), op=MPI.LAND):
+        raise UnsupportedForm("its volume integrals over regions leave cells out, or count some twice")
+
+
+def _checked(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> Moduli:
+    """As `_moduli`; what UFL cannot do with an integrand, which it reports by errors of many types, is unsupported."""
+    try:
+        return _moduli(integrand, cells, degree, unknowns)
+    except (UnsupportedForm, MemoryError):
+        raise
+    except Exception as error:
+        raise UnsupportedForm(f"UFL fails on it: {error}") from error
 
 
 def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> Moduli:
@@ -94,9 +131,7 @@ def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, un
             slot = Slot(part, components, is_gradient)
             for where, f in ((tests, of(test)), (trials, of(trial))):
                 where[slot] = f, ufl.variable(ufl.Constant(mesh, f.ufl_shape))
-    at_a_point = ufl.replace(integrand, _by_components(*tests.values(), *trials.values()))
-    left = extract_arguments(at_a_point), [f for f in extract_coefficients(at_a_point) if f == unknowns.state]
-    assert left == ([], []), "a residual has unknowns in other forms than their values and gradients"
+    at_a_point = _at_a_point(integrand, unknowns, tests, trials)
     K, volume = ufl.JacobianInverse(mesh), abs(ufl.JacobianDeterminant(mesh))
     local = Local(mesh.ufl_domain())
     jacobians = {slot: Jacobian(symbol, local) for slot, (_, symbol) in trials.items()}
@@ -114,15 +149,47 @@ def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, un
     return Moduli(cells, degree, tuple(there), without_stages(vector))
 
 
-def _by_components(*symbols: tuple[Any, Variable]) -> dict[Any, Any]:
-    """What is replaced by what, where UFL may have taken components of functions apart."""
-    found: dict[Any, Any] = {}
-    for f, symbol in symbols:
-        if isinstance(f, ListTensor):
-            found |= {f[at]: symbol[at] for at in np.ndindex(f.ufl_shape)}
-        else:
-            found[f] = symbol
-    return found
+def _at_a_point(
+    integrand: Any,
+    unknowns: Unknowns,
+    tests: dict[Slot, tuple[Any, Variable]],
+    trials: dict[Slot, tuple[Any, Variable]],
+) -> Any:
+    """The integrand, with symbols for unknowns, test functions and their gradients.
+
+    UFL may have taken functions of a mixed space apart: where it has differentiated an expression, the gradient of the
+    displacement has become rows of the gradient of all unknowns.
+    """
+    symbols: dict[Any, Any] = {}
+    for whole, of_parts in ((unknowns.test, tests), (unknowns.state, trials)):
+        symbols |= dict(of_parts.values())
+        if unknowns.p is not None:
+            values, gradients = (
+                [symbol for slot, (_, symbol) in of_parts.items() if slot.is_gradient == wanted]
+                for wanted in (False, True)
+            )
+            symbols[whole] = ufl.as_vector([*values[0], values[1]])
+            symbols[ufl.grad(whole)] = ufl.as_tensor([*(gradients[0][i, :] for i in range(3)), gradients[1]])
+    if _has_other_derivatives(integrand, symbols, {unknowns.test, unknowns.state}):
+        raise UnsupportedForm("it has derivatives of unknowns or test functions other than their gradients")
+    return ufl.replace(integrand, symbols)
+
+
+def _has_other_derivatives(expression: Any, known: Collection[Any], functions: Collection[Any]) -> bool:
+    """Whether derivatives of ``functions`` are in it outside of what is ``known``.
+
+    A symbol is constant in space: its gradient would vanish without a sound.
+    """
+    seen, left = set(), [expression]
+    while left:
+        one = left.pop()
+        if one in seen or one in known:
+            continue
+        seen.add(one)
+        if isinstance(one, Derivative) and any(part in functions for part in unique_post_traversal(one)):
+            return True
+        left.extend(one.ufl_operands)
+    return False
 
 
 def _entries(moduli: Any, test: Slot, trial: Slot, K: Any) -> list[Any]:

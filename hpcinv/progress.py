@@ -221,6 +221,8 @@ class Progress:
         self._direction, self._last = direction, time.perf_counter()
         self.note(f"{direction}:")
         self.note(f"  {linear.preset} linear solver: {linear.why}")
+        if linear.note:
+            self.note(f"  {linear.note}")
         self._show("load", total=1.0)
 
     def solve(self, solve: Solve, largest_displacement: float, min_mesh_J: float) -> None:

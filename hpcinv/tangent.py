@@ -3,7 +3,7 @@
 FFCx compiles it as a form: that is known at once from the cache of kernels. Or its moduli are compiled and a matrix is
 filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but UFL works for half a second or more on the
 moduli of every scene, before a cache can be asked, and the unknowns of a node have to follow each other. The matrices
-are the same to rounding errors.
+are the same to rounding errors. A residual that moduli cannot be made of has the compiled form on every mesh.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from dolfinx import fem
 
 from hpcinv.filledtangent import FilledTangent
 from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.moduli import UnsupportedForm
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -32,7 +33,13 @@ _assumed: list[int] = []
 
 
 class CompiledTangent:
-    """The tangent as FFCx compiles it and PETSc is handed its element matrices."""
+    """The tangent as FFCx compiles it and PETSc is handed its element matrices.
+
+    Attributes:
+        note: why it is taken where `FilledTangent` would be faster, empty elsewhere.
+    """
+
+    note = ""
 
     def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
         unknowns = scene.unknowns
@@ -56,10 +63,18 @@ type Tangent = CompiledTangent | FilledTangent
 
 
 def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> Tangent:
-    """The tangent of a scene, assembled in the way that suits its mesh."""
+    """The tangent of a scene, assembled in the way that suits its mesh; collective."""
     cells = _assumed[-1] if _assumed else scene.unknowns.mesh.topology.index_map(3).size_global
-    filled = cells >= _MANY and scene.unknowns.has_whole_nodes
-    return (FilledTangent if filled else CompiledTangent)(scene, jit_options)
+    if cells < _MANY:
+        return CompiledTangent(scene, jit_options)
+    try:
+        if not scene.unknowns.has_whole_nodes:
+            raise UnsupportedForm("the unknowns of a node do not follow each other")
+        return FilledTangent(scene, jit_options)
+    except UnsupportedForm as why:
+        compiled = CompiledTangent(scene, jit_options)
+        compiled.note = f"the tangent is assembled by DOLFINx, which takes two to three times as long: {why}"
+        return compiled
 
 
 @contextmanager

@@ -31,7 +31,8 @@ class Unknowns:
         scalar_elements: of a component of the displacement, and of the pressure if there is one.
         displacement_space, pressure_space: of the parts alone; there is no latter in the displacement form.
         u, p: its parts as UFL expressions; ``p`` is ``None`` in the displacement form.
-        v, q: the test functions that belong to them.
+        test: the test function of the whole space.
+        v, q: its parts, which belong to ``u`` and ``p``.
     """
 
     def __init__(self, mesh: Mesh, displacement: int, pressure: int | None) -> None:
@@ -46,7 +47,8 @@ class Unknowns:
             self.space = fem.functionspace(mesh, vector)
             self.state = fem.Function(self.space, name="u")
             self.u, self.p = self.state, None
-            self.v, self.q = ufl.TestFunction(self.space), None
+            self.test = ufl.TestFunction(self.space)
+            self.v, self.q = self.test, None
             self.displacement_space = self.space
             self._displacement_dofs = np.arange(self.state.x.array.size, dtype=np.int32)
         else:
@@ -54,7 +56,8 @@ class Unknowns:
             self.space = fem.functionspace(mesh, basix.ufl.mixed_element([vector, scalar]))
             self.state = fem.Function(self.space, name="up")
             self.u, self.p = ufl.split(self.state)
-            self.v, self.q = ufl.TestFunctions(self.space)
+            self.test = ufl.TestFunction(self.space)
+            self.v, self.q = ufl.split(self.test)
             self.displacement_space = fem.functionspace(mesh, vector)
             self._displacement_dofs = _dofs_in(self.space, 0, self.displacement_space)
             self.pressure_space = fem.functionspace(mesh, scalar)

@@ -34,11 +34,16 @@ class Choice:
 
 @dataclass(frozen=True)
 class Used:
-    """The linear solver of a leg: its preset at the end, why that was chosen, and why another one had been left."""
+    """The linear solver of a leg: its preset at the end, why that was chosen, and why another one had been left.
+
+    Attributes:
+        note: what is unusual in how the tangent is assembled; empty if nothing is.
+    """
 
     preset: str
     why: str
     fallback: str | None
+    note: str = ""
 
 
 class Chooser:
