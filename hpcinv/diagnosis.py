@@ -71,6 +71,12 @@ class Diagnosis(enum.Enum):
         "The tangent is singular, or MUMPS has too little memory (solver.petsc: {mat_mumps_icntl_14: 200} gives it"
         " more); an iterative solver may need a better preconditioner.",
     )
+    KRYLOV_LIMIT = (
+        "the iterative linear solver did not converge within the iterations that it may take, and there is not enough"
+        " memory for the direct one",
+        "Take more memory or nodes, or a coarser mesh, so that 'solver: {linear: direct}' can be used. Do the supports"
+        " hold the body firmly? Where elements are poor, a better mesh may do.",
+    )
     ITERATION_LIMIT = (
         "Newton's method took too many iterations",
         "Raise solver.maximum_iterations, or try a smaller solver.initial_step.",
@@ -108,6 +114,7 @@ _OF_OUTCOME = {
     Outcome.VOLUME_CHANGED: Diagnosis.VOLUME_CHANGED,
     Outcome.OUTSIDE_LAW: Diagnosis.LAW_DOMAIN,
     Outcome.LINEAR_SOLVER: Diagnosis.LINEAR_SOLVER,
+    Outcome.KRYLOV_LIMIT: Diagnosis.KRYLOV_LIMIT,
     Outcome.ITERATION_LIMIT: Diagnosis.ITERATION_LIMIT,
     Outcome.STEP_LIMIT: Diagnosis.STEP_LIMIT,
     Outcome.NOT_FINITE: Diagnosis.NOT_FINITE,
@@ -116,7 +123,7 @@ _OF_OUTCOME = {
     Outcome.FIXED_POINT_DIVERGED: Diagnosis.FORWARD_FAILED,
 }
 # These say where the path ends, however it is followed: no loss of stability explains them better.
-_DECISIVE = {Diagnosis.FOLD, Diagnosis.LAW_DOMAIN, Diagnosis.FORWARD_FAILED}
+_DECISIVE = {Diagnosis.FOLD, Diagnosis.KRYLOV_LIMIT, Diagnosis.LAW_DOMAIN, Diagnosis.FORWARD_FAILED}
 _DEGENERATE = {Diagnosis.INVERSION, Diagnosis.VOLUME_CHANGED}
 # Strategies by how much the way in which they end tells of the path.
 _TELLING = ("arc-length", "load steps")

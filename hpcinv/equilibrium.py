@@ -120,6 +120,7 @@ class Equilibrium(Predictor):
             self._extrapolated.begin(self.predicted.increment)
             self._origin.copy(self._before)
         self.predicted = None
+        self.preset.allow(self.choice.budget)
         with self.timings("newton"):
             before = logged_seconds()
             self.snes.solve(None, x)
@@ -141,6 +142,8 @@ class Equilibrium(Predictor):
                 accepted.destroy()
                 return self.solve(load, tolerance, begins_near=begins_near)
             self.forget_factors()
+            if not self.preset.exact:
+                outcome = Outcome.KRYLOV_LIMIT
         self.set_state(x)
         if outcome.accepted:
             outcome = self.fault_of_solution() or outcome

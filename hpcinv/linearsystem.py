@@ -98,6 +98,7 @@ class LinearSystem(Assembly):
         """``x = K⁻¹ b`` with the tangent that was last assembled, factorized if need be; false if that failed."""
         self.factorize()
         self.preset.aim(precise=True)
+        self.preset.allow(self.choice.budget)
         with self.timings("linear solve"):
             solved = self.back_substitute(b, x)
         self.preset.aim(precise=False)
@@ -135,6 +136,7 @@ class LinearSystem(Assembly):
         self.fallback = f"the {self.preset.name} solver {what}: {self.choice.other} from there on"
         self.preset.destroy()
         self.preset = self._use(self.choice.other)
+        self.ksp.setConvergenceTest(None)  # drops that of the preset before
         return True
 
     def rest(self) -> None:

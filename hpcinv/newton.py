@@ -53,6 +53,11 @@ class Outcome(enum.Enum):
         "Do the supports hold the body against every rigid motion, and leave an incompressible one some free surface?"
         " If so, look at solver.petsc.",
     )
+    KRYLOV_LIMIT = (
+        "the iterative linear solver did not converge within the iterations that it may take",
+        "Take more memory or nodes, or a coarser mesh, so that the tangent can be factorized instead. Do the supports"
+        " hold the body firmly?",
+    )
     LINE_SEARCH = (
         "the line search found no acceptable step",
         "Take the default line search (remove snes_linesearch_type), or a smaller solver.initial_step.",

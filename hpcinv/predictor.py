@@ -71,10 +71,15 @@ class Predictor(LinearSystem):
         self.residual(self.rhs)
         x = self.rhs.duplicate()
         self.factorize()
+        self.preset.allow(self.choice.budget)
         with self.timings("linear solve"):
             solved = self.back_substitute(self.rhs, x)
         if solved and anew and (sign := self.sign_of_determinant()):
             self._new_signs.append(sign)
+        if not solved and self.fall_back():
+            x.destroy()
+            self.set_state(start)
+            return self.predict(load, anew=anew)
         if not solved:
             self.forget_factors()
         step = Prediction(norm(x), self.increments(x) if solved else NOWHERE)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hpcinv.linear.forecast import Forecast, shape_of
+from hpcinv.linear.forecast import CORRECTIONS, Forecast, shape_of
 from hpcinv.room import available
 
 if TYPE_CHECKING:
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from hpcinv.unknowns import Unknowns
 
 _WORTH = 1.5  # a factorization tells more than a solution: signs along the path, and a failure at once
+_PATIENCE = 3  # times the Krylov iterations that are forecast for all corrections of a leg, in one solve of Newton's
 _ROOM = 0.8  # share of the memory that factors may take
 _OWN = frozenset({"ksp_type", "pc_type"})
 
@@ -24,12 +26,14 @@ class Choice:
     Attributes:
         other: what is tried where it fails, ``None`` for nothing.
         is_own: whether the job's PETSc options choose a solver of their own.
+        budget: Krylov iterations after which one solve of Newton's method is given up with the iterative solver.
     """
 
     preset: str
     why: str
     other: str | None = None
     is_own: bool = False
+    budget: int = 2000
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,10 @@ class Chooser:
         """Whether there is memory for the factors L D Lᵀ, which are half of that."""
         return self.forecast.factors / 2 <= self.room
 
+    @property
+    def _budget(self) -> int:
+        return math.ceil(_PATIENCE * CORRECTIONS * self.forecast.krylov)
+
     def choose(self, solver: Solver) -> Choice:
         """What ``solver.linear`` asks for, or the faster one that there is memory for."""
         if own := _OWN & set(solver.petsc):  # which would take the place of what another preset needs
@@ -75,19 +83,24 @@ class Chooser:
             return Choice(preset, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         fallback = "direct" if self.can_factorize else None
         if solver.linear == "iterative":
-            return Choice("iterative", "the job asks for it", fallback)
+            return Choice("iterative", "the job asks for it", fallback, budget=self._budget)
         if solver.linear == "direct":
-            return Choice("direct", "the job asks for it", "iterative")
+            return Choice("direct", "the job asks for it", "iterative", budget=self._budget)
         if not self.can_factorize:
             return Choice(
                 "iterative",
                 f"factors would take {_memory(self.forecast.factors)}, and there is room for {_memory(self.room)}",
+                budget=self._budget,
             )
         ratio = self.forecast.direct / self.forecast.iterative
         size = f"at {self.forecast.unknowns} unknowns, {self.forecast.shape.cut:.0f} of them in a cut across"
         if ratio > _WORTH:
-            return Choice("iterative", f"{size}, factorizations would take about {ratio:.2g} times as long", fallback)
-        return Choice("direct", f"{size}, multigrid would take about {1 / ratio:.2g} times as long", "iterative")
+            why = f"{size}, factorizations would take about {ratio:.2g} times as long as multigrid"
+            return Choice("iterative", why, fallback, budget=self._budget)
+        why = f"{size}, multigrid would take about {1 / ratio:.2g} times as long as factorizations"
+        if ratio > 1:
+            why += f"; it is taken below {1 / _WORTH:.2g}, since factorizations cannot fail to converge"
+        return Choice("direct", why, "iterative", budget=self._budget)
 
 
 def _memory(size: float) -> str:

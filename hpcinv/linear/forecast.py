@@ -84,8 +84,12 @@ class Forecast:
     @property
     def iterative(self) -> float:
         """Seconds in setting multigrid up and in Krylov iterations."""
-        krylov = 22 * math.sqrt(self.shape.aspect) * math.pow(self.unknowns / 2e4, 0.1)
-        return (FACTORIZATIONS * 1.7e-5 + CORRECTIONS * krylov * 2.9e-7) * self.unknowns * self.degree**2 / 4
+        return (FACTORIZATIONS * 1.7e-5 + CORRECTIONS * self.krylov * 2.9e-7) * self.unknowns * self.degree**2 / 4
+
+    @property
+    def krylov(self) -> float:
+        """Iterations for a correction."""
+        return 22 * math.sqrt(self.shape.aspect) * math.pow(self.unknowns / 2e4, 0.1)
 
 
 def shape_of(unknowns: Unknowns) -> Shape:

@@ -29,6 +29,7 @@ class Settling:
 
     Attributes:
         precise: whether the residual alone counts, down to 1e-10.
+        left: iterations that are left to all solutions until it is set again.
     """
 
     first = 1e-2  # relative residual of the first look
@@ -37,6 +38,7 @@ class Settling:
 
     def __init__(self) -> None:
         self.precise = False
+        self.left = math.inf
         self._vectors: Sequence[PETSc.Vec] = ()
         self._start, self._next, self._has_looked = 0.0, 0.0, False
 
@@ -45,13 +47,15 @@ class Settling:
         relative, absolute, _, limit = ksp.getTolerances()
         if iteration == 0:
             self._start, self._next, self._has_looked = residual, self.first * residual, False
+        else:
+            self.left -= 1
         if not math.isfinite(residual):
             return reasons.DIVERGED_NANORINF
         if residual <= absolute:
             return reasons.CONVERGED_ATOL
         if residual <= (min(relative, _PRECISE) if self.precise else relative) * self._start:
             return reasons.CONVERGED_RTOL
-        if iteration >= limit:
+        if iteration >= limit or self.left <= 0:
             return reasons.DIVERGED_MAX_IT
         if not self.precise and residual <= self._next:
             self._next = self.ratio * residual

@@ -87,6 +87,8 @@ def _in_vain(solve: Solve, load: float) -> bool:
         return load > 0
     if solve.outcome is Outcome.LINEAR_SOLVER:
         return load == 0
+    if solve.outcome is Outcome.KRYLOV_LIMIT:  # which the others would take as well
+        return True
     if solve.outcome is Outcome.NOT_FINITE:  # a load that exceeds all numbers
         return load == 0 and not solve.factorizations
     return solve.outcome in (Outcome.INTERRUPTED, Outcome.FOLD)

@@ -81,6 +81,29 @@ def test_chunky_bodies_are_solved_iteratively_and_slender_ones_directly(
     assert chosen.other is not None
 
 
+@pytest.mark.parametrize(
+    ("ratio", "preset", "why"),
+    [
+        (1.6, "iterative", "factorizations would take about 1.6 times as long as multigrid"),
+        (
+            1.25,
+            "direct",
+            "multigrid would take about 0.8 times as long as factorizations; it is taken below 0.67, since",
+        ),
+        (0.5, "direct", "multigrid would take about 2 times as long as factorizations"),
+    ],
+)
+def test_the_reason_that_is_told_is_the_one_that_decided(
+    ratio: float, preset: str, why: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
+    monkeypatch.setattr(Forecast, "direct", property(lambda forecast: ratio * forecast.iterative))
+    chosen = chooser.choose(job(**SOFT, mesh=box()).solver)
+    assert chosen.preset == preset
+    assert chosen.why.split(" of them in a cut across, ")[1].startswith(why)
+    assert ("it is taken" in chosen.why) == (preset == "direct" and ratio > 1)
+
+
 @pytest.mark.parallel([1, 2])
 def test_without_memory_for_factors_nothing_is_factorized(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hpcinv.linear.choice, "available", lambda comm: 1e5)

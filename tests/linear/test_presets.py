@@ -8,13 +8,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import BLOCK, hpcinv, write_job
+from command_line import BLOCK, write_job
+from command_line import hpcinv as command
 from petsc4py import PETSc
 from verification import Solved, box, job
 
+import hpcinv.linear.choice
 from hpcinv import run
+from hpcinv.equilibrium import Equilibrium
+from hpcinv.errors import SolveError
+from hpcinv.linear.choice import Choice
+from hpcinv.progress import Listener
 from hpcinv.result import Result
 from hpcinv.runtime import MPI
+from hpcinv.timings import Timings
+from hpcinv.vectors import norm
 
 MATERIALS: dict[str, dict[str, Any]] = {
     "compressible": {"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
@@ -89,10 +97,76 @@ def test_a_preset_that_fails_gives_way_and_the_summary_says_so(comm: MPI.Intraco
 
 def test_the_command_line_tells_solver_and_fallback(tmp_path: Path) -> None:
     path = write_job(tmp_path / "job.yaml", BLOCK, solver={"linear": "iterative", "petsc": {"ksp_max_it": 1}})
-    done = hpcinv(2, "run", path, cwd=tmp_path)
+    done = command(2, "run", path, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "inverse:\n  iterative linear solver: the job asks for it\n" in done.stdout
     assert "  inverse: the iterative solver did not converge: direct from there on" in done.stdout
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("material", ["compressible", "incompressible"])
+def test_a_preconditioner_is_as_good_for_a_later_tangent_as_for_the_first(material: str, comm: MPI.Intracomm) -> None:
+    """PETSc keeps what it once inverted of a matrix: nothing of an earlier tangent may be left in a later one's."""
+    solved = Solved(job(**SHELF, material=MATERIALS[material], analysis="inverse"), comm)
+    state = solved.model.unknowns.state.x.array.copy()
+
+    def found(*, again: bool) -> tuple[int, float]:
+        """Iterations, and a norm of what the finest smoother makes of ones."""
+        of = Equilibrium(solved.scene, solved.model.supports, Timings(), options={}, choice=Choice("iterative", ""))
+        if again:
+            of.state.x.array[:] = 0.0
+            of.linearise(0.0)
+            of.factorize()
+        of.state.x.array[:] = 1.5 * state  # farther than it goes in truth: blocks that differ much from the first
+        of.linearise(1.0)
+        of.residual(of.rhs)
+        of.counted_iterations()
+        x = of.rhs.duplicate()
+        assert of.solve_linear(of.rhs, x)
+        x.destroy()
+        pc = of.ksp.pc if material == "compressible" else of.ksp.pc.getFieldSplitSubKSP()[0].pc
+        smoother = pc.getMGSmoother(pc.getMGLevels() - 1)
+        ones, smooth = smoother.getOperators()[1].createVecs()
+        ones.set(1.0)
+        smoother.pc.apply(ones, smooth)
+        size = norm(smooth)
+        ones.destroy()
+        smooth.destroy()
+        iterations = of.counted_iterations()
+        of.destroy()
+        return iterations, size
+
+    (first, size), (later, again) = found(again=False), found(again=True)
+    print(f"{first} and {later} iterations, smoothed {size:.6g} and {again:.6g}")
+    assert abs(later - first) <= 1  # sums of ranks are rounded differently
+    assert again == pytest.approx(size, rel=1e-9)
+
+
+def test_krylov_iterations_of_a_solve_are_bounded_and_the_direct_solver_takes_over(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hpcinv.linear.choice, "_PATIENCE", 0.2)
+    scene = SHELF | {"material": MATERIALS["incompressible"]}
+    result = run(job(**scene, solver={"linear": "iterative"}), comm)
+    used = result.statistics["legs"][0]["linear"]
+    assert used["fallback"] == "the iterative solver did not converge: direct from there on"
+    assert 0 < used["iterations"] < 100
+    right = run(job(**scene, solver={"linear": "direct"}), comm)
+    assert np.abs(result.shape - right.shape).max(initial=0.0) < 1e-10
+
+
+def test_without_memory_for_another_solver_it_ends_with_a_diagnosis(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hpcinv.linear.choice, "_PATIENCE", 0.02)
+    monkeypatch.setattr(hpcinv.linear.choice, "available", lambda comm: 1e5)
+    listener = Listener(comm)
+    with pytest.raises(SolveError, match=r"iterative linear solver did not converge .* not enough memory"):
+        run(job(**SHELF, material=MATERIALS["incompressible"]), comm, progress=listener)
+    (leg,) = listener.statistics["legs"]
+    assert {solve["outcome"] for solve in leg["solves"]} == {"KRYLOV_LIMIT"}
+    assert leg["linear"]["iterations"] < 300
+    assert {solve["strategy"] for solve in leg["solves"]} == {"load steps"}  # others would do no better
 
 
 def factor_type(comm: MPI.Intracomm, **data: Any) -> str:
