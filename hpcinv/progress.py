@@ -320,10 +320,16 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     if unused := statistics["unused_petsc_options"]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
     lines += _certificate(statistics["certificate"])
-    estimated = (statistics["certificate"]["estimate"] or {"quantities": {}})["quantities"]
+    estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
+    promised = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
+    without = ", without that of the geometry" if estimated.get("without_geometry") else ""
     slopes = statistics["sensitivities"] or {"quantities": {}}
     for name, value in statistics["quantities"].items():
-        notes = [f"estimated error {_value(estimated[name], digits=2)}"] if name in estimated else []
+        notes = []
+        if name in promised:  # an output has one figure for the error of a quantity
+            notes.append(f"error at most {_number(promised[name], 3)}{without}")
+        elif name in estimated["quantities"]:
+            notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{without}")
         if (deviation := slopes["quantities"].get(name, {"sd": None})["sd"]) is not None:
             notes.append(f"standard deviation {_value(deviation, digits=2)}")
         lines.append(f"{name}: {_value(value)}{f' ({", ".join(notes)})' if notes else ''}")

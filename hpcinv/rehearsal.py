@@ -19,7 +19,7 @@ from hpcinv.certificate.closure import known_displacement
 from hpcinv.certificate.confirmation import second_variation
 from hpcinv.interest import evaluate
 from hpcinv.legs import leg_of
-from hpcinv.mesh.body import read_anywhere
+from hpcinv.mesh.body import read_anywhere, read_finer_geometry
 from hpcinv.mesh.specimen import HELD, specimen
 from hpcinv.methods import method_for
 from hpcinv.model import Model
@@ -50,7 +50,10 @@ def rehearse(job: Job) -> None:
 
 
 def _rehearse(job: Job, source: MeshSource) -> None:
-    body = specimen(source, job.regions, [np.array(q.at) for q in job.quantities if q.at is not None])
+    finer = None
+    if job.certificate.estimate and not source.is_partitioned:
+        finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
+    body = specimen(source, job.regions, [np.array(q.at) for q in job.quantities if q.at is not None], finer)
     model = Model(_held(job), body, Timings())
     legs: list[Leg] = []
     for direction in model.job.legs:

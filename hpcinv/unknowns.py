@@ -141,8 +141,8 @@ class Unknowns:
 
     @cached_property
     def _nodal_space(self) -> fem.FunctionSpace:
-        degree = self.mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree
-        return fem.functionspace(self.mesh, basix.ufl.element("Lagrange", self.mesh.basix_cell(), degree, shape=(3,)))
+        # The element of the coordinates: from degree 3 on nodes of the default Lagrange element lie elsewhere.
+        return fem.functionspace(self.mesh, self.mesh.ufl_domain().ufl_coordinate_element())
 
 
 def _dofs_in(mixed: fem.FunctionSpace, part: int, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:

@@ -35,7 +35,9 @@ class Row:
 
     Attributes:
         errors: estimated errors of the quantities (SI), without a safety factor.
-        excess: the largest of them over its demand, with it. Both are ``None`` where one mesh alone cannot tell.
+        bounds: the same with it.
+        excess: the largest bound over its demand. All are ``None`` where one mesh alone cannot tell.
+        left_out: what the estimate has to add, if it has no error of the geometry.
         seconds: of the whole step.
     """
 
@@ -45,18 +47,20 @@ class Row:
     unknowns: int
     values: Mapping[str, Any]
     errors: Mapping[str, float | None]
+    bounds: Mapping[str, float | None]
     excess: float | None
+    left_out: str
     factorizations: int
     seconds: float
 
     @property
     def text(self) -> str:
         """One line for a user."""
-        seen = ", ".join(f"{name} ± {'?' if error is None else f'{error:.2g}'}" for name, error in self.errors.items())
+        seen = ", ".join(f"{name} ± {'?' if bound is None else f'{bound:.3g}'}" for name, bound in self.bounds.items())
         excess = "one mesh cannot tell" if self.excess is None else f"{self.excess:.2g} of what is allowed"
         return (
             f"  {self.mesh}: {self.cells} cells, degree {self.degree}, {self.unknowns} unknowns,"
-            f" {self.factorizations} factorizations, {self.seconds:.1f} s: {seen} ({excess})"
+            f" {self.factorizations} factorizations, {self.seconds:.1f} s: {seen} ({excess}){self.left_out}"
         )
 
 
@@ -85,6 +89,7 @@ class Record:
         met = self.bounds[name] <= demand
         rule = f"fail above {demand:g}, which accuracy.{name} demands"
         note = "" if met else f"{self.ending.text}: {self.ending.advice}"
+        note = (note + self.rows[self.chosen].left_out).removeprefix(", ")
         return Line(f"error of {name}", self.bounds[name], "", rule, Verdict.PASS if met else Verdict.FAIL, note)
 
     def as_data(self) -> dict[str, Any]:

@@ -150,7 +150,11 @@ class Search:
 
     def _tell(self, trial: Trial, seconds: float) -> None:
         step, found = self.steps[-1], self.assessments[-1]
-        seen = {name: error if math.isfinite(error) else None for name, error in found.errors.items()}
+        seen, bounds = (
+            {name: value if math.isfinite(value) else None for name, value in values.items()}
+            for values in (found.errors, found.bounds)
+        )
+        assert trial.estimate is not None
         self.rows.append(
             Row(
                 mesh=trial.variant.origin,
@@ -159,7 +163,9 @@ class Search:
                 unknowns=step.unknowns,
                 values=self.findings[-1].values,
                 errors=seen,
+                bounds=bounds,
                 excess=found.excess if math.isfinite(found.excess) else None,
+                left_out=trial.estimate.left_out,
                 factorizations=step.solve.count,
                 seconds=seconds,
             )

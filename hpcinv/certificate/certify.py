@@ -90,4 +90,5 @@ def _discretisation(model: Model, leg: Leg, found: Estimate | None) -> Iterator[
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
         yield Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
         return
-    yield at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, 0.5, note=f"{found.shape:.3g} m")
+    note = f"{found.shape:.3g} m{found.left_out}"
+    yield at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, 0.5, note=note)

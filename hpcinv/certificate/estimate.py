@@ -2,8 +2,12 @@
 
 A two-level estimate: ``u_h`` is put in the spaces of degree ``k + 1`` on the same mesh, and one Newton correction
 ``K δ = -R(u_h)`` there gives ``u_h + δ``, whose own error is of higher order. Then ``Q(u_h + δ) - Q(u_h)`` estimates
-the error of any quantity ``Q``, that of the quadrature included. What the mesh lacks of the body's true geometry is not
-seen.
+the error of any quantity ``Q``, that of the quadrature included.
+
+Where more is known of the body's geometry than the mesh has (`Body.with_finer_geometry`), the finer problem is posed on
+the same cells with a geometry of a higher degree. ``u_h`` is taken there by reference coordinates, and so the residual,
+the correction and the corrected quantities have the error of the geometry in them, to first order. Elsewhere the
+estimate leaves that error out, and says so.
 
 Source: Bank & Weiser, "Some a posteriori error estimators for elliptic partial differential equations" (1985),
 doi:10.1090/S0025-5718-1985-0777265-X; Ainsworth & Oden, *A Posteriori Error Estimation in Finite Element Analysis*
@@ -13,7 +17,7 @@ doi:10.1090/S0025-5718-1985-0777265-X; Ainsworth & Oden, *A Posteriori Error Est
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import hpcinv.runtime  # noqa: F401  (its import order first)
@@ -27,12 +31,17 @@ from dolfinx import fem
 from hpcinv.interest import Value, evaluate
 from hpcinv.kernels import JIT_OPTIONS
 from hpcinv.legs import leg_of
+from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.finer_geometry import on_mesh
+from hpcinv.mesh.location import locate
 from hpcinv.model import Model
 from hpcinv.runtime import MPI
 
 if TYPE_CHECKING:
     from hpcinv.job import Job
+    from hpcinv.mesh import Body
     from hpcinv.result import Leg
+    from hpcinv.sections import QuantityOfInterest
 
 
 @dataclass(frozen=True)
@@ -45,6 +54,7 @@ class Estimate:
         shape: largest correction of the displacement at a geometry node, in m.
         cells: ``∫ |∇δ|² dx`` of each owned cell, in scaled lengths: where the error is.
         unknowns: number of unknowns of the finer spaces.
+        without_geometry: why the error of the geometry is left out; empty if it is included.
     """
 
     quantities: Mapping[str, Value]
@@ -52,10 +62,18 @@ class Estimate:
     shape: float
     cells: npt.NDArray[np.float64]
     unknowns: int
+    without_geometry: str = ""
+
+    @property
+    def left_out(self) -> str:
+        """What a note on the estimate has to add."""
+        return f", without the error of the geometry: {self.without_geometry}" if self.without_geometry else ""
 
     def as_data(self) -> dict[str, Any]:
         """The estimate as JSON data, without the cells."""
         return {
+            "geometry": "left out" if self.without_geometry else "included",
+            "without_geometry": self.without_geometry,
             "quantities": dict(self.quantities),
             "corrected": dict(self.corrected),
             "shape": self.shape,
@@ -70,11 +88,15 @@ def estimate(model: Model, leg: Leg, computed: Mapping[str, Value]) -> Estimate:
         model: that of the leg.
         computed: values of the job's quantities of interest.
     """
-    finer = Model(one_degree_more(model.job), model.body, model.timings)
+    with model.timings("mesh"):
+        curved, without_geometry = model.body.with_finer_geometry
+    body = curved or model.body
+    finer = Model(one_degree_more(model.job), body, model.timings)
     u, p = finer.solution()
-    u.interpolate(leg.displacement)
+    u.interpolate(on_mesh(body.mesh, leg.displacement))
     if p is not None:
-        p.interpolate(leg.pressure)
+        assert leg.pressure is not None
+        p.interpolate(on_mesh(body.mesh, leg.pressure))
     finer.set_solution(u, p)
     finer.unknowns.state.x.scatter_forward()
     scene = finer.scene(leg.direction)
@@ -82,18 +104,55 @@ def estimate(model: Model, leg: Leg, computed: Mapping[str, Value]) -> Estimate:
     equilibrium.correct(1.0)
     equilibrium.destroy()
     better = leg_of(finer, leg.direction, scene, ())
-    corrected = evaluate(model.job.quantities, model.body, better, finer)
-    comm = model.body.mesh.comm
-    largest = float(np.linalg.norm(better.u - leg.u, axis=1).max(initial=0.0))
+    at_nodes = better if body is model.body else _at_given_nodes(model, better)
+    corrected = _corrected(model, at_nodes, better, finer)
+    comm = body.mesh.comm
+    largest = float(np.linalg.norm(at_nodes.u - leg.u, axis=1).max(initial=0.0))
     delta = better.displacement
     delta.x.array[:] -= u.x.array
     return Estimate(
         quantities={name: _difference(corrected[name], value) for name, value in computed.items()},
         corrected=corrected,
         shape=comm.allreduce(largest, op=MPI.MAX),
-        cells=_by_cell(delta, model.body.length_scale),
+        cells=_by_cell(delta, body.length_scale),
         unknowns=finer.unknowns.size,
+        without_geometry=without_geometry,
     )
+
+
+def _at_given_nodes(model: Model, better: Leg) -> Leg:
+    """The leg ``better``, on a body of the same cells, at the geometry nodes of the model's own.
+
+    These lie on the body's true surface, and what is reduced over nodes is to be compared at the same ones.
+    """
+    geometry = model.body.mesh.geometry
+    dofmap = geometry.dofmaps[0]
+    cells = np.empty(len(geometry.x), dtype=np.int32)
+    cells[dofmap] = np.arange(len(dofmap), dtype=np.int32)[:, None]
+    u = better.displacement.eval(geometry.x, cells)
+    return replace(better, mesh_nodes=geometry.x * model.body.length_scale, u=u.reshape(-1, 3))
+
+
+def _corrected(model: Model, at_nodes: Leg, better: Leg, finer: Model) -> dict[str, Value]:
+    """The quantities of interest of the corrected solution in the order of the job."""
+    body, quantities = finer.body, model.job.quantities
+    of_nodes = [q for q in quantities if q.on is not None and not q.by_quadrature]
+    others = [_on(q, model.body, body) for q in quantities if q not in of_nodes]
+    found = evaluate(of_nodes, model.body, at_nodes) | evaluate(others, body, better, finer)
+    return {q.name: found[q.name] for q in quantities}
+
+
+def _on(quantity: QuantityOfInterest, given: Body, body: Body) -> QuantityOfInterest:
+    """The quantity; if its point is too far outside of a ``body`` of the same cells, at the same point of its cell."""
+    if quantity.at is None or locate(body, np.array(quantity.at)) is not None:
+        return quantity
+    place = locate(given, np.array(quantity.at))
+    assert place is not None  # it has a value there
+    geometry, point = body.mesh.geometry, None
+    if body.mesh.comm.rank == place.rank:
+        shapes = scalar_element(body.source.kind, body.source.degree).tabulate(0, place.xi[None])[0, 0, :, 0]
+        point = tuple((shapes @ geometry.x[geometry.dofmaps[0][place.cell]] * body.length_scale).tolist())
+    return quantity.model_copy(update={"at": body.mesh.comm.bcast(point, root=place.rank)})
 
 
 def one_degree_more(job: Job) -> Job:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check, check_nodes
 from hpcinv.mesh.degree import of_degree
 from hpcinv.mesh.length_unit import check_unit
+from hpcinv.mesh.finer_geometry import NO_CAD, FinerGeometry, of_file, of_generator, with_geometry
 from hpcinv.mesh.partition import Partition, measure, partitioner
 from hpcinv.mesh.partitioned import read_partitioned
 from hpcinv.mesh.readers import FILES, GENERATORS
@@ -44,6 +46,28 @@ class Body:
     regions: Mapping[str, Region]
     partition: Partition
     source: MeshSource
+    read_finer_geometry: Callable[[], FinerGeometry] | None = None  # to be called on rank 0
+
+    @cached_property
+    def with_finer_geometry(self) -> tuple[Body | None, str]:
+        """The same cells with what is known of the body's true geometry, and if nothing is, why; collective.
+
+        That is the body itself where its geometry is the true one, and ``None`` where nothing is known. A mesh that was
+        moved from where it was given does not move the other.
+        """
+        comm, found = self.mesh.comm, list[FinerGeometry]()
+
+        def on_rank_0() -> tuple[str, MeshSource | None]:
+            read = self.read_finer_geometry or (lambda: FinerGeometry(NO_CAD))
+            found.append(read())
+            return found[0].unknown, found[0].source and found[0].source.header()
+
+        unknown, header = on_root(comm, on_rank_0)
+        if unknown or header is None:
+            return None if unknown else self, unknown
+        source = found[0].source if found else header
+        assert source is not None
+        return with_geometry(self, source), ""
 
     def facets(self, name: str) -> LocalIndices:
         """Local facets of a region; raises ``MeshError`` on all ranks if there is no such region or it has none."""
@@ -138,7 +162,19 @@ def build_body(
         destinations,
     )
     named = build_regions(mesh, source, regions, length_scale)
-    return Body(mesh, length_scale, named, measure(mesh, method), source)
+    finer = None if source.is_partitioned else lambda: read_finer_geometry(spec, resolve(spec.file), source)
+    return Body(mesh, length_scale, named, measure(mesh, method), source, finer)
+
+
+def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> FinerGeometry:
+    """What a mesh file or generator knows of the geometry beyond a mesh that was made of it; not collective."""
+
+    def read(degree: int | None) -> MeshSource:
+        return read_source(spec.model_copy(update={"geometry_degree": degree}), path)
+
+    if path.suffix in GENERATORS:
+        return of_generator(source, read)
+    return of_file(source, lambda: read(None)) if spec.geometry_degree == 1 else FinerGeometry(NO_CAD)
 
 
 def read_anywhere(

@@ -16,6 +16,7 @@ from hpcinv.mesh.source import Floats, Ints
 
 FACET_KIND = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 DEGREES = (1, 2)
+"""Geometry degrees that a job may have."""
 
 
 @cache
@@ -41,9 +42,9 @@ def vertex_count(kind: str) -> int:
     return len(basix.geometry(basix.CellType[kind]))
 
 
-def degree_of(path: Path, kind: str, nodes: int) -> int:
+def degree_of(path: Path, kind: str, nodes: int, supported: tuple[int, ...] = DEGREES) -> int:
     """Geometry degree of a cell with so many nodes; raises ``MeshError`` where it is not supported."""
-    degrees = {scalar_element(kind, degree).dim: degree for degree in DEGREES}
+    degrees = {scalar_element(kind, degree).dim: degree for degree in supported}
     if nodes not in degrees:
         raise MeshError(
             f"{path}: {kind}s of {nodes} nodes are not supported",

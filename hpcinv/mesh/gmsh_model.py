@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.errors import MeshError, SystemPartMissing
-from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
+from hpcinv.mesh.cells import DEGREES, FACET_KIND, degree_of, node_order
 from hpcinv.mesh.gmsh_views import write_views
 from hpcinv.mesh.length_unit import state_in_model
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -78,8 +78,11 @@ class ElementType:
         return cls(int(code), int(size), order, np.argsort(order))
 
 
-def extract(gmsh: Any, path: Path) -> MeshSource:
+def extract(gmsh: Any, path: Path, degrees: tuple[int, ...] = DEGREES) -> MeshSource:
     """The mesh of gmsh's current model: all its cells, and of its facets those in a physical group.
+
+    Args:
+        degrees: geometry degrees that are supported.
 
     Raises:
         MeshError: where it is no solid of one supported kind of cell, or an entity is in several physical groups.
@@ -87,7 +90,7 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
     mesh = gmsh.model.mesh
     tags, coordinates, _ = mesh.getNodes()
     node_tags, first = np.unique(tags.astype(np.int64), return_index=True)
-    kind, degree = _solid(gmsh, path)
+    kind, degree = _solid(gmsh, path, degrees)
     cell_tags, cells, volumes = _elements(gmsh, path, 3, ElementType.of(gmsh, kind, degree))
     _, facets, surfaces = _elements(gmsh, path, 2, ElementType.of(gmsh, FACET_KIND[kind], degree))
     return MeshSource(
@@ -101,10 +104,18 @@ def extract(gmsh: Any, path: Path) -> MeshSource:
         facets=np.searchsorted(node_tags, facets),
         groups=(*volumes, *surfaces),
         thin_groups=tuple(_group_name(gmsh, d, t) for d in (0, 1) for _, t in gmsh.model.getPhysicalGroups(d)),
+        on_cad=_is_on_cad(gmsh),
     )
 
 
-def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
+def _is_on_cad(gmsh: Any) -> bool:
+    """Whether the model has CAD surfaces only, none that is but a mesh, and nodes are put on them."""
+    surfaces = gmsh.model.getEntities(2)
+    straight = gmsh.option.getNumber("Mesh.SecondOrderLinear") != 0
+    return bool(surfaces) and not straight and not any(gmsh.model.getType(*s).startswith("Discrete") for s in surfaces)
+
+
+def _solid(gmsh: Any, path: Path, degrees: tuple[int, ...]) -> tuple[str, int]:
     """Kind and degree of the one type of solid element in the model."""
     found = [gmsh.model.mesh.getElementProperties(t) for t in gmsh.model.mesh.getElementTypes(3)]
     if not found:
@@ -120,7 +131,7 @@ def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
             f"{path}: cells are {' and '.join(sorted(name for name, *_ in found))}",
             "One kind is supported in a mesh: all tetrahedra or all hexahedra, all of one degree.",
         )
-    return kind, degree_of(path, kind, size)
+    return kind, degree_of(path, kind, size, degrees)
 
 
 def _elements(gmsh: Any, path: Path, dim: int, element: ElementType) -> tuple[Ints, Ints, list[Group]]:

@@ -15,6 +15,7 @@ from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.generators import Value
 from hpcinv.mesh.apart import rehearse_msh
 from hpcinv.mesh.cell_count import Watch, watched
+from hpcinv.mesh.cells import DEGREES
 from hpcinv.mesh.gmsh_model import extract, session
 from hpcinv.mesh.gmsh_views import read_views
 from hpcinv.mesh.length_unit import stated_in_model
@@ -102,10 +103,12 @@ def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
 
 
 def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
-    """The generated mesh, its nodes of degree 2 put on the CAD."""
-    if degree is not None and len(gmsh.model.mesh.getElementTypes(3)):
+    """The generated mesh, the nodes that a higher degree adds put on the CAD."""
+    if degree is None:
+        return extract(gmsh, path)
+    if len(gmsh.model.mesh.getElementTypes(3)):
         gmsh.model.mesh.setOrder(degree)
-    return extract(gmsh, path)
+    return extract(gmsh, path, (*DEGREES, degree))
 
 
 GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, Watch], MeshSource]] = {

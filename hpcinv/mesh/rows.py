@@ -33,7 +33,7 @@ class Rows:
     def total(self) -> int:
         return int(self.offsets[-1])
 
-    def fetch(self, values: Floats, wanted: npt.NDArray[np.integer]) -> Floats:
+    def fetch[T: np.generic](self, values: npt.NDArray[T], wanted: npt.NDArray[np.integer]) -> npt.NDArray[T]:
         """The rows ``wanted`` (w,), of any rank, of an array of which this rank has the rows ``values``."""
         route = _Route.to(self.comm, self.offsets, wanted)
         return route.back(values[route.forth(np.asarray(wanted, dtype=np.int64)[:, None])[:, 0] - self.first])

@@ -79,6 +79,7 @@ class MeshSource:
     data: Mapping[str, DataArray] = field(default_factory=dict)  # by name; cell arrays are of ``cells`` alone
     parts: tuple[int, ...] = ()
     unit: float | None = None
+    on_cad: bool = False  # whether nodes between the vertices lie on the surfaces of a CAD model
 
     @property
     def is_partitioned(self) -> bool:

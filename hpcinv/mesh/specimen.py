@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import coordinate_element, vertex_count
+from hpcinv.mesh.finer_geometry import FinerGeometry
 from hpcinv.mesh.partition import measure
 from hpcinv.mesh.regions import Region, build_regions, evaluate
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -29,14 +30,22 @@ HELD = "one facet of each cell"
 """A region of every specimen."""
 
 
-def specimen(source: MeshSource, conditions: Mapping[str, Expression], points: Iterable[Floats]) -> Body:
+def specimen(
+    source: MeshSource,
+    conditions: Mapping[str, Expression],
+    points: Iterable[Floats],
+    finer: FinerGeometry | None = None,
+) -> Body:
     """A body of a few cells on this process alone, with the regions of the whole one, and `HELD`.
 
     Cells are alike if they, and their facets, are in the same regions; those next to one of the ``points`` (m) are all
-    there. They share no nodes: what holds one of them does not hold another.
+    there. They share no nodes: what holds one of them does not hold another. ``finer`` is what is known of the geometry
+    of the whole mesh.
     """
     chosen = np.unique([*_first_of_each(source, conditions), *_around(source, points)])
     part = _apart(source, chosen)
+    if finer is not None and finer.source is not None:
+        finer = replace(finer, source=_apart(finer.source, chosen))
     length_scale = power_of_two(float(np.linalg.norm(np.ptp(part.points, axis=0))))
     comm = MPI.COMM_SELF
     element = coordinate_element(part.kind, part.degree)
@@ -45,7 +54,8 @@ def specimen(source: MeshSource, conditions: Mapping[str, Expression], points: I
     mesh.topology.create_connectivity(3, 2)
     first = np.sort(mesh.topology.connectivity(3, 2).array.reshape(len(chosen), -1)[:, 0])
     held = Region(HELD, "built in", first, np.zeros(0, dtype=np.int32), len(first), 0)
-    return Body(mesh, length_scale, regions | {HELD: held}, measure(mesh, "none"), part)
+    read = None if finer is None else lambda: finer
+    return Body(mesh, length_scale, regions | {HELD: held}, measure(mesh, "none"), part, read)
 
 
 def _first_of_each(source: MeshSource, conditions: Mapping[str, Expression]) -> Ints:

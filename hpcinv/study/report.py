@@ -62,7 +62,9 @@ def _of_runs(rows: Sequence[Row], accuracy: Accuracy) -> Table:
         cells += [_number(row.values[accuracy.name], ".10g"), _number(error, ".2e")]
         cells += [_number(relative(accuracy, row, error), ".1e"), _number(accuracy.orders[i], ".2f")]
         if estimated:
-            cells.append(_number(accuracy.effectivities[i], ".2f"))
+            effectivity = accuracy.effectivities[i]
+            left_out = " (no geometry)" if row.geometry_error == "left out" and effectivity is not None else ""
+            cells.append(_number(effectivity, ".2f") + left_out)
         table.add_row(*cells, "*" if accuracy.point_of(row).on_front else "")
     return table
 

@@ -34,6 +34,7 @@ class Row:
         values: by what is measured.
         certificate: its verdict; empty where a run has none.
         estimates: estimated error of each value (corrected less computed), where the certificate has one.
+        geometry_error: whether that is "included" in the estimates or "left out"; empty without estimates.
         size: size of the cells in any unit, ``None`` where the mesh is not what varies.
     """
 
@@ -46,6 +47,7 @@ class Row:
     certificate: str
     estimates: Mapping[str, float | None]
     size: float | None
+    geometry_error: str = ""
 
     @property
     def converged(self) -> bool:
@@ -85,7 +87,9 @@ def _row(plan: Plan, run: Run, key: str, records: Sequence[Record], parameter: s
     estimates = {name: look_up(found, f"certificate.estimate.{k}") for name, k in plan.measured.items()}
     size = _size(run, costs["cells"], parameter) if _refines(run) else None
     verdict = str(found.get("certificate", {}).get("verdict", ""))
-    return Row(run.place, key, records[0].status, costs, tuple(seconds[study.time]), values, verdict, estimates, size)
+    geometry = str((found.get("certificate", {}).get("estimate") or {}).get("geometry", ""))
+    times = tuple(seconds[study.time])
+    return Row(run.place, key, records[0].status, costs, times, values, verdict, estimates, size, geometry)
 
 
 def _run_seconds(found: Mapping[str, Any]) -> float:

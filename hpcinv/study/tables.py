@@ -36,6 +36,7 @@ def run_columns(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy]) -> C
         columns[key] = [text_of(p.parameters[key]) if key in p.parameters else "" for p in places]
     columns["status"] = [row.status for row in rows]
     columns["certificate"] = [row.certificate for row in rows]
+    columns["geometry_error"] = [row.geometry_error for row in rows]
     columns["repetitions"] = [len(row.times) for row in rows]
     columns["time_min"] = [min(row.times, default=None) for row in rows]
     columns["time_max"] = [max(row.times, default=None) for row in rows]

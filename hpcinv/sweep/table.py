@@ -22,6 +22,9 @@ type Columns = dict[str, list[Any]]
 OUTCOME: Mapping[str, Callable[[Record], Any]] = {
     "status": lambda record: record.status,
     "certificate": lambda record: record.statistics.get("certificate", {}).get("verdict", ""),
+    "geometry_error": lambda record: (record.statistics.get("certificate", {}).get("estimate") or {}).get(
+        "geometry", ""
+    ),
 }
 COSTS: Mapping[str, Callable[[Record], Any]] = {
     "seconds": lambda record: record.seconds,
@@ -33,7 +36,7 @@ COSTS: Mapping[str, Callable[[Record], Any]] = {
     "attempts": lambda record: record.attempts,
     "started_from": lambda record: record.start,
 }
-TEXT = ("status", "certificate", "started_from")
+TEXT = ("status", "certificate", "geometry_error", "started_from")
 """columns of text"""
 FIXED = frozenset({"number", "key", *OUTCOME, *COSTS})
 """columns that every table has"""
