@@ -43,15 +43,15 @@ def wall_of_sphere(
         effects=[{"effect": "pressure", "region": "inner", "pressure": sphere.PRESSURE}],
         supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
         quantities=[
-            {"name": "inner radius", "of": "norm(X, Y, Z)", "on": "inner", "reduce": "mean"},
-            {"name": "outer radius", "of": "norm(X, Y, Z)", "on": "outer", "reduce": "mean"},
+            {"name": "inner-radius", "of": "norm(X, Y, Z)", "on": "inner", "reduce": "mean"},
+            {"name": "outer-radius", "of": "norm(X, Y, Z)", "on": "outer", "reduce": "mean"},
             {"name": "volume", "of": 1, "on": "wall", "reduce": "integral", "over": "reference"},
         ],
         discretisation={"displacement": displacement, "pressure": displacement - 1},
         certificate=ESTIMATE,
     )
     volume = math.pi / 6 * (sphere.OUTER**3 - sphere.INNER**3)
-    return data, {"inner radius": A, "outer radius": sphere.before(A), "volume": volume}
+    return data, {"inner-radius": A, "outer-radius": sphere.before(A), "volume": volume}
 
 
 def wall_of_cylinder(
@@ -68,13 +68,13 @@ def wall_of_cylinder(
         effects=[{"effect": "pressure", "region": "inner", "pressure": cylinder.PRESSURE}],
         supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"] + [{"region": "z1", "fix": ["z"]}],
         quantities=[
-            {"name": "inner radius", "of": "norm(X, Y)", "on": "inner", "reduce": "mean"},
-            {"name": "outer radius", "of": "norm(X, Y)", "on": "outer", "reduce": "mean"},
+            {"name": "inner-radius", "of": "norm(X, Y)", "on": "inner", "reduce": "mean"},
+            {"name": "outer-radius", "of": "norm(X, Y)", "on": "outer", "reduce": "mean"},
         ],
         discretisation={"displacement": displacement, "pressure": displacement - 1},
         certificate=ESTIMATE,
     )
-    return data, {"inner radius": cylinder.A, "outer radius": cylinder.B}
+    return data, {"inner-radius": cylinder.A, "outer-radius": cylinder.B}
 
 
 def column(divisions: int, displacement: int, *, hexahedra: bool) -> tuple[Any, dict[str, float]]:

@@ -20,8 +20,8 @@ from hpcinv.mesh.cell_count import Watch, silent
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check, check_nodes
 from hpcinv.mesh.degree import of_degree
-from hpcinv.mesh.length_unit import check_unit
 from hpcinv.mesh.finer_geometry import NO_CAD, FinerGeometry, of_file, of_generator, with_geometry
+from hpcinv.mesh.length_unit import check_unit
 from hpcinv.mesh.partition import Partition, measure, partitioner
 from hpcinv.mesh.partitioned import read_partitioned
 from hpcinv.mesh.readers import FILES, GENERATORS
