@@ -11,7 +11,8 @@ from hpcinv.certificate.closure import gap, round_trip, stability
 from hpcinv.certificate.estimate import Estimate, estimate
 from hpcinv.certificate.idle import idle_loads
 from hpcinv.certificate.shape import shape
-from hpcinv.certificate.verdict import Certificate, Line, Verdict, at_least, at_most, skipped
+from hpcinv.certificate.verdict import Certificate, Line, Verdict, at_most, skipped
+from hpcinv.certificate.volume import volume
 from hpcinv.placement import placed
 
 if TYPE_CHECKING:
@@ -63,9 +64,7 @@ def _of_the_solution(model: Model, leg: Leg) -> Iterator[Line]:
     equilibrium = model.equilibrium(model.scene(leg.direction), lambda: False)
     yield from balance(model, equilibrium)
     model.release(equilibrium)
-    smallest, largest = leg.J_range
-    yield at_least("smallest volume ratio J", smallest, warn=0.1, fail=0.0)
-    yield at_most("largest volume ratio J", largest, warn=10.0, fail=float("inf"))
+    yield from volume(model, leg)
 
 
 def _can_estimate(model: Model) -> bool:

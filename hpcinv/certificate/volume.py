@@ -1,0 +1,129 @@
+"""Whether the volume changes as the material lets it: the volume ratio, and what the pressure does not account for.
+
+The volumetric strain ``θ`` of a law follows its pressure, ``θ = -p/Λ``, and is zero where the law is incompressible. A
+discrete solution with a pressure of its own has this in the mean only: ``|θ + p/Λ|`` is what it misses at a point.
+Without that unknown the pressure follows the displacement, and oscillates where nearly incompressible cells lock; there
+``|θ - θ̄|`` is taken, with the mean ``θ̄`` over the cells around each vertex, interpolated between the vertices.
+
+Elastic strains alone count: growth and heat may change a volume as they like. What is exceeded in 1 % of the volume is
+judged, since the greatest value at any point has no limit on fine meshes where stress is singular, as at the edge of a
+clamped face, while the share of the volume with large values vanishes.
+
+Source: Hughes, *The Finite Element Method*, 1987, ch. 4 (locking, and pressures that oscillate).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+
+from hpcinv.cellwise import QuadratureValues
+from hpcinv.certificate.verdict import Line, Verdict, at_least, at_most
+from hpcinv.mesh.cells import scalar_element
+from hpcinv.runtime import MPI
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from hpcinv.model import Model
+    from hpcinv.result import Leg
+    from hpcinv.scene import Scene
+
+type Floats = npt.NDArray[np.floating[Any]]
+
+UNACCOUNTED = "volume ratio beyond what the pressure accounts for, exceeded in 1 % of the volume"
+SHARE = 0.01
+WARN = 0.05  # as the discretisation error of the shape
+STIFF = 10.0  # bulk over shear modulus (Poisson's ratio 0.45) from which linear displacements lock noticeably
+
+
+def volume(model: Model, leg: Leg) -> Iterator[Line]:
+    """The lines on a leg, whose solution is the model's present state and whose mesh lies as its own; collective."""
+    smallest, largest = leg.J_range
+    yield at_least("smallest volume ratio J", smallest, warn=0.1, fail=0.0)
+    yield at_most("largest volume ratio J", largest, warn=10.0, fail=float("inf"))
+    found = _unaccounted(model, model.scene(leg.direction))
+    if found is None:  # compressible: any volume ratio may be right
+        return
+    rule = f"warning above {WARN:g}"
+    if found <= WARN:
+        yield Line(UNACCOUNTED, found, "", rule, Verdict.PASS)
+    else:
+        mixed = model.unknowns.p is not None
+        remedy = "mesh finer, or raise discretisation.displacement"
+        if not mixed:
+            remedy += ", or take the mixed form (discretisation.formulation: mixed)"
+        what = "the mesh is too coarse" if mixed else "the mesh is too coarse or locks"
+        yield Line(UNACCOUNTED, found, "", rule, Verdict.WARN, f"{what}: {remedy}")
+
+
+def _unaccounted(model: Model, scene: Scene) -> float | None:
+    """What is exceeded in `SHARE` of the volume of nearly incompressible material; ``None`` if there is none."""
+    laws, mesh = list(model.job.laws.values()), model.body.mesh
+    ratios = [law.stiffness_ratio for law in laws]
+    if all(ratio is not None and ratio < STIFF for ratio in ratios):
+        return None
+    scene.parameters.set_load(1.0)
+    p, comm = model.unknowns.p, mesh.comm
+    size = abs(ufl.JacobianDeterminant(mesh))
+    _, weights = basix.make_quadrature(mesh.basix_cell(), scene.quadrature_degree)
+    cells = [np.zeros(0, dtype=np.int32)]
+    points = [np.zeros((0, len(weights), 2), dtype=np.float32)]  # strain, and the volume that counts
+    for number, (part, law) in enumerate(zip(scene.parts, laws, strict=True)):
+        par, strain = scene.parameters.of(number), part.dilatation
+        if p is not None and not law.is_incompressible:
+            strain = strain + p / law.dilatation_modulus(par)
+        counts: Any = float((ratios[number] or 0.0) >= STIFF)
+        if ratios[number] is None:  # moduli vary in the body
+            stiff = ufl.ge(law.bulk_modulus(par), STIFF * law.shear_modulus(par))
+            counts = ufl.conditional(stiff, ufl.as_ufl(1.0), ufl.as_ufl(0.0))
+        values = QuadratureValues(ufl.as_vector([strain, counts * size]), mesh, scene.quadrature_degree, part.cells)
+        for some, at_points in values:
+            at_points[..., 1] *= weights
+            cells.append(some)
+            points.append(at_points.astype(np.float32))
+    strains, counted = np.moveaxis(np.concatenate(points), -1, 0)
+    if comm.allreduce(float(counted.sum())) <= 0.0:
+        return None
+    if p is None:
+        strains = strains - _smoothed(model, scene, np.concatenate(cells), strains, counted)
+    return _exceeded(comm, np.abs(strains), counted)
+
+
+def _smoothed(model: Model, scene: Scene, cells: npt.NDArray[np.int32], strains: Floats, volumes: Floats) -> Floats:
+    """Means of the strains (cells, points) over the volume around each vertex, interpolated to the points."""
+    mesh = model.body.mesh
+    dofmap = fem.functionspace(mesh, ("Lagrange", 1)).dofmap
+    dofs = dofmap.list[cells]
+    sums = la.vector(dofmap.index_map, 2)
+    totals = sums.array.reshape(-1, 2)
+    np.add.at(totals, dofs, np.stack([(strains * volumes).sum(axis=1), volumes.sum(axis=1)], axis=1)[:, None])
+    sums.scatter_reverse(la.InsertMode.add)
+    sums.scatter_forward()
+    points, _ = basix.make_quadrature(mesh.basix_cell(), scene.quadrature_degree)
+    shapes = scalar_element(model.body.source.kind, 1).tabulate(0, points)[0, :, :, 0]
+    means = totals[:, 0] / np.where(totals[:, 1] > 0, totals[:, 1], 1.0)
+    return np.asarray(means[dofs] @ shapes.T)
+
+
+def _exceeded(comm: MPI.Intracomm, values: Floats, volumes: Floats) -> float:
+    """The value that is exceeded in `SHARE` of the volume; not finite if some value is not; collective."""
+    if not comm.allreduce(bool(np.isfinite(values).all()), op=MPI.LAND):
+        return float("inf")
+    limit = SHARE * comm.allreduce(float(volumes.sum()))
+    low, high = 0.0, float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
+    for _ in range(50):  # values of all ranks need not be gathered
+        middle = (low + high) / 2
+        if comm.allreduce(float(volumes[values > middle].sum())) > limit:
+            low = middle
+        else:
+            high = middle
+    return high
