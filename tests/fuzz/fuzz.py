@@ -123,6 +123,7 @@ def meshes(directory: Path) -> list[Path]:
 def _answer(path: Path) -> str:
     """Read and check a mesh; what is wrong with the answer."""
     from mesh_cases import spec
+    from pydantic import ValidationError
 
     from hpcinv.errors import HpcinvError
     from hpcinv.mesh.body import read_source
@@ -130,7 +131,7 @@ def _answer(path: Path) -> str:
 
     try:
         check(read_source(spec(path), path))
-    except HpcinvError as error:
+    except (HpcinvError, ValidationError) as error:  # the latter becomes a JobError where a job is read
         return "" if path.name in str(error) and len(str(error)) < 4000 else f"does not name the file: {error}"
     except BaseException as error:
         return "".join(traceback.format_exception(error)[-4:])
