@@ -29,7 +29,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--cases", type=int, default=60)
-    parser.add_argument("--steps", type=int, default=60, help="load steps of a case: the more, the longer it takes")
+    parser.add_argument("--steps", type=int, default=400, help="load steps of a case: the more, the longer it takes")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
@@ -47,8 +47,12 @@ def kill(place: Path, options: argparse.Namespace) -> int:
     while kills < options.kills:
         while len(alive) < 2:
             alive.append(Started(1 + kills % 2, "sweep", "run", sweep, cwd=place))
-        # A fifth as they start, and the later the more cases are to be done before the end.
-        time.sleep(chance.uniform(0.0, 3.0) if kills % 5 == 0 else chance.uniform(1.0, 8.0))
+        # A fifth as they start, and all that are ahead of an even pace; the others once there is one more record.
+        ahead = len(committed) >= options.cases * (kills + 1) / (options.kills + 1)
+        deadline = time.monotonic() + 60
+        while not ahead and kills % 5 and len(records(place)) <= len(committed) and time.monotonic() < deadline:
+            time.sleep(0.005)
+        time.sleep(chance.uniform(0.0, 3.0 if ahead or kills % 5 == 0 else 0.5))
         victim = alive.pop(0)
         if victim.mpirun.poll() is None:
             victim.kill()
@@ -61,27 +65,32 @@ def kill(place: Path, options: argparse.Namespace) -> int:
             print("\n".join(problems), victim.text, sep="\n")
             return 1
         if len(committed) == options.cases:
-            print(f"all cases were finished after {kills} kills: take more of them, or more steps")
-            break
+            problems.append(f"all cases were finished after {kills} kills: take more of them, or more steps")
+            print(problems[-1])
+            return 1
     for left in alive:
         left.exit_code()
         reported += re.findall(r"case (\d+), [^\n]*certificate", left.text)
     ended = hpcinv(2, "sweep", "run", sweep, cwd=place)
     reported += re.findall(r"case (\d+), [^\n]*certificate", ended.stdout)
     problems = check(place, committed, reported)
-    records = records_of(sweep)
-    converged = sum(record is not None and record.converged for record in records.values())
-    attempts = max(record.attempts for record in records.values() if record is not None)
+    found = [record for record in records_of(sweep).values() if record is not None]
+    converged = sum(record.converged for record in found)
+    attempts = max(record.attempts for record in found)
     print(f"{kills} kills: {converged} of {options.cases} cases converged, {attempts} attempts at most")
     print(f"exit code {ended.returncode}; {len(reported)} reports, of {len(set(reported))} cases")
     print("\n".join(problems) or "no record has changed, and none was written twice")
     return 1 if problems or converged != options.cases else 0
 
 
+def records(place: Path) -> list[Path]:
+    return list(place.glob("store/ledger/*/*.record-*.json"))
+
+
 def check(place: Path, committed: dict[Path, tuple[int, bytes]], reported: list[str]) -> list[str]:
     """What has gone wrong so far."""
     problems = [f"case {number} was solved twice" for number in set(reported) if reported.count(number) > 1]
-    for path in place.glob("store/ledger/*/*.record-*.json"):
+    for path in records(place):
         now = path.stat().st_ino, path.read_bytes()
         if committed.setdefault(path, now) != now:
             problems.append(f"{path.name} has changed")
