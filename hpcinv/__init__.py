@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hpcinv.driver import run
     from hpcinv.job import Job, load
+    from hpcinv.sweep.interface import sweep
 
 __version__ = "0.1.0"
-__all__ = ["Job", "__version__", "load", "run"]
+__all__ = ["Job", "__version__", "load", "run", "sweep"]
 
 _HOME = {"Job": "hpcinv.job", "load": "hpcinv.job", "run": "hpcinv.driver"}  # imported when first asked for
 
@@ -18,6 +19,8 @@ _HOME = {"Job": "hpcinv.job", "load": "hpcinv.job", "run": "hpcinv.driver"}  # i
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(importlib.import_module(_HOME[name]), name)
+    if name == "sweep":  # the package, which can be called
+        return importlib.import_module("hpcinv.sweep")
     raise AttributeError(f"module 'hpcinv' has no attribute '{name}'")
 
 

@@ -34,7 +34,7 @@ from hpcinv.untrusted import REFUSED, applies, is_asked
 MOST_ENTRIES = 10_000
 """of one list of a job, such as its quantities: each costs a millisecond here, and a kernel or a search in a run"""
 
-_UNNAMED = "(mapping)"  # stands for the file of a job that was made in Python
+UNNAMED = "(mapping)"  # stands for the file of a job that was made in Python
 _KEYS: Any = Mapping[str, str | float | None] | list[str]  # as a file may say them
 
 
@@ -114,7 +114,7 @@ class Job(Spec):
         Raises:
             JobError: a key leads nowhere, or the changed job is not valid.
         """
-        path = self._path or Path(_UNNAMED)
+        path = self._path or Path(UNNAMED)
         try:
             return parse(assigned(self._data, changes), path, untrusted=self._untrusted)
         except ValueError as error:
@@ -398,7 +398,7 @@ def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".",
         JobError: with one line for each thing that is wrong, of the form ``file: key: what, and what to do``.
     """
     if isinstance(source, Mapping):
-        return parse({"job": "job", **source}, Path(directory) / _UNNAMED, untrusted=untrusted)
+        return parse({"job": "job", **source}, Path(directory) / UNNAMED, untrusted=untrusted)
     return parse(read_yaml(Path(source)), Path(source), untrusted=untrusted)
 
 

@@ -83,15 +83,20 @@ def is_study(path: Path) -> bool:
     return "ladders" in read_yaml(path)
 
 
-def read_spec[S: Spec](kind: type[S], name: str, path: Path, *, untrusted: bool) -> S:
+def read_spec[S: Spec](
+    kind: type[S], name: str, path: Path, content: Mapping[str, Any] | None = None, *, untrusted: bool
+) -> S:
     """A file of a kind that has a ``name``, left out that of the file.
+
+    Args:
+        content: what is in the file, if it has been read.
 
     Raises:
         JobError: with a line for each thing that is wrong in it.
     """
     context = {"directory": path.parent, "untrusted": untrusted}
     try:
-        return kind.model_validate({name: path.stem, **read_yaml(path)}, context=context)
+        return kind.model_validate({name: path.stem, **(content or read_yaml(path))}, context=context)
     except ValidationError as error:
         raise job_error(path, error, kind) from None
 

@@ -1,1 +1,20 @@
-"""Batch sweeps: many cases of one job, in one allocation or many, with nothing computed twice."""
+"""Batch sweeps: many cases of one job, in one allocation or many, with nothing computed twice.
+
+The package can be called, ``hpcinv.sweep("sweep.yaml")``: see `hpcinv.sweep.interface.sweep`.
+"""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+from typing import Any
+
+
+class _Callable(ModuleType):
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        from hpcinv.sweep.interface import sweep
+
+        return sweep(*arguments, **options)
+
+
+sys.modules[__name__].__class__ = _Callable

@@ -50,7 +50,7 @@ def conduct(
         OutputError: on every rank: the number of ranks does not suit, or the store cannot be used.
         Interrupted: on every rank: a signal came, and cases are left.
     """
-    groups = _groups(world, ranks_per_case)
+    groups = groups_of(world, ranks_per_case)
     number = world.rank // ranks_per_case
     group = cast(MPI.Intracomm, world.Split(number))
     error: HpcinvError | None = None
@@ -68,12 +68,13 @@ def conduct(
         error = met
         if group.rank == 0 and not isinstance(met, Interrupted):
             note(f"{met.message}; this group of ranks ends")
-    _wait_for_all(world)
+    wait_for_all(world)
     group.Free()
     agree(world, error)
 
 
-def _groups(world: MPI.Intracomm, ranks_per_case: int) -> int:
+def groups_of(world: MPI.Intracomm, ranks_per_case: int) -> int:
+    """Number of groups of ranks; raises ``OutputError`` if the ranks cannot be divided into groups of that size."""
     if world.size % ranks_per_case:
         raise OutputError(
             f"--ranks-per-case {ranks_per_case}: {world.size} ranks cannot be divided into groups of that size",
@@ -82,7 +83,7 @@ def _groups(world: MPI.Intracomm, ranks_per_case: int) -> int:
     return world.size // ranks_per_case
 
 
-def _wait_for_all(world: MPI.Intracomm) -> None:
+def wait_for_all(world: MPI.Intracomm) -> None:
     """A barrier that leaves the cores to those who still work."""
     everyone = world.Ibarrier()
     while not everyone.Test():

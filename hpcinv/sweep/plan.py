@@ -12,7 +12,7 @@ from typing import Any
 from hpcinv.errors import JobError
 from hpcinv.fingerprint import file_digest
 from hpcinv.identity import content_key
-from hpcinv.job import Job, parse
+from hpcinv.job import UNNAMED, Job, parse
 from hpcinv.loading import read_yaml
 from hpcinv.structure import numbers_of, structure_of
 from hpcinv.study.keys import assigned
@@ -89,19 +89,24 @@ def is_sweep(path: Path) -> bool:
     return "axes" in read_yaml(path)
 
 
-def load_sweep(path: Path, *, untrusted: bool = False) -> Plan:
-    """Read a sweep and check all of its cases.
+def load_sweep(source: str | Path | Mapping[str, Any], directory: str | Path = ".", *, untrusted: bool = False) -> Plan:
+    """Read a sweep, a file or a mapping with the content of one, and check all of its cases.
 
     Args:
+        directory: where relative paths in a mapping begin; those in a file begin where that lies.
         untrusted: it came from elsewhere, as in `hpcinv.job.load`.
 
     Raises:
         JobError: with a line for each thing that is wrong, of the form ``file: case (and n more cases): key: what``.
     """
-    if not is_sweep(path):
+    if isinstance(source, Mapping):
+        path, content = Path(directory) / UNNAMED, {"sweep": "sweep", **source}
+    else:
+        path, content = Path(source), dict(read_yaml(Path(source)))
+    if "axes" not in content:
         raise JobError([f"{path}: is no sweep, since it has no 'axes'; 'run' takes jobs, 'study' takes studies"])
     untrusted = untrusted or is_asked()
-    sweep = read_spec(Sweep, "sweep", path, untrusted=untrusted)
+    sweep = read_spec(Sweep, "sweep", path, content, untrusted=untrusted)
     base, data = read_base(path, sweep.job)
     faults: dict[str, _Fault] = {}
     cases = tuple(_cases(sweep, base, data, faults, untrusted))
