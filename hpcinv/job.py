@@ -5,9 +5,9 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import PrivateAttr, ValidationError, ValidationInfo, field_validator
+from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
 from hpcinv.definitions import resolve, unusable
 from hpcinv.demands import read_demands
@@ -66,8 +66,8 @@ class Job(Spec):
     """names of load cases that follow each other; left out, there is one"""
     effects: ListOf[AnyEffect] = ()
     """what loads or strains the body"""
-    supports: ListOf[Support]
-    """where the body is held; unless something holds it, it can move as a rigid body and there is no one answer"""
+    supports: Annotated[ListOf[Support], Field(validate_default=True)] = ()
+    """where the body is held; may be left out where springs (effect: elastic-foundation) hold it"""
     discretisation: Discretisation = Discretisation()
     """finite-element spaces"""
     solver: Solver = Solver()

@@ -237,7 +237,7 @@ def test_each_mistake_is_told_by_its_place(
         assert not JARGON.search(problem)
 
 
-@pytest.mark.parametrize("key", ["mesh", "material", "supports"])
+@pytest.mark.parametrize("key", ["mesh", "material"])
 def test_what_is_missing_is_told_with_its_meaning(problems: Callable[[Edit], list[str]], key: str) -> None:
     [problem] = problems(lambda job: job.pop(key))
     assert re.fullmatch(f"{key}: is needed: .{{20,}}", problem)
@@ -381,7 +381,7 @@ def test_the_json_schema_describes_every_key_of_a_job() -> None:
     schema = json_schema()
     assert json.loads(json.dumps(schema)) == schema
     assert set(schema["properties"]) == set(Job.model_fields)
-    assert schema["required"] == ["mesh", "material", "supports"]
+    assert schema["required"] == ["mesh", "material"]
     assert all("description" in p for p in schema["properties"].values())
     known = {choice["properties"]["law"]["const"]: choice for choice in schema["properties"]["material"]["oneOf"][:-1]}
     assert schema["properties"]["material"]["oneOf"][-1]["additionalProperties"]["oneOf"] == [*known.values()]

@@ -29,7 +29,11 @@ if TYPE_CHECKING:
     from hpcinv.result import Leg
 
 ROUND_TRIP, STABILITY, FOLD = "round trip, relative to the displacement", "stability", "fold of the path"
-STRAIGHT = "the cells' geometry is of lower degree than the displacement, so that only their nodes can move"
+STRAIGHT = (
+    "the cells' geometry is of lower degree than the displacement, so that only their nodes can move: with"
+    " 'mesh: {geometry_degree: 2}' the round trip of quadratic ones closes (for a .msh file, 'gmsh -order 2' also puts"
+    " their nodes on the curved surface)"
+)
 
 
 def round_trip(model: Model, leg: Leg) -> Iterator[Line]:
