@@ -120,7 +120,7 @@ def _leg(leg: Leg, displacement: int) -> dict[str, Any]:
             "why": leg.linear.why,
             "iterations": sum(s.linear_iterations for s in leg.solves),
             "fallback": leg.linear.fallback,
-            "note": leg.linear.note or None,
+            "note": leg.linear.note,
         },
         "largest_displacement": leg.largest_displacement,
         "J": {"min": leg.J_range[0], "max": leg.J_range[1]},
