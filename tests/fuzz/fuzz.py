@@ -73,8 +73,11 @@ def fault_of_job(path: Path) -> str | None:
 
 
 def run_jobs(directory: Path, source: random.Random, count: int | None, until: float) -> Iterator[tuple[bytes, str]]:
-    """Mutated job files with a wrong answer."""
+    """Job files with a wrong answer: first those of the corpus as they are, then mutated ones."""
     texts = jobs(directory)
+    for known in sorted(CORPUS.glob("*.yaml")):
+        if (fault := fault_of_job(directory / known.name)) is not None:
+            yield known.read_bytes(), f"{known.name}: {fault}"
     path = directory / "mutant.yaml"
     while (count is None or count > 0) and time.monotonic() < until:
         content = mutated_text(source, texts)
@@ -209,6 +212,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=600)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=int, metavar="N", help="no more than so many mutants of each kind")
     parser.add_argument("--only", choices=KINDS)
     parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "hpcinv-fuzz")
     options = parser.parse_args()
@@ -219,7 +223,7 @@ def main() -> int:
         source = random.Random(options.seed)
         with tempfile.TemporaryDirectory() as directory:
             until = time.monotonic() + options.seconds / len(chosen)
-            for content, fault in KINDS[kind](Path(directory), source, None, until):
+            for content, fault in KINDS[kind](Path(directory), source, options.count, until):
                 found += 1
                 kept = options.keep / f"{kind}-{options.seed}-{found}"
                 kept.write_bytes(content)
