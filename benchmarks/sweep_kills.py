@@ -29,7 +29,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--cases", type=int, default=60)
-    parser.add_argument("--steps", type=int, default=400, help="load steps of a case: the more, the longer it takes")
+    parser.add_argument("--steps", type=int, default=60, help="load steps of a case: the more, the longer it takes")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:

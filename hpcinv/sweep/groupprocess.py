@@ -52,7 +52,7 @@ def main(directory: Path) -> int:
                 task.lease,
                 lambda text: print(text, flush=True),
                 stop,
-                speaker.holding if speaker is not None else lambda claim: None,
+                speaker.holding if speaker is not None else None,
             )
         except HpcinvError as met:
             error = met

@@ -28,14 +28,15 @@ def work(
     lease: float,
     note: Callable[[str], None],
     stop_asked: Callable[[], bool],
-    holding: Callable[[Claim | None], None] = lambda claim: None,
+    holding: Callable[[Claim | None], None] | None = None,
 ) -> None:
     """Solve the cases that are open; its first rank alone knows the ledger. Collective.
 
     Args:
         begin: where in the list of all cases, from 0 to 1.
         lease: seconds in which a holder on another machine must give a sign of life.
-        note, holding: see ``Worker``.
+        note: see ``Worker``.
+        holding: see ``Worker``; given on the first rank where a supervisor listens.
 
     Raises:
         HpcinvError: the same on every rank, as ``Worker.work`` does.
@@ -45,8 +46,10 @@ def work(
         def open_queue() -> Queue:
             open_store(plan.store)
             holder = held.enter_context(Holder(plan.store))
-            return Queue(plan.cases, Ledger(plan.store, holder, lease=lease), begin=begin, patience=1.2 * lease)
+            ledger = Ledger(plan.store, holder, lease=lease, supervised=holding is not None)
+            return Queue(plan.cases, ledger, begin=begin, patience=1.2 * lease)
 
         queues: list[Queue] = []
         on_root(group, lambda: queues.append(open_queue()))
-        Worker(plan, group, queues[0] if queues else None, note, stop_asked, holding).work()
+        queue = queues[0] if queues else None
+        Worker(plan, group, queue, note, stop_asked, holding or (lambda claim: None)).work()

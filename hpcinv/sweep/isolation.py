@@ -206,19 +206,18 @@ class _Supervisor:
             self.note(f"{self.titles[claim.key]}: {record.status}, and did not stop: its process is ended")
 
     def _bury(self, claim: Claim, code: int) -> None:
-        """Note that a case has crashed its process; a kill may be meant for a neighbour, or the whole machine."""
+        """Note how a case has ended its process."""
         title, how = self.titles[claim.key], _how(code)
-        if code not in (-signal.SIGKILL, signal.SIGKILL, 128 + signal.SIGKILL):
-            self.ledger.crashed(claim, how)
+        self.ledger.crashed(claim, how)
         self.note(f"{title}: crashed its process ({how}); the others go on in a new one")
 
 
 def _how(code: int) -> str:
     """How processes ended. mpiexec gives the number of a signal as its exit code."""
-    number = -code if code < 0 else code
-    with contextlib.suppress(ValueError):
-        if code < 0 or number in {signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, 9}:
-            return f"ended by {signal.Signals(number).name}"
+    fatal = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGKILL)
+    if code < 0 or code in fatal:
+        with contextlib.suppress(ValueError):
+            return f"ended by {signal.Signals(abs(code)).name}"
     return f"ended with exit code {code} before all was done"
 
 

@@ -52,6 +52,15 @@ DEADLY = 5
 A process can also die with its allocation, through no fault of the case; so one or two deaths say nothing.
 """
 
+LOST = 25
+"""So many processes must have vanished together with their supervisor until that is the fault of the case.
+
+A supervisor survives its case, so this is most likely a kill of the whole allocation: it counts for little.
+"""
+
+KILLED = "ended by SIGKILL"
+"""How a process ended that was killed: perhaps because of a neighbour that took the memory."""
+
 CRASHES = 2
 """So many crashes that a supervisor has seen, each in another process, are the fault of the case."""
 
@@ -63,6 +72,7 @@ class Claim:
     Attributes:
         round, attempt: which claim it is; both count from 1, attempts within the round.
         died: how many of the earlier attempts ended with their process.
+        lost: how many further ones ended together with their supervisor.
         crashes: how earlier attempts ended that crashed their process.
         run: where checkpoints and results go, with what earlier attempts have saved; it need not exist.
     """
@@ -73,6 +83,7 @@ class Claim:
     died: int
     run: Path
     crashes: tuple[str, ...] = ()
+    lost: int = 0
 
 
 @dataclass(frozen=True)
@@ -97,13 +108,14 @@ class Ledger:
 
     Args:
         lease: seconds within which the heartbeat of a holder elsewhere must change.
+        supervised: whether another process notes how this one ends.
 
     Raises:
         OutputError: from every method, where the file system fails; nothing half-written stays.
     """
 
-    def __init__(self, path: Path, holder: Holder, *, lease: float = LEASE) -> None:
-        self.path, self.holder = path, holder
+    def __init__(self, path: Path, holder: Holder, *, lease: float = LEASE, supervised: bool = False) -> None:
+        self.path, self.holder, self.supervised = path, holder, supervised
         self._files, self._watch = Histories(path), Watch(path, holder.identity, lease)
 
     def open(self) -> None:
@@ -132,13 +144,18 @@ class Ledger:
             return None
         attempt = before.claims + 1
         file = self._files.file(key, f"claim-{before.round}-{attempt}.json")
-        content = {"holder": self.holder.identity.as_json(), "since": datetime.now(UTC).isoformat(timespec="seconds")}
+        content = {
+            "holder": self.holder.identity.as_json(),
+            "since": datetime.now(UTC).isoformat(timespec="seconds"),
+            "supervised": self.supervised,
+        }
         with told(file):
             make_directory(file.parent)
             if not create(file, json.dumps(content).encode()):
                 return None
         run = self.directory(key) / f"run-{before.round}-{attempt}"
-        claim = Claim(key, before.round, attempt, before.unreleased, run, self._crashes(key, before))
+        lost = self._lost(key, before)
+        claim = Claim(key, before.round, attempt, before.unreleased - lost, run, self._crashes(key, before), lost)
         if not _is_last(claim, self._files.of(key)):
             with told(file):
                 file.unlink(missing_ok=True)
@@ -218,6 +235,15 @@ class Ledger:
                 return Identity.from_json(content["holder"]), str(content["since"])
             except (FileNotFoundError, ValueError, KeyError, TypeError):
                 return None, ""
+
+    def _lost(self, key: str, history: History) -> int:
+        """How many claims ended without a word of the supervisor that they had."""
+        lost = 0
+        for number in {*range(1, history.claims + 1)} - history.released - history.crashed:
+            file = self._files.file(key, f"claim-{history.round}-{number}.json")
+            with told(file), contextlib.suppress(FileNotFoundError, ValueError, AttributeError):
+                lost += json.loads(file.read_bytes()).get("supervised") is True
+        return lost
 
     def _crashes(self, key: str, history: History) -> tuple[str, ...]:
         found = []

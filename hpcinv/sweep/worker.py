@@ -22,7 +22,7 @@ from hpcinv.methods.guess import Guess
 from hpcinv.progress import Listener
 from hpcinv.rundirectory import RunDirectory
 from hpcinv.runtime import MPI, on_root
-from hpcinv.sweep.ledger import CRASHES, DEADLY
+from hpcinv.sweep.ledger import CRASHES, DEADLY, KILLED, LOST
 from hpcinv.sweep.neighbours import Neighbours, Solution
 from hpcinv.sweep.outcomes import overdue_record, remove_run
 from hpcinv.sweep.record import Record
@@ -116,11 +116,12 @@ class Worker:
         """Solve a case; that it cannot be solved is a result too."""
         begun = time.perf_counter()
         record = Record("", "", {}, 0.0, task.claim.attempt)
-        if len(crashes := task.claim.crashes) >= CRASHES:
+        crashes = [how for how in task.claim.crashes if how != KILLED]
+        if len(crashes) >= CRASHES:
             status = f"its process crashed {len(crashes)} times: {crashes[-1]}"
             return replace(record, status=status, advice="What it printed last is in the output of the sweep.")
-        if task.claim.died >= DEADLY:
-            status = f"the process that ran it was killed {task.claim.died} times"
+        if task.claim.died >= DEADLY or task.claim.lost >= LOST:
+            status = f"the process that ran it was killed {task.claim.died + task.claim.lost} times"
             return replace(
                 record,
                 status=status,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -12,6 +14,8 @@ from command_line import BLOCK, ROOT, Started, hpcinv
 from sweeps import records_of, write_sweep
 
 from hpcinv.errors import JobError
+from hpcinv.sweep.holder import Holder
+from hpcinv.sweep.ledger import DEADLY, Ledger
 from hpcinv.sweep.plan import load_sweep
 
 GENERATOR = f"""
@@ -102,6 +106,24 @@ def test_a_case_whose_process_is_killed_is_tried_more_often(tmp_path: Path) -> N
     ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
     assert ended.returncode == 3, ended.stdout + ended.stderr
     assert statuses(sweep) == ["converged", "the process that ran it was killed 5 times"]
+
+
+@pytest.mark.parametrize(("supervised", "solved"), [(True, True), (False, False)])
+def test_kills_of_whole_allocations_are_not_the_fault_of_the_case(
+    supervised: bool, solved: bool, tmp_path: Path
+) -> None:
+    """Where there was a supervisor it would have told of a death of the process alone."""
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}])
+    plan = load_sweep(sweep)
+    for _ in range(DEADLY + 2):
+        dead = subprocess.Popen(["true"])
+        with Holder(plan.store) as holder:
+            holder.identity = dataclasses.replace(holder.identity, pid=dead.pid, token=f"dead-{dead.pid}")
+            dead.wait()
+            assert Ledger(plan.store, holder, supervised=supervised).claim(plan.cases[0].key) is not None
+    ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == (0 if solved else 3), ended.stdout + ended.stderr
+    assert statuses(sweep) == ["converged" if solved else "the process that ran it was killed 7 times"]
 
 
 def test_cases_that_take_too_long_are_told_and_all_others_are_solved(tmp_path: Path) -> None:
