@@ -48,7 +48,7 @@ def kill(place: Path, options: argparse.Namespace) -> int:
         while len(alive) < 2:
             alive.append(Started(1 + kills % 2, "sweep", "run", sweep, cwd=place))
         # A fifth as they start, and all that are ahead of an even pace; the others once there is one more record.
-        ahead = len(committed) >= options.cases * (kills + 1) / (options.kills + 1)
+        ahead = len(committed) >= 0.9 * options.cases * kills / options.kills
         deadline = time.monotonic() + 60
         while not ahead and kills % 5 and len(records(place)) <= len(committed) and time.monotonic() < deadline:
             time.sleep(0.005)
