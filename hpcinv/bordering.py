@@ -104,13 +104,15 @@ class Bordering:
     def correct(
         self, x: PETSc.Vec, load: float, t: PETSc.Vec, tolerance: float, *, direction: int, scale: float
     ) -> Corrected:
-        """Newton's method from ``(x, load)`` in the plane through x normal to ``t``.
+        """Newton's method from ``(x, load)`` in the plane through x normal to ``t``; it fails where corrections grow.
 
         Args:
             tolerance: estimated error of x relative to its norm, and of the load factor relative to ``scale``.
             direction: of the load factor, where it is at the end of a load case.
         """
-        equations, monitor = self.equations, NewtonMonitor(tolerance, self.limit, self.reuse)
+        equations = self.equations
+        # A shorter step is always at hand, and an iteration that has wandered may end on another path.
+        monitor = NewtonMonitor(tolerance, self.limit, self.reuse, growths_allowed=0)
         x, outcome, fault = x.copy(), None, None
         signs: list[int] = []
         factorizations = 0

@@ -120,6 +120,7 @@ class NewtonMonitor:
         begins_near: whether the first correction can be trusted, small as it may be.
         predicted: length of the step, by the tangent at hand, that has foretold where it begins; 0 if none has.
         inexact: error of a correction itself, relative, as the linear solver leaves it.
+        growths_allowed: iterations in which the correction may grow; a solve with more of them has diverged.
     """
 
     tolerance: float
@@ -128,6 +129,7 @@ class NewtonMonitor:
     begins_near: bool = False
     predicted: float = 0.0
     inexact: float = 0.0
+    growths_allowed: int = 2
     history: list[NewtonIteration] = field(default_factory=list)
 
     # The first corrections may shrink by chance, far from the solution: a tangent found there must not be kept.
@@ -136,7 +138,6 @@ class NewtonMonitor:
     next_to = 5e-3
     # Corrections smaller than this that no longer shrink are rounding errors; larger ones are not.
     round_off = 1e-8
-    growths_allowed = 2
     # A correction by a kept tangent that exceeds the one before by more than this is found anew.
     renewal = 1.0
     # A correction that turns or stretches the body more than this leads nowhere, unless it is the first.
