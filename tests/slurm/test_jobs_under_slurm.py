@@ -73,7 +73,7 @@ def test_a_cancelled_job_can_be_resumed_and_is_not_requeued(batch: Batch) -> Non
     assert batch.run("scancel", job).returncode == 0
     batch.wait(job)
     assert "what was reached is saved" in batch.outputs()
-    assert not (batch.place / "cube" / "summary.json").exists()
+    assert json.loads((batch.place / "cube" / "summary.json").read_text())["status"] == "stopped by a signal"
     again = batch.sbatch("--ntasks=2", JOB, "cube.yaml", "cube", **srun)
     batch.wait(again)
     assert batch.states(again) == {"COMPLETED"}, batch.outputs()
