@@ -34,6 +34,10 @@ def read_demands(
             fault = f"there is no such quantity in 'quantities'.{did_you_mean(str(name), known)}"
             problems.append(((str(name),), fault))
             continue
+        if known[name].is_reaction:
+            fault = "is a reaction, which has no error estimate; a demand can be on any other kind of quantity"
+            problems.append(((name,), fault))
+            continue
         try:
             demands[name] = _DEMAND.parse(value)
             _check_dimension(value, _dimension_of(known[name]))

@@ -1,4 +1,4 @@
-"""Quantities of interest: formulas at a point, or over a region, reduced to one number.
+"""Quantities of interest: formulas at a point, or over a region, reduced to one number, and reactions of supports.
 
 Formulas of position and displacement alone are taken at a region's nodes; those of stress, energy and volume ratio, and
 integrals of any, at quadrature points in its cells, or on its facets if it has no cells.
@@ -22,6 +22,7 @@ from hpcinv.extent import extent
 from hpcinv.mesh.location import Location, locate
 from hpcinv.mesh.regions import find
 from hpcinv.placement import placed
+from hpcinv.reactions import reactions
 from hpcinv.runtime import MPI
 from hpcinv.scenefields import SceneFields
 
@@ -63,11 +64,11 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
 def evaluate(
     quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg, model: Model | None = None
 ) -> dict[str, Value]:
-    """Values of the quantities in SI by name, the displacement as a list of 3; collective.
+    """Values of the quantities in SI by name, displacements and reactions as lists of 3; collective.
 
     Args:
         model: that of the leg, which must have reached the full load; its present state becomes the leg's solution.
-            Without it there are no quantities of stress, energy and volume ratio, and none by quadrature.
+            Without it there are no quantities of stress, energy and volume ratio, none by quadrature, and no reactions.
 
     Raises:
         MeshError: on every rank, if a point is outside of the body, or there is no such region.
@@ -76,13 +77,18 @@ def evaluate(
     quantities = tuple(quantities)
     with placed(body.mesh, leg.mesh_nodes / body.length_scale):
         check_points(quantities, body)
-        return values_of(quantities, body, leg, _fields(quantities, body, leg, model))
+        others = [q for q in quantities if not q.is_reaction]
+        found = values_of(others, body, leg, _fields(quantities, body, leg, model))
+        if len(others) < len(quantities):
+            assert model is not None
+            found |= reactions([q for q in quantities if q.is_reaction], leg, model)
+        return {q.name: found[q.name] for q in quantities}
 
 
 def values_of(
     quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg, fields: SceneFields | None
 ) -> dict[str, Value]:
-    """As `evaluate`, of what is on the body, whose mesh lies as the leg's.
+    """As `evaluate`, of what is on the body, whose mesh lies as the leg's, and without reactions.
 
     Args:
         fields: those of the leg's scene, as it is now; ``None`` if no quantity needs them.

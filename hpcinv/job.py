@@ -360,6 +360,22 @@ class Job(Spec):
         raise_if_any(((i, "name"), f"'{names[i]}' is the name of an earlier quantity") for i in repeated(names))
         return quantities
 
+    @field_validator("quantities")
+    @classmethod
+    def _react_at_supports(
+        cls, quantities: tuple[QuantityOfInterest, ...], info: ValidationInfo
+    ) -> tuple[QuantityOfInterest, ...]:
+        if "supports" not in info.data:  # already reported
+            return quantities
+        regions = list(dict.fromkeys(support.region for support in info.data["supports"]))
+        problems = []
+        for i, quantity in enumerate(quantities):
+            if quantity.is_reaction and quantity.on not in regions:
+                where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"
+                problems.append(((i, "on"), f"{shown(quantity.on)} is not the region of a support: {where}"))
+        raise_if_any(problems)
+        return quantities
+
 
 def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, MaterialLaw]:
     if isinstance(material, MaterialLaw):

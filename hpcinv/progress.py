@@ -330,8 +330,12 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
             notes.append(f"error at most {_number(promised[name], 3)}{without}")
         elif name in estimated["quantities"]:
             notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{without}")
+        elif statistics["certificate"]["estimate"] is not None:
+            notes.append("no error estimate for reactions")
         if (deviation := slopes["quantities"].get(name, {"sd": None})["sd"]) is not None:
             notes.append(f"standard deviation {_value(deviation, digits=2)}")
+        elif statistics["sensitivities"] is not None and name not in slopes["quantities"]:
+            notes.append("no sensitivities of reactions")
         lines.append(f"{name}: {_value(value)}{f' ({", ".join(notes)})' if notes else ''}")
     lines += _sensitivities(statistics["sensitivities"])
     lines += [

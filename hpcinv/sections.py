@@ -36,6 +36,7 @@ STRESSES = ("sxx", "syy", "szz", "sxy", "syz", "sxz", "p", "von_mises", "energy"
 FIELDS: dict[str, Dimension | None] = {"J": Dimension(), **dict.fromkeys(STRESSES, STRESS)}
 
 LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
+REACTIONS = ("reaction", "reaction_moment")
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
 
 
@@ -184,7 +185,8 @@ class Support(Spec):
 
 
 class QuantityOfInterest(Spec):
-    """A number to print and keep: the displacement or a formula at a point, or a formula reduced over a region.
+    """A number to print and keep: the displacement or a formula at a point, a formula reduced over a region, or the
+    force or moment of the supports of a region.
 
     Formulas know the reference position X, Y, Z, the current position x, y, z, the displacement ux, uy, uz, the volume
     ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, its p = -(sxx + syy + szz)/3 and von_mises, and the energy
@@ -194,19 +196,37 @@ class QuantityOfInterest(Spec):
     name: Name
     """what it is called in the summary"""
     of: Expression
-    """'displacement' (the vector, at a point), or a formula"""
+    """'displacement' (the vector, at a point), 'reaction' (the force that the supports of a region exert on the body),
+    'reaction_moment' (its moment), or a formula"""
     at: Triple[Length] | None = None
     """a point in the given mesh"""
     on: str | None = None
-    """a region over which the formula is reduced: positions over its nodes, else over its cells or, without, facets"""
+    """a region over which the formula is reduced: positions over its nodes, else over its cells or, without, facets;
+    or, for a reaction, the region of a support"""
     reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
     """how the values on a region become one"""
     over: Literal["reference", "current"] | None = None
     """body whose volume or area an integral, mean or rms is over; left out, means and rms of stresses: reference"""
+    about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
+    """the point that a reaction_moment is about; left out, the origin"""
 
     @property
     def is_displacement(self) -> bool:
         return self.of.source.strip() == "displacement"
+
+    @property
+    def is_reaction(self) -> bool:
+        """Whether it is the force or the moment of supports."""
+        return self.of.source.strip() in REACTIONS
+
+    @property
+    def is_moment(self) -> bool:
+        """Whether it is the moment of supports."""
+        return self.of.source.strip() == "reaction_moment"
+
+    @property
+    def is_vector(self) -> bool:
+        return self.is_displacement or self.is_reaction
 
     @property
     def fields(self) -> frozenset[str]:
@@ -220,6 +240,21 @@ class QuantityOfInterest(Spec):
 
     @model_validator(mode="after")
     def _is_complete(self) -> Self:
+        raise_if_any(self._problems_of_reaction() if self.is_reaction else self._problems())
+        return self
+
+    def _problems_of_reaction(self) -> list[tuple[Location, str]]:
+        problems: list[tuple[Location, str]] = []
+        if self.on is None:
+            problems.append((("on",), "is needed for a reaction: the region of a support"))
+        for field in ("at", "reduce", "over"):
+            if getattr(self, field) is not None:
+                problems.append(((field,), "has no use with a reaction, which is a sum over the region of a support"))
+        if self.about is not None and not self.is_moment:
+            problems.append((("about",), "has a use only with 'of: reaction_moment'"))
+        return problems
+
+    def _problems(self) -> list[tuple[Location, str]]:
         problems: list[tuple[Location, str]] = []
         if (self.at is None) == (self.on is None):
             problems.append(((), "needs exactly one of 'at' (a point) and 'on' (a region)"))
@@ -235,5 +270,6 @@ class QuantityOfInterest(Spec):
             problems.append((("of",), "is a vector; on a region take a formula, such as norm(ux, uy, uz)"))
         elif not self.is_displacement:
             problems += faults([(("of",), self.of)], POSITIONS | FIELDS, None)
-        raise_if_any(problems)
-        return self
+        if self.about is not None:
+            problems.append((("about",), "has a use only with 'of: reaction_moment'"))
+        return problems

@@ -219,6 +219,24 @@ CASES: list[tuple[dict[str, Any], str]] = [
         {"quantities": [{"name": "a", "of": "displacement", "on": "s", "reduce": "max"}]},
         "quantities[0].of: is a vector",
     ),
+    ({"quantities": [{"name": "a", "of": "reaction"}]}, "quantities[0].on: is needed for a reaction"),
+    ({"quantities": [{"name": "a", "of": "reaction", "on": "s", "reduce": "max"}]}, "quantities[0].reduce: has no use"),
+    (
+        {"quantities": [{"name": "a", "of": "reaction", "on": "clam"}]},
+        "quantities[0].on: 'clam' is not the region of a support: those with supports are clamp",
+    ),
+    (
+        {"quantities": [{"name": "a", "of": "reaction", "on": "clamp", "about": [0, 0, 0]}]},
+        "quantities[0].about: has a use only with 'of: reaction_moment'",
+    ),
+    (
+        {"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0], "about": [0, 0, 0]}]},
+        "quantities[0].about: has a use only with 'of: reaction_moment'",
+    ),
+    (
+        {"quantities": [{"name": "a", "of": "reaction", "on": "clamp"}], "accuracy": {"a": "1 N"}},
+        "accuracy.a: is a reaction, which has no error estimate",
+    ),
     ({"quantities": [{"name": "a", "of": "x < 1", "at": [0, 0, 0]}]}, "quantities[0].of: must be a number, but"),
     ({"quantities": [{"name": "a", "of": "x + w", "at": [0, 0, 0]}]}, "quantities[0].of: unknown name 'w'"),
     ({"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0]}] * 2}, "quantities[1].name: 'a' is the name of an"),

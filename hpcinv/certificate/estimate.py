@@ -49,7 +49,8 @@ class Estimate:
     """Estimated discretisation errors of one leg.
 
     Attributes:
-        quantities: corrected less computed value of each quantity of interest (SI), a list of 3 for a vector.
+        quantities: corrected less computed value of each quantity of interest (SI), a list of 3 for a vector. Reactions
+            are left out: the corrected solution balances its forces only to first order.
         corrected: the corrected values.
         shape: largest correction of the displacement at a geometry node, in m.
         cells: ``∫ |∇δ|² dx`` of each owned cell, in scaled lengths: where the error is.
@@ -111,7 +112,7 @@ def estimate(model: Model, leg: Leg, computed: Mapping[str, Value]) -> Estimate:
     delta = better.displacement
     delta.x.array[:] -= u.x.array
     return Estimate(
-        quantities={name: _difference(corrected[name], value) for name, value in computed.items()},
+        quantities={name: _difference(corrected[name], value) for name, value in computed.items() if name in corrected},
         corrected=corrected,
         shape=comm.allreduce(largest, op=MPI.MAX),
         cells=_by_cell(delta, body.length_scale),
@@ -134,8 +135,8 @@ def _at_given_nodes(model: Model, better: Leg) -> Leg:
 
 
 def _corrected(model: Model, at_nodes: Leg, better: Leg, finer: Model) -> dict[str, Value]:
-    """The quantities of interest of the corrected solution in the order of the job."""
-    body, quantities = finer.body, model.job.quantities
+    """The quantities of interest but reactions of the corrected solution in the order of the job."""
+    body, quantities = finer.body, [q for q in model.job.quantities if not q.is_reaction]
     of_nodes = [q for q in quantities if q.on is not None and not q.by_quadrature]
     others = [_on(q, model.body, body) for q in quantities if q not in of_nodes]
     found = evaluate(of_nodes, model.body, at_nodes) | evaluate(others, body, better, finer)

@@ -45,7 +45,7 @@ class Sensitivities:
 
     Attributes:
         parameters: by which it was differentiated.
-        slopes: of each quantity of interest by parameter, a list of 3 for a vector.
+        slopes: of each quantity of interest but reactions by parameter, a list of 3 for a vector.
         displacement: of ``u = x - X``, by parameter.
         nodes: of the body that was looked for, at the local geometry nodes, (n, 3), by parameter.
         shape: largest length of those over all nodes.

@@ -48,13 +48,14 @@ class Change:
 
 
 def slopes(model: Model, leg: Leg, changes: Sequence[tuple[Parameter, Change]]) -> dict[str, dict[str, Value]]:
-    """Derivatives (SI) of each of the job's quantities of interest by the parameters' keys.
+    """Derivatives (SI) of each of the job's quantities of interest but reactions by the parameters' keys.
 
     Collective; the mesh must lie as the leg's, and the model's state is the leg's solution in the end.
     """
-    job, scene, body = model.job, model.scene(leg.direction), model.body
+    scene, body = model.scene(leg.direction), model.body
+    quantities = [quantity for quantity in model.job.quantities if not quantity.is_reaction]
     scene.parameters.set_load(1.0)
-    fields = fields_for(job.quantities, body, scene, model.scales)
+    fields = fields_for(quantities, body, scene, model.scales)
 
     def at(change: Change, shift: float) -> dict[str, Floats]:
         u, p = leg.displacement.copy(), leg.pressure and leg.pressure.copy()
@@ -64,9 +65,9 @@ def slopes(model: Model, leg: Leg, changes: Sequence[tuple[Parameter, Change]]) 
         moved = replace(leg, u=leg.u + shift * change.u, displacement=u, pressure=p)
         model.set_solution(u, p)
         with scene.parameters.moved(change.along, shift):
-            return {name: np.array(v) for name, v in values_of(job.quantities, body, moved, fields).items()}
+            return {name: np.array(v) for name, v in values_of(quantities, body, moved, fields).items()}
 
-    found: dict[str, dict[str, Value]] = {quantity.name: {} for quantity in job.quantities}
+    found: dict[str, dict[str, Value]] = {quantity.name: {} for quantity in quantities}
     for parameter, change in changes if found else ():
         step = _step(model, leg, parameter, change)
         values = [at(change, k * step) for k in POINTS]

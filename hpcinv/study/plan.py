@@ -189,7 +189,7 @@ def _unmeasurable(study: Study, job: Job) -> Iterator[tuple[Location, str]]:
 
 
 def _quantities(job: Job) -> dict[str, bool]:
-    return {quantity.name: quantity.is_displacement for quantity in job.quantities}
+    return {quantity.name: quantity.is_vector for quantity in job.quantities}
 
 
 def _label(varied: Mapping[str, Any]) -> str:

@@ -22,6 +22,8 @@ def unit_of(key: str, job: Job) -> str:
         return _IN_SUMMARY.get(key.rpartition(".")[2], "")
     if names[name].is_displacement:
         return "m"
+    if names[name].is_reaction:
+        return "N m" if names[name].is_moment else "N"
     if names[name].reduce == "integral":  # of what it is over, volume or area, only the mesh knows
         return ""
     dimension = names[name].of.check(POSITIONS | FIELDS)
