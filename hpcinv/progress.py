@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from hpcinv.errors import HpcinvError
 from hpcinv.runlog import RunLog
+from hpcinv.sections import REACTIONS
 from hpcinv.terminal import width_through_mpirun
 from hpcinv.units import readable
 
@@ -324,19 +325,22 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     promised = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
     without = ", without that of the geometry" if estimated.get("without_geometry") else ""
     slopes = statistics["sensitivities"] or {"quantities": {}}
+    reactions = _reactions(statistics)
     for name, value in statistics["quantities"].items():
         notes = []
         if name in promised:  # an output has one figure for the error of a quantity
             notes.append(f"error at most {_number(promised[name], 3)}{without}")
         elif name in estimated["quantities"]:
             notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{without}")
-        elif statistics["certificate"]["estimate"] is not None:
+        elif name in reactions and statistics["certificate"]["estimate"] is not None:
             notes.append("no error estimate for reactions")
         if (deviation := slopes["quantities"].get(name, {"sd": None})["sd"]) is not None:
             notes.append(f"standard deviation {_value(deviation, digits=2)}")
-        elif statistics["sensitivities"] is not None and name not in slopes["quantities"]:
+        elif name in reactions and statistics["sensitivities"] is not None:
             notes.append("no sensitivities of reactions")
-        lines.append(f"{name}: {_value(value)}{f' ({", ".join(notes)})' if notes else ''}")
+        lines.append(
+            f"{name}: {_value(value, unit=reactions.get(name, 'm'))}{f' ({", ".join(notes)})' if notes else ''}"
+        )
     lines += _sensitivities(statistics["sensitivities"])
     lines += [
         text.format(**statistics["errors"][name]) for name, text in _ERRORS.items() if name in statistics["errors"]
@@ -368,10 +372,16 @@ def _sensitivities(found: Mapping[str, Any] | None) -> list[str]:
     return lines
 
 
-def _value(value: float | list[float | None] | None, digits: int = 6) -> str:
-    """A number, or a displacement."""
+def _reactions(statistics: Mapping[str, Any]) -> dict[str, str]:
+    """The quantities that are reactions, with their units."""
+    asked = {q["name"]: q["of"].strip() for q in statistics.get("job", {}).get("quantities", ())}
+    return {name: REACTIONS[of] for name, of in asked.items() if of in REACTIONS}
+
+
+def _value(value: float | list[float | None] | None, digits: int = 6, unit: str = "m") -> str:
+    """A number, or a vector with its unit."""
     if isinstance(value, list):
-        return f"({', '.join(_number(v, digits) for v in value)}) m"
+        return f"({', '.join(_number(v, digits) for v in value)}) {unit}"
     return _number(value, digits)
 
 

@@ -36,7 +36,7 @@ STRESSES = ("sxx", "syy", "szz", "sxy", "syz", "sxz", "p", "von_mises", "energy"
 FIELDS: dict[str, Dimension | None] = {"J": Dimension(), **dict.fromkeys(STRESSES, STRESS)}
 
 LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
-REACTIONS = ("reaction", "reaction_moment")
+REACTIONS = {"reaction": "N", "reaction_moment": "N m"}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
 
 

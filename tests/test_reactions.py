@@ -13,8 +13,10 @@ from command_line import BLOCK, hpcinv, write_job
 from verification import box, job
 
 from hpcinv import run
+from hpcinv.job import parse
 from hpcinv.progress import report
 from hpcinv.runtime import MPI
+from hpcinv.study.units import unit_of
 
 ABOUT = [0.3, -0.2, 0.4]
 REACTIONS = [
@@ -149,7 +151,6 @@ def test_a_run_tells_reactions_and_what_is_not_known_of_them(tmp_path: Path) -> 
     path = write_job(tmp_path / "block.yaml", BLOCK, **changes)
     done = hpcinv(2, "run", path, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "grip: " in done.stdout
     found = json.loads(next(tmp_path.rglob("summary.json")).read_text())
     assert list(found["quantities"]) == ["top", "grip", "torque", "torque_about"]
     assert list(found["certificate"]["estimate"]["quantities"]) == ["top"]
@@ -158,3 +159,7 @@ def test_a_run_tells_reactions_and_what_is_not_known_of_them(tmp_path: Path) -> 
     for name in ("grip", "torque", "torque_about"):
         assert "(no error estimate for reactions, no sensitivities of reactions)" in lines[name]
     assert "for reactions" not in lines["top"]
+    for name, unit in (("grip", "N"), ("torque", "N m")):
+        assert f") {unit} (" in lines[name]
+        assert lines[name] in done.stdout + done.stderr
+        assert unit_of(f"quantities.{name}[0]", parse(found["job"], path)) == unit

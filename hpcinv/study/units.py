@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hpcinv.sections import FIELDS, POSITIONS
+from hpcinv.sections import FIELDS, POSITIONS, REACTIONS
 from hpcinv.units import NAMES, parse_unit
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ def unit_of(key: str, job: Job) -> str:
     if names[name].is_displacement:
         return "m"
     if names[name].is_reaction:
-        return "N m" if names[name].is_moment else "N"
+        return REACTIONS[names[name].of.source.strip()]
     if names[name].reduce == "integral":  # of what it is over, volume or area, only the mesh knows
         return ""
     dimension = names[name].of.check(POSITIONS | FIELDS)
