@@ -13,7 +13,7 @@ from command_line import BLOCK, hpcinv, write_job
 from verification import box, job
 
 from hpcinv import run
-from hpcinv.job import parse
+from hpcinv.job import load
 from hpcinv.progress import report
 from hpcinv.runtime import MPI
 from hpcinv.study.units import unit_of
@@ -162,4 +162,4 @@ def test_a_run_tells_reactions_and_what_is_not_known_of_them(tmp_path: Path) -> 
     for name, unit in (("grip", "N"), ("torque", "N m")):
         assert f") {unit} (" in lines[name]
         assert lines[name] in done.stdout + done.stderr
-        assert unit_of(f"quantities.{name}[0]", parse(found["job"], path)) == unit
+        assert unit_of(f"quantities.{name}[0]", load(path)) == unit
