@@ -14,7 +14,7 @@ from verification import box, job
 from hpcinv.accuracy.assessment import Assessment, Finding, assess, hindsight
 from hpcinv.accuracy.forecast import AIM, BOLD, CAREFUL, Forecast, Places, Step, Work, cautious, choose, nodes
 from hpcinv.accuracy.marking import CLOSURE, plan
-from hpcinv.accuracy.record import Ending, Record
+from hpcinv.accuracy.record import Ending, Record, Row
 from hpcinv.certificate import Verdict
 from hpcinv.errors import JobError
 
@@ -193,10 +193,13 @@ def test_errors_of_vectors_are_lengths() -> None:
     assert hindsight([found], {"q": 1e-3}) == [pytest.approx(0.5)]
 
 
-def test_the_certificate_tells_which_demand_is_not_met() -> None:
-    record = Record({"a": 1.0, "b": 1.0}, [], 0, {"a": 0.5, "b": math.inf}, Ending.LIMIT, 1.0)
+@pytest.mark.parametrize("left_out", ["", ", the error of the geometry is not included"])
+def test_the_certificate_tells_which_demand_is_not_met(left_out: str) -> None:
+    step = Row("as it is", 48, 2, 375, {}, {}, {}, None, left_out, 3, 1.0)
+    record = Record({"a": 1.0, "b": 1.0}, [step], 0, {"a": 0.5, "b": math.inf}, Ending.LIMIT, 1.0)
     met, missed = record.lines()
-    assert (met.verdict, met.note) == (Verdict.PASS, "")
+    assert (met.verdict, met.note) == (Verdict.PASS, left_out.removeprefix(", "))
     assert missed.verdict is Verdict.FAIL
     assert "not met" in missed.note
+    assert missed.note.endswith(left_out)
     assert "solver.maximum_unknowns" in missed.note
