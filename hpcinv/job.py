@@ -96,6 +96,12 @@ class Job(Spec):
     _data: Mapping[str, Any] = PrivateAttr(default_factory=dict)
     _untrusted: bool = PrivateAttr(default=False)
 
+    def __eq__(self, other: object) -> bool:
+        """Of what is read from a file, and where that lies, however the file says it."""
+        if not isinstance(other, Job):
+            return NotImplemented
+        return (dict(self), self._path, self._untrusted) == (dict(other), other._path, other._untrusted)
+
     @property
     def path(self) -> Path | None:
         """The file that the job was read from; paths in it begin where that lies."""
