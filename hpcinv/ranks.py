@@ -30,6 +30,9 @@ def _prepare_environment() -> None:
     nodes = os.environ.get("SLURM_STEP_NUM_NODES", os.environ.get("SLURM_JOB_NUM_NODES", "1"))
     if ranks == local and nodes == "1":
         os.environ.setdefault("UCX_TLS", "self,sm,tcp")
+    # PETSc's own handlers would end a run that a signal only asks to stop, in whatever thread it arrives.
+    if "-no_signal_handler" not in (options := os.environ.get("PETSC_OPTIONS", "")):
+        os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
     keep_freed_memory()
 
 
