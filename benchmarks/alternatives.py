@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import hpcinv.runtime  # its import order first
+import hpcinv.parallel.runtime  # its import order first
 
 # isort: split
 import basix.ufl
@@ -23,14 +23,14 @@ from dolfinx import fem
 from petsc4py import PETSc
 from scipy import sparse
 
-import hpcinv.tangent
+import hpcinv.assembly.tangent
+from hpcinv.assembly.tangent import CompiledTangent
 from hpcinv.bench.bodies import WITHOUT_CERTIFICATE, block
 from hpcinv.errors import SolveError
-from hpcinv.job import Job, parse
-from hpcinv.linear.direct import Direct
-from hpcinv.result import Result
-from hpcinv.tangent import CompiledTangent
-from hpcinv.unknowns import Unknowns
+from hpcinv.job.job import Job, parse
+from hpcinv.model.spaces import Unknowns
+from hpcinv.results.result import Result
+from hpcinv.solver.linear.direct import Direct
 
 JOB = Path(__file__).parents[1] / "jobs" / "thick-sphere.yaml"
 SOLVER = ("residual", "tangent", "factorization", "linear solve", "newton", "admissibility check")
@@ -77,7 +77,7 @@ def pressure(element: Callable[[Any], Any] | None) -> Iterator[None]:
         asked.append(degree)
         return element(cell) if element is not None and len(asked) % 2 == 0 else lagrange(family, cell, degree)
 
-    with mock.patch("hpcinv.unknowns.basix.ufl.element", chosen):
+    with mock.patch("hpcinv.model.spaces.basix.ufl.element", chosen):
         yield
 
 
@@ -180,7 +180,7 @@ def fewer_points() -> None:
     print("tangent with fewer quadrature points than the residual")
     for hexahedra, degree, what in ((True, 3, "8 of 27"), (False, 1, "1 of 4")):
 
-        def create(self: CompiledTangent, scene: Any, jit_options: Any = hpcinv.tangent.JIT_OPTIONS) -> None:
+        def create(self: CompiledTangent, scene: Any, jit_options: Any = hpcinv.assembly.tangent.JIT_OPTIONS) -> None:
             of = scene.residual.integrals()
             cells = [i for i in of if i.integral_type() == "cell"]
             rest = [i for i in of if i.integral_type() != "cell"]

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import dolfinx.fem.petsc as fem_petsc
@@ -23,13 +23,13 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.filledtangent import FilledTangent
-from hpcinv.job import parse
-from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.assembly.csr_tangent import FilledTangent
+from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 JOBS = Path(__file__).parents[1] / "jobs"
 BEAM: dict[str, Any] = {

@@ -19,7 +19,7 @@ from typing import Any
 
 import hpcinv
 from hpcinv.errors import HpcinvError
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 JOBS = Path(__file__).parents[1] / "jobs" / "hard"
 HEADINGS = ("case", "what makes it hard", "how it ends", "Newton iterations (factorizations)", "s")

@@ -9,10 +9,10 @@ import argparse
 import time
 from pathlib import Path
 
-from hpcinv.job import MeshSpec
-from hpcinv.memory import peak, resident
+from hpcinv.job.job import MeshSpec
 from hpcinv.mesh import build_body
-from hpcinv.runtime import MPI
+from hpcinv.parallel.memory_use import peak, resident
+from hpcinv.parallel.runtime import MPI
 
 
 def main() -> None:

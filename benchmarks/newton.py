@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 import hpcinv
-from hpcinv.continuation import AdaptiveSteps
-from hpcinv.extrapolation import ExtrapolatedStress
-from hpcinv.job import parse
-from hpcinv.newton import NewtonMonitor
-from hpcinv.predictor import Prediction, Predictor
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
-from hpcinv.workspace import Workspace, collect_garbage
+from hpcinv.job.job import parse
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.result import Result
+from hpcinv.solver.load_stepping import AdaptiveSteps
+from hpcinv.solver.mip_newton import ExtrapolatedStress
+from hpcinv.solver.newton import NewtonMonitor
+from hpcinv.solver.predictor import Prediction, Predictor
+from hpcinv.solver.problem_cache import Workspace, collect_garbage
 
 MESHES = Path(__file__).parents[1] / "meshes"
 SILICONE = {"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8}

@@ -17,7 +17,7 @@ from math import pi, tanh
 from pathlib import Path
 from typing import Any
 
-import hpcinv.runtime
+import hpcinv.parallel.runtime
 
 # isort: split
 import dolfinx.fem.petsc as fem_petsc
@@ -31,12 +31,12 @@ from dolfinx import fem
 import hpcinv
 from hpcinv.certificate import confirmation
 from hpcinv.certificate.inertia import inertia
-from hpcinv.job import Job, load, parse
-from hpcinv.model import Model
-from hpcinv.placement import placed
-from hpcinv.result import Leg, Result
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.job.job import Job, load, parse
+from hpcinv.mesh.moved import placed
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.result import Leg, Result
+from hpcinv.solver.problem import Model
 
 ROOT = Path(__file__).parents[1]
 NO_CERTIFICATE = {"round_trip": "off", "stability": False, "estimate": False, "overlap": False}

@@ -16,7 +16,7 @@ from pathlib import Path
 import matplotlib as mpl
 import yaml
 
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 from hpcinv.sweep.groupwork import work
 from hpcinv.sweep.plan import load_sweep
 

@@ -16,13 +16,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hpcinv.driver import run
-from hpcinv.job import Job
-from hpcinv.methods.guess import Guess
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
+from hpcinv.job.job import Job
+from hpcinv.methods.initial_guess import Guess
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.result import Result
+from hpcinv.solver.problem_cache import Workspace
 from hpcinv.sweep.neighbours import Neighbours, Solution, Space
 from hpcinv.sweep.plan import Case, load_sweep
-from hpcinv.workspace import Workspace
 
 ROOT = Path(__file__).parents[1]
 COMM = MPI.COMM_WORLD

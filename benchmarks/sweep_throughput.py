@@ -19,7 +19,7 @@ from pathlib import Path
 
 import yaml
 
-from hpcinv.loading import read_yaml
+from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.sweep.plan import Plan, load_sweep
 
 ROOT = Path(__file__).parents[1]

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from hpcinv.expressions import Expression
 from hpcinv.materials import laws
+from hpcinv.quantity.expressions import Expression
 
 KGF_PER_CM2 = 98066.5  # Pa
 # Stretch, and nominal stress in kgf/cm².

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hpcinv.driver import run
-    from hpcinv.job import Job, load
+    from hpcinv.job.job import Job, load
     from hpcinv.sweep.interface import sweep
 
 __version__ = "0.1.0"
 __all__ = ["Job", "__version__", "load", "run", "sweep"]
 
-_HOME = {"Job": "hpcinv.job", "load": "hpcinv.job", "run": "hpcinv.driver"}  # imported when first asked for
+_HOME = {"Job": "hpcinv.job.job", "load": "hpcinv.job.job", "run": "hpcinv.driver"}  # imported when first asked for
 
 
 def __getattr__(name: str) -> Any:

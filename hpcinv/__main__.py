@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hpcinv.signals import note_while_starting, starting_is_over
+from hpcinv.parallel.signals import note_while_starting, starting_is_over
 
 if __name__ == "__main__":
     note_while_starting()  # the imports below take a while
@@ -18,20 +18,20 @@ from typing import TYPE_CHECKING, NoReturn
 
 from hpcinv import __version__
 from hpcinv.bench.command import add_bench
-from hpcinv.earlyexit import refuse_exit_without_end
+from hpcinv.cli.compile import add_compile
+from hpcinv.cli.mesh import add_mesh
+from hpcinv.cli.sweep import add_sweep
 from hpcinv.errors import HpcinvError, OutputError
-from hpcinv.job import Job, json_schema, load
-from hpcinv.meshcommand import add_mesh
-from hpcinv.precompile import add_compile
-from hpcinv.rundirectory import RunDirectory, choose
-from hpcinv.signals import CLOSED_OUTPUT, discard_output, end_on_interrupt
+from hpcinv.files.untrusted import add_option, asked_for
+from hpcinv.job.job import Job, json_schema, load
+from hpcinv.output.run_directory import RunDirectory, choose
+from hpcinv.parallel.early_exit import refuse_exit_without_end
+from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output, end_on_interrupt
 from hpcinv.study.plan import is_study, load_plan
-from hpcinv.sweep.command import add_sweep
 from hpcinv.sweep.plan import is_sweep, load_sweep
-from hpcinv.untrusted import add_option, asked_for
 
 if TYPE_CHECKING:
-    from hpcinv.ingredient import Ingredient
+    from hpcinv.quantity.component import Ingredient
 
 EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
 4 no usable checkpoint, 5 a system part is missing, 6 the certificate fails, 7 it has warnings or is
@@ -102,14 +102,14 @@ def _effects(options: argparse.Namespace) -> int:
 
 
 def _formulas(_options: argparse.Namespace) -> int:
-    from hpcinv.formulaguide import show
+    from hpcinv.cli.formula_guide import show
 
     show()
     return 0
 
 
 def _catalogue(members: Mapping[str, type[Ingredient]], tag: str, name: str | None) -> int:
-    from hpcinv.catalogue import describe, overview
+    from hpcinv.cli.catalogue import describe, overview
 
     if name is None:
         overview(members)
@@ -119,14 +119,14 @@ def _catalogue(members: Mapping[str, type[Ingredient]], tag: str, name: str | No
 
 
 def _explain(options: argparse.Namespace) -> int:
-    from hpcinv.runtime import MPI, compilation_explained, failing_together, on_root
+    from hpcinv.parallel.runtime import MPI, compilation_explained, failing_together, on_root
 
     comm = MPI.COMM_WORLD
     with failing_together(comm):
         job = on_root(comm, lambda: load(options.job))
 
-        from hpcinv.explain import explain
-        from hpcinv.explanation import show
+        from hpcinv.cli.explain import explain
+        from hpcinv.cli.explanation import show
 
         def note(text: str) -> None:
             if comm.rank == 0:
@@ -165,11 +165,11 @@ def _resume(options: argparse.Namespace) -> int:
 
 def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
     """Read the job on rank 0 and solve it on all."""
-    from hpcinv.launch import launched
+    from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
-        from hpcinv.progress import Level, Progress
-        from hpcinv.runtime import abort, on_root
+        from hpcinv.output.progress import Level, Progress
+        from hpcinv.parallel.runtime import abort, on_root
 
         with Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
 
@@ -199,11 +199,11 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
 
 
 def _study(options: argparse.Namespace) -> int:
-    from hpcinv.launch import launched
+    from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
-        from hpcinv.runtime import on_root
-        from hpcinv.study.command import conduct
+        from hpcinv.cli.study import conduct
+        from hpcinv.parallel.runtime import on_root
 
         plan = on_root(comm, lambda: load_plan(options.study))
 

@@ -9,40 +9,40 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 from dolfinx import fem
 
 from hpcinv.accuracy import Record, Search
 from hpcinv.certificate import Certificate, Estimate, Line, Verdict, certify
-from hpcinv.checkpoint import Checkpoints, Position, Restart, cells_digest
-from hpcinv.comparison import closure, distance, read_expected
-from hpcinv.diagnosis import diagnose
-from hpcinv.directorylock import DirectoryLock
-from hpcinv.equilibrium import Solve
 from hpcinv.errors import CheckpointError, Interrupted, SolveError
-from hpcinv.fields import write_fields
-from hpcinv.generators import is_generator
-from hpcinv.interest import check_points, evaluate
-from hpcinv.legs import leg_of
+from hpcinv.files.directory_lock import DirectoryLock
+from hpcinv.job.mesh_generators import is_generator
 from hpcinv.mesh import write_mesh
 from hpcinv.methods import method_for
-from hpcinv.methods.guess import Guess
-from hpcinv.newton import Outcome
-from hpcinv.progress import Progress
-from hpcinv.result import Leg, Result
-from hpcinv.rundirectory import RunDirectory, relative
-from hpcinv.runtime import MPI, compilation_explained, on_root
+from hpcinv.methods.initial_guess import Guess
+from hpcinv.output.checkpoint import Checkpoints, Position, Restart, cells_digest
+from hpcinv.output.progress import Progress
+from hpcinv.output.run_directory import RunDirectory, relative
+from hpcinv.output.summary import statistics, versions, write_summary
+from hpcinv.output.vtk import write_fields
+from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.legs import leg_of
+from hpcinv.results.quantities_of_interest import check_points, evaluate
+from hpcinv.results.result import Leg, Result
+from hpcinv.results.shape_distance import closure, distance, read_expected
+from hpcinv.results.totals import Totals, totals_of
 from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
-from hpcinv.summary import statistics, versions, write_summary
-from hpcinv.timings import Timings
-from hpcinv.totals import Totals, totals_of
-from hpcinv.workspace import Workspace
+from hpcinv.solver.diagnosis import diagnose
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.newton import Outcome
+from hpcinv.solver.problem_cache import Workspace
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
-    from hpcinv.job import Job
+    from hpcinv.job.job import Job
     from hpcinv.mesh.source import Floats
 
 

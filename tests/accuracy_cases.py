@@ -14,7 +14,7 @@ import test_thick_sphere as sphere
 from closed_forms import LAM, MU, NEO_HOOKEAN, root
 from verification import box, job
 
-from hpcinv.job import Job
+from hpcinv.job.job import Job
 
 DENSITY, GRAVITY = 1000.0, 9.81
 C1, C2, K = 1.0e5, 1.5e5, 0.3

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[1]
 

@@ -8,8 +8,8 @@ import numpy as np
 from closed_forms import MU, NEO_HOOKEAN
 from verification import Solved, box, job
 
-from hpcinv.cellwise import CellMeans
-from hpcinv.runtime import MPI
+from hpcinv.model.quadrature_values import CellMeans
+from hpcinv.parallel.runtime import MPI
 
 SYMMETRY = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
 

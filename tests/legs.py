@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.equilibrium import Solve
 from hpcinv.mesh import Body
-from hpcinv.newton import NewtonIteration, Outcome
-from hpcinv.result import Leg
+from hpcinv.results.result import Leg
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.newton import NewtonIteration, Outcome
 
 type Field = Callable[[np.ndarray], np.ndarray]  # of points (n, 3) in m
 

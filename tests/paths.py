@@ -8,13 +8,13 @@ import numpy as np
 from closed_forms import LAM, MU, NEO_HOOKEAN, root
 from verification import HERE, box, job
 
-from hpcinv.equilibrium import Solve
-from hpcinv.job import Job
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.methods import Direct
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.problem import Model
 
 # An octant of a thick sphere.
 

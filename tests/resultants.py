@@ -9,12 +9,12 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from hpcinv.job import Job
-from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 
 def wave(points: np.ndarray) -> np.ndarray:

@@ -23,13 +23,13 @@ from hpcinv.accuracy.transfer import begin_with
 from hpcinv.accuracy.trial import attempt
 from hpcinv.certificate import Verdict
 from hpcinv.errors import Interrupted, SolveError
-from hpcinv.job import Job
-from hpcinv.legs import leg_of
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body, read_source
-from hpcinv.model import Model
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.legs import leg_of
+from hpcinv.results.result import Result
+from hpcinv.solver.problem import Model
 
 
 def kept(case: Case, result: Result) -> bool:

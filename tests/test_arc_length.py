@@ -14,15 +14,15 @@ from petsc4py import PETSc
 from verification import box, job
 
 import hpcinv
-from hpcinv.arclength import ArcLengthSteps, trace
-from hpcinv.bordering import Bordering
-from hpcinv.certificate.verdict import Verdict
-from hpcinv.equilibrium import Solve
+from hpcinv.certificate.check import Verdict
 from hpcinv.errors import Interrupted, JobError, SolveError
-from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
-from hpcinv.progress import Progress
-from hpcinv.result import Result
-from hpcinv.runtime import MPI, on_root
+from hpcinv.output.progress import Progress
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.results.result import Result
+from hpcinv.solver.arc_length import ArcLengthSteps, trace
+from hpcinv.solver.bordering import Bordering
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Outcome
 
 # Small systems of equations, without finite elements.
 

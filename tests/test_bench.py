@@ -24,7 +24,7 @@ from hpcinv.bench.runs import Run
 from hpcinv.bench.samples import Sample
 from hpcinv.bench.scalingplot import draw
 from hpcinv.bench.strategies import PAPER, strategies
-from hpcinv.job import parse
+from hpcinv.job.job import parse
 
 ROOT = Path(__file__).parents[1]
 

@@ -12,13 +12,13 @@ from paths import OCTANT, SPHERE, cube, tried
 from verification import box, job
 
 import hpcinv
-from hpcinv.equilibrium import Solve
-from hpcinv.job import Job
-from hpcinv.methods import cascade
-from hpcinv.methods.cascade import Attempt, attempts
-from hpcinv.newton import NewtonIteration, Outcome
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
+from hpcinv.job.job import Job
+from hpcinv.methods import fallbacks
+from hpcinv.methods.fallbacks import Attempt, attempts
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.result import Result
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.newton import NewtonIteration, Outcome
 
 MU, B = 1.0, 10.0  # Fung–Demiray
 
@@ -62,7 +62,7 @@ def test_arc_length_reaches_a_load_of_which_the_smallest_step_is_too_large(comm:
     assert (failed.strategy, failed.load, won.strategy, won.load) == ("load steps", None, "arc-length", 1.0)
     assert won.outcome.accepted
     assert failed.factorizations + won.factorizations == result.legs[0].factorizations
-    assert won.factorizations < cascade.EFFORT["arc-length"]
+    assert won.factorizations < fallbacks.EFFORT["arc-length"]
 
 
 @pytest.mark.parametrize("rescue", ["arc-length", "line-search"])
@@ -108,7 +108,7 @@ def failing(*_: Any, **__: Any) -> Iterator[Solve]:
 
 def test_a_fixed_point_leads_to_the_direct_solution(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     direct = hpcinv.run(sphere(0.2, "inverse"), comm)
-    monkeypatch.setattr(cascade, "follow", failing)
+    monkeypatch.setattr(fallbacks, "follow", failing)
     options = {"snes_linesearch_maxstep": 1e3, "snes_linesearch_maxstp": 1e3}
     result = hpcinv.run(sphere(0.2, "inverse", rescue=["anderson"], petsc=options), comm)
     assert winners(result) == ["load steps", "anderson"]
@@ -119,7 +119,7 @@ def test_a_fixed_point_leads_to_the_direct_solution(comm: MPI.Intracomm, monkeyp
 def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cascade, "EFFORT", dict.fromkeys(cascade.EFFORT, 5))
+    monkeypatch.setattr(fallbacks, "EFFORT", dict.fromkeys(fallbacks.EFFORT, 5))
     found = attempts(tried(sphere(30.0, radial=4, minimum_step=0.02), comm))
     print(found)
     assert [attempt.strategy for attempt in found] == ["load steps", "arc-length", "line-search"]

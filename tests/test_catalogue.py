@@ -11,9 +11,9 @@ import yaml
 
 from hpcinv.__main__ import main
 from hpcinv.effects import effects
-from hpcinv.expressions import Expression
 from hpcinv.materials import laws
-from hpcinv.meanings import meanings
+from hpcinv.quantity.docstrings import meanings
+from hpcinv.quantity.expressions import Expression
 
 EVERYTHING = [("laws", name, kind) for name, kind in laws().items()]
 EVERYTHING += [("effects", name, kind) for name, kind in effects().items()]

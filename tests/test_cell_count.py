@@ -142,7 +142,7 @@ def test_a_mesh_to_be_partitioned_is_told_too_and_refused_where_it_is_absurd(tmp
 
 def test_the_mesh_is_the_one_that_gmsh_makes_unwatched(tmp_path: Path) -> None:
     """Also where its generator meshes curves, surfaces and volumes one after the other."""
-    from hpcinv.mesh.gmsh_model import session
+    from hpcinv.mesh.io.gmsh_model import session
 
     path = generator(tmp_path, BALL)
     source = read_source(spec(path), path)

@@ -12,9 +12,9 @@ from dolfinx import fem
 from legs import corners
 from mesh_cases import spec
 
-from hpcinv.cellwise import CellMeans, QuadratureValues
 from hpcinv.mesh import build_body
-from hpcinv.runtime import MPI
+from hpcinv.model.quadrature_values import CellMeans, QuadratureValues
+from hpcinv.parallel.runtime import MPI
 
 
 @pytest.mark.parallel([1, 2])

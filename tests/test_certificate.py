@@ -17,14 +17,14 @@ from verification import box, job
 
 import hpcinv
 from hpcinv.certificate import Line, Verdict, at_least, at_most
-from hpcinv.certificate.balance import balance
+from hpcinv.certificate.check import Certificate
+from hpcinv.certificate.equilibrium_residual import balance
 from hpcinv.certificate.inertia import inertia
-from hpcinv.certificate.verdict import Certificate
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.result import Result
+from hpcinv.solver.problem import Model
 
 ESTIMATE = NO_CERTIFICATE | {"estimate": True}
 

@@ -14,10 +14,10 @@ from dolfinx import fem
 from legs import SOLVES
 from mesh_cases import spec
 
-from hpcinv.checkpoint import Checkpoints, Position
 from hpcinv.errors import CheckpointError
 from hpcinv.mesh import Body, build_body
-from hpcinv.runtime import MPI
+from hpcinv.output.checkpoint import Checkpoints, Position
+from hpcinv.parallel.runtime import MPI
 
 DAMAGED = "functions.bp or state.json is damaged"
 BOX = {"nx": 3, "ny": 2, "nz": 2}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 from verification import Solved, box, job
 
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 SPATIAL, REFERENCE = 1.0802799, 1.0846655  # undeformed length for a density per current, per reference volume
 

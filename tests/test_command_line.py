@@ -13,7 +13,7 @@ import pytest
 from command_line import BEAM, CUBE, ROOT, environment, hpcinv, write_job
 
 import hpcinv as api
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 UNREACHABLE: dict[str, Any] = {"solver": {"strategy": "fixed", "steps": 2, "maximum_iterations": 1}}
 
@@ -22,7 +22,7 @@ ON_RANK_1 = """
 import sys
 from hpcinv import runtime
 from hpcinv.errors import MeshError
-from hpcinv.model import Model
+from hpcinv.solver.problem import Model
 from hpcinv.__main__ main
 
 steps = Model.steps

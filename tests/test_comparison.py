@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from legs import made_up
 
-from hpcinv.comparison import closure, distance, read_expected
 from hpcinv.errors import MeshError
-from hpcinv.job import Job, parse
+from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body, write_msh
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.shape_distance import closure, distance, read_expected
 
 
 def job(mesh: dict[str, Any], expected: dict[str, Any] | None, path: Path = Path(__file__)) -> Job:

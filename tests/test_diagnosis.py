@@ -9,12 +9,12 @@ from closed_forms import NEO_HOOKEAN
 from paths import OCTANT, SPHERE, cube, tried
 from verification import box, job
 
-from hpcinv.diagnosis import Diagnosis, diagnose
-from hpcinv.equilibrium import Solve
-from hpcinv.job import Job
-from hpcinv.methods.cascade import attempts
-from hpcinv.newton import Outcome
-from hpcinv.runtime import MPI
+from hpcinv.job.job import Job
+from hpcinv.methods.fallbacks import attempts
+from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.diagnosis import Diagnosis, diagnose
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.newton import Outcome
 
 
 def sphere_beyond_its_limit() -> Job:

@@ -11,11 +11,11 @@ from verification import BOX, job
 
 from hpcinv.effects import effects
 from hpcinv.errors import JobError, MeshError
-from hpcinv.job import Job, parse
+from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 MATERIAL = {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"}
 HELD = [{"region": "z0", "fix": ["x", "y", "z"]}]

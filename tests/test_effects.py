@@ -19,12 +19,12 @@ from verification import box, job
 
 import hpcinv
 from hpcinv.effects import Effect, effects
-from hpcinv.job import Job
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.scene import Scene
-from hpcinv.timings import Timings
+from hpcinv.model.scene import Scene
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 MATERIAL = {"law": "neo-hookean", "mu": "30 kPa", "lam": "120 kPa"}
 DIRECTIONS = ("forward", "inverse")
@@ -142,7 +142,7 @@ def only_gravity(path=None, prefix=""):
     kept = {"base", "gravity"} if any(str(p).endswith("effects") for p in path or ()) else None
     return (m for m in found(path, prefix) if kept is None or m.name in kept)
 pkgutil.iter_modules = only_gravity
-import hpcinv.runtime
+import hpcinv.parallel.runtime
 sys.path.insert(0, sys.argv[1])
 from test_effects import EXAMPLES, footprints
 print(json.dumps([list(EXAMPLES), footprints(), footprints("gravity")]))

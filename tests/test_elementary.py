@@ -12,9 +12,9 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 
-from hpcinv import elementary
-from hpcinv.kernels import JIT_OPTIONS
-from hpcinv.runtime import MPI
+from hpcinv.kinematics import stable_functions
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
 
 TINY = [sign * 10.0**-n for n in (4, 8, 12, 16, 30, 80) for sign in (-1, 1)]
 MEDIUM = [-0.9, -0.5, -0.126, -0.125, -0.124, -0.06, -0.01, -0.001, 0.001, 0.01, 0.06, 0.124, 0.125, 0.126, 0.5, 0.9]
@@ -29,8 +29,8 @@ def derivatives() -> Callable[[str, float], Any]:
     at = fem.Constant(mesh, 0.0)
     x = ufl.variable(at)
     names = ["exp", "ln", "sqrt", "expm1", "log1p", "log1p_remainder", "log1p_remainder_ratio", "positive_part"]
-    values = [getattr(elementary, name)(x) for name in names]
-    values += [elementary.polynomial(x, [3.0, -2.0, 0.5])]
+    values = [getattr(stable_functions, name)(x) for name in names]
+    values += [stable_functions.polynomial(x, [3.0, -2.0, 0.5])]
     slopes = [ufl.diff(value, x) for value in values]
     all_of_them = ufl.as_vector([*values, *slopes, *(ufl.diff(slope, x) for slope in slopes)])
     compiled = fem.Expression(all_of_them, np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)

@@ -9,8 +9,8 @@ import pytest
 from command_line import CUBE, hpcinv, write_job
 from verification import box, job
 
-from hpcinv.explain import explain
-from hpcinv.runtime import MPI
+from hpcinv.cli.explain import explain
+from hpcinv.parallel.runtime import MPI
 
 PRESSURE = {"effect": "pressure", "region": "x1", "pressure": "1 kPa"}
 GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}

@@ -23,9 +23,9 @@ from verification import BOX, Solved, box, job
 import hpcinv as package
 from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body, read_source
-from hpcinv.model import Model
-from hpcinv.runtime import MPI, on_root
-from hpcinv.timings import Timings
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 ARTERY = {"law": "holzapfel-gasser-ogden", "mu": 3e3, "k1": 2.4e3, "k2": 0.84, "dispersion": 0.05, "kappa": 2e4}
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(40)

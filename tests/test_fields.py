@@ -10,11 +10,11 @@ import pytest
 from legs import Field, in_cells, made_up
 from mesh_cases import spec
 
-import hpcinv.fields
+import hpcinv.output.vtk
 from hpcinv.errors import OutputError
-from hpcinv.fields import write_fields
 from hpcinv.mesh import MeshSource, build_body
-from hpcinv.runtime import MPI, on_root
+from hpcinv.output.vtk import write_fields
+from hpcinv.parallel.runtime import MPI, on_root
 
 
 def bending(x: np.ndarray) -> np.ndarray:
@@ -106,7 +106,7 @@ def test_fields_that_cannot_be_written_are_an_error_on_all_ranks_and_leave_the_o
             path.write_text("<VTKFile> <Piece")
 
     for write in (fail, cut_short):
-        monkeypatch.setattr(hpcinv.fields, "_write", write)
+        monkeypatch.setattr(hpcinv.output.vtk, "_write", write)
         with pytest.raises(OutputError, match="cannot be written"):
             write_fields(target, body, leg)
         assert np.array_equal(body.mesh.geometry.x, before)

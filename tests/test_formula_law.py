@@ -14,13 +14,13 @@ from dolfinx.mesh import create_unit_cube
 from pydantic import ValidationError
 from ufl.classes import Variable
 
-from hpcinv.kinematics import Deformation
+from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.materials import laws
 from hpcinv.materials.formula import Formula
-from hpcinv.quantities import Dimension
-from hpcinv.runtime import MPI
-from hpcinv.scene import LABEL
-from hpcinv.schema import at, problems_in
+from hpcinv.model.scene import LABEL
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.quantity import Dimension
+from hpcinv.quantity.schema import at, problems_in
 
 STRESS = Dimension(-1, 1, -2)
 

@@ -9,7 +9,7 @@ from verification import box, job
 
 from hpcinv import run
 from hpcinv.errors import JobError, MeshError
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 SCENE: dict[str, Any] = {
     "analysis": "forward",

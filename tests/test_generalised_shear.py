@@ -13,7 +13,7 @@ import pytest
 import ufl
 from verification import Solved, box, job
 
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 C1, C2, K = 1.0e5, 1.5e5, 0.3
 

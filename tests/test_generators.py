@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hpcinv.generators import in_unit, parameters_of, read_parameters, resolution_of
+from hpcinv.job.mesh_generators import in_unit, parameters_of, read_parameters, resolution_of
 
 PYTHON = """
 from hpcinv import quantities
-from hpcinv.quantities import Dimensionless, Length
+from hpcinv.quantity.quantity import Dimensionless, Length
 raise SystemExit("a generator must not be run to be checked")
 def build(gmsh, origin: float = 0.0, *, length: Length, size: "Length" = 2e-3, taper: Dimensionless = 0,
           cells: int = 3, curved: bool = True, shape: str = "round", angle=0.0, area: quantities.Area = 1) -> None:

@@ -21,10 +21,10 @@ from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
 from verification import job
 
 import hpcinv as package
-from hpcinv.job import Job
+from hpcinv.job.job import Job
 from hpcinv.mesh import Body, MeshSource, build_body, read_source, write_mesh
-from hpcinv.mesh.finer_geometry import NO_CAD, OTHER_CELLS, FinerGeometry, of_generator
-from hpcinv.runtime import MPI
+from hpcinv.mesh.refine.finer_geometry import NO_CAD, OTHER_CELLS, FinerGeometry, of_generator
+from hpcinv.parallel.runtime import MPI
 
 A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
 EXACT_WALL = math.pi / 6 * (OUTER**3 - INNER**3)

@@ -9,17 +9,17 @@ import pytest
 from command_line import environment
 
 SCRIPT = """
-import hpcinv.runtime
+import hpcinv.parallel.runtime
 import numpy as np
-from hpcinv.memory import resident
-from hpcinv.room import available
+from hpcinv.parallel.memory_use import resident
+from hpcinv.parallel.available_memory import available
 before = resident()
 block = np.ones(25_000_000)
 full = resident()
 wall = np.ones(100)  # what comes after in the heap must not be what keeps it
 del block
 kept = resident()
-available(hpcinv.runtime.MPI.COMM_WORLD)
+available(hpcinv.parallel.runtime.MPI.COMM_WORLD)
 print(full - before, kept - before, resident() - before)
 """
 

@@ -10,7 +10,7 @@ from closed_forms import NEO_HOOKEAN, neo_hookean_stress, root, uniaxial
 from resultants import Loaded, bend, wave
 from verification import Solved, box, job
 
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 DENSITY = 1000.0
 FACES = ("x0", "x1", "y0", "y1", "z0", "z1")

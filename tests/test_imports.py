@@ -6,7 +6,8 @@ import resource
 import subprocess
 import sys
 
-MODULES = "hpcinv.job, hpcinv.materials, hpcinv.effects, hpcinv.study.plan, hpcinv.sweep.plan, hpcinv.sweep.ledger"
+MODULES = "hpcinv.job.job, hpcinv.materials, hpcinv.effects, hpcinv.study.plan, hpcinv.sweep.plan"
+MODULES += ", hpcinv.sweep.ledger.ledger"
 HEAVY = {
     "dolfinx",
     "dolfinx_solver",

@@ -9,7 +9,7 @@ from verification import box, job
 
 import hpcinv
 from hpcinv.errors import SolveError
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 LAWS: dict[str, dict[str, Any]] = {
     "neo-hookean": {"law": "neo-hookean", "mu": "30 kPa", "lam": "incompressible"},

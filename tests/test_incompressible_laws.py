@@ -13,7 +13,7 @@ from verification import Solved, box, job
 
 from hpcinv.materials import laws
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 AXES = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 STRETCHES = 1.12, 0.97

@@ -13,7 +13,7 @@ from command_line import ROOT, environment
 
 import hpcinv
 from hpcinv.errors import HpcinvError, JobError, OutputError
-from hpcinv.rundirectory import RunDirectory, choose
+from hpcinv.output.run_directory import RunDirectory, choose
 
 JOB = """
 analysis: forward
@@ -166,6 +166,6 @@ def test_formulas_and_numbers_beyond_all_bounds_are_told(job: Path, changes: dic
         "supports": [{"region": "a", "fix": ["x", "y", "z"]}],
     }
     with pytest.raises(HpcinvError) as caught:
-        hpcinv.job.parse(contents | changes, job)
+        hpcinv.job.job.parse(contents | changes, job)
     assert message in str(caught.value)
     assert len(str(caught.value)) < 1200

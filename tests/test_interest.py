@@ -11,10 +11,10 @@ from legs import made_up
 from mesh_cases import conditions, spec
 
 from hpcinv.errors import JobError, MeshError
-from hpcinv.interest import check_points, evaluate
+from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import MeshSource, build_body
-from hpcinv.runtime import MPI, on_root
-from hpcinv.sections import QuantityOfInterest
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.results.quantities_of_interest import check_points, evaluate
 
 RADIUS = 4.25e-3
 

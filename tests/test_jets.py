@@ -15,18 +15,18 @@ from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 from ufl.classes import Variable
 
-from hpcinv.expressions import Expression
-from hpcinv.formulas import UFL_FUNCTIONS
-from hpcinv.functions import FUNCTIONS
-from hpcinv.jets.algebras import FLOATS
-from hpcinv.jets.coefficients import ONE, ZERO, Coefficient
-from hpcinv.jets.invariants import PrincipalStretches, families_in, invariants
-from hpcinv.jets.jet import JET_FUNCTIONS, Jet, Strains
-from hpcinv.kernels import JIT_OPTIONS
-from hpcinv.kinematics import Deformation
+from hpcinv.kinematics.kinematics import Deformation
+from hpcinv.kinematics.ufl_formulas import UFL_FUNCTIONS
 from hpcinv.materials.formula import Formula
-from hpcinv.runtime import MPI
-from hpcinv.scene import LABEL
+from hpcinv.materials.formula_law.algebras import FLOATS
+from hpcinv.materials.formula_law.coefficients import ONE, ZERO, Coefficient
+from hpcinv.materials.formula_law.invariants import PrincipalStretches, families_in, invariants
+from hpcinv.materials.formula_law.jet import JET_FUNCTIONS, Jet, Strains
+from hpcinv.model.scene import LABEL
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.expressions import Expression
+from hpcinv.quantity.functions import FUNCTIONS
 
 FIBRES = {"f": (1, 2, 2), "s": (2, 1, -2)}  # of length 3, orthogonal
 # Fibres f are stretched, s are compressed.

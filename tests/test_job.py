@@ -19,14 +19,14 @@ from pydantic import ValidationError
 import hpcinv
 from hpcinv.effects.base import Direction, Effect
 from hpcinv.errors import JobError
-from hpcinv.fingerprint import difference
-from hpcinv.job import Job, json_schema, parse
+from hpcinv.job.fingerprint import difference
+from hpcinv.job.job import Job, json_schema, parse
 from hpcinv.materials import laws
 from hpcinv.study.plan import is_study, load_plan
 from hpcinv.sweep.plan import is_sweep, load_sweep
 
 GENERATOR = """
-from hpcinv.quantities import Length
+from hpcinv.quantity.quantity import Length
 def build(gmsh, *, length: Length = 0.182, size: Length = 2e-3) -> None: ...
 """
 BEAM = """

@@ -19,9 +19,9 @@ from typing import Any
 import pytest
 from command_line import CUBE, PATIENCE, Started, environment, hpcinv, write_job
 
-from hpcinv import kernelfiles, ownership
 from hpcinv.errors import OutputError
-from hpcinv.kernels import refuse_foreign
+from hpcinv.parallel import kernel_files, ownership
+from hpcinv.parallel.jit import refuse_foreign
 
 SMALL: Mapping[str, Any] = {**CUBE, "discretisation": {"displacement": 1}, "output": {"fields": False, "mesh": []}}
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
@@ -142,14 +142,14 @@ def test_kernels_that_cannot_be_relied_on_are_compiled_again(
     assert {name for name, kernel in damaged.items() if f"{kernel.stem}.c" in again} == set(DAMAGE)
     assert len(again) == len(DAMAGE)  # and no other
     for kernel in damaged.values():
-        assert kernelfiles.is_sealed(kernel.read_bytes())
+        assert kernel_files.is_sealed(kernel.read_bytes())
         assert kernel.stat().st_uid == os.geteuid()
         assert not kernel.stat().st_mode & 0o022
 
 
 LIMITED = """
 import resource, runpy
-import hpcinv.runtime
+import hpcinv.parallel.runtime
 resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
 runpy.run_module("hpcinv", run_name="__main__")
 """
@@ -171,8 +171,9 @@ def test_a_full_disk_is_told(job: Path, tmp_path: Path) -> None:
 
 def test_a_cache_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "full").touch()
-    with pytest.raises(kernelfiles.NotWritten, match=r"kernels cannot be written to .*: (Not a directory|File exists)"):
-        kernelfiles.publish(tmp_path / "full" / "libffcx_forms_0.so", b"")
+    reason = "(Not a directory|File exists)"
+    with pytest.raises(kernel_files.NotWritten, match=rf"kernels cannot be written to .*: {reason}"):
+        kernel_files.publish(tmp_path / "full" / "libffcx_forms_0.so", b"")
 
 
 def test_without_locks_kernels_are_compiled_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,14 +181,14 @@ def test_without_locks_kernels_are_compiled_all_the_same(tmp_path: Path, monkeyp
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "lockf", none)
-    with kernelfiles.locked(tmp_path, "libffcx_forms_0"), kernelfiles.locked(tmp_path, "libffcx_forms_0"):
+    with kernel_files.locked(tmp_path, "libffcx_forms_0"), kernel_files.locked(tmp_path, "libffcx_forms_0"):
         pass
 
 
 HOLD = """
 import sys
 from pathlib import Path
-from hpcinv.kernelfiles import locked
+from hpcinv.parallel.kernel_files import locked
 with locked(Path(sys.argv[1]), "a"):
     print("holds", flush=True)
     sys.stdin.read()
@@ -201,9 +202,9 @@ def test_a_lock_is_of_one_kernel_and_is_waited_for_with_patience(tmp_path: Path)
         assert other.stdout is not None
         other.stdout.readline()
         other.send_signal(signal.SIGSTOP)
-        with kernelfiles.locked(tmp_path, "b", patience=1e9):
+        with kernel_files.locked(tmp_path, "b", patience=1e9):
             pass
-        with kernelfiles.locked(tmp_path, "a", patience=0.2):  # it is stopped: no longer waited for
+        with kernel_files.locked(tmp_path, "a", patience=0.2):  # it is stopped: no longer waited for
             pass
         other.send_signal(signal.SIGCONT)
         other.kill()
@@ -214,7 +215,7 @@ def test_what_a_kill_while_publishing_left_is_removed_later(tmp_path: Path) -> N
     for path in (old, new):
         path.touch()
     os.utime(old, (0, 0))
-    with kernelfiles.locked(tmp_path, "k"):
+    with kernel_files.locked(tmp_path, "k"):
         assert not old.exists()
         assert new.exists()
 
@@ -252,7 +253,7 @@ def everybody_above(directory: Path) -> None:
 )
 def test_a_directory_that_another_user_could_have_written_is_refused(change: Any, reason: str, tmp_path: Path) -> None:
     directory = tmp_path / "shared" / "kernels"
-    kernelfiles.make_directory(directory)
+    kernel_files.make_directory(directory)
     refuse_foreign("HPCINV_KERNELS", directory)
     change(directory)
     with pytest.raises(OutputError) as refused:
@@ -283,7 +284,7 @@ def test_kernels_that_another_user_could_have_written_are_refused_unless_trusted
 def test_directories_of_kernels_are_made_for_their_user_alone_to_write(tmp_path: Path) -> None:
     before = os.umask(0o000)
     try:
-        kernelfiles.make_directory(tmp_path / "new" / "kernels")
+        kernel_files.make_directory(tmp_path / "new" / "kernels")
         assert os.umask(0o000) == 0o000
     finally:
         os.umask(before)

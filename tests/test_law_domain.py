@@ -11,7 +11,7 @@ from verification import box, job
 
 import hpcinv
 from hpcinv.errors import SolveError
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 JM = 0.2
 

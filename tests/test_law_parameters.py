@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from hpcinv.errors import JobError
-from hpcinv.job import Job, parse
+from hpcinv.job.job import Job, parse
 from hpcinv.materials import laws
-from hpcinv.meanings import meanings
-from hpcinv.quantities import quantities_of
-from hpcinv.units import parse_unit
+from hpcinv.quantity.docstrings import meanings
+from hpcinv.quantity.quantity import quantities_of
+from hpcinv.quantity.units import parse_unit
 
 HERE = Path(__file__)
 JARGON = re.compile(r"pydantic|Input should|validat|NoneType|dict|tuple|Annotated")

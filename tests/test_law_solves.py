@@ -15,11 +15,11 @@ from dolfinx import fem
 from dolfinx.fem.petsc import LinearProblem
 from verification import Solved, box, job
 
-from hpcinv.job import Job
-from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.job.job import Job
 from hpcinv.materials import laws
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.runtime import MPI
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
 
 DIRECTIONS = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
 """Orthonormal directions for as many families of fibres; none that a box would leave at its length by chance."""

@@ -17,13 +17,13 @@ from dolfinx.mesh import CellType, create_unit_cube
 from mpmath import mp
 from ufl.classes import Variable
 
-from hpcinv.expressions import Expression
-from hpcinv.kernels import JIT_OPTIONS
-from hpcinv.kinematics import Deformation
+from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.volumetric import DILATATIONS
-from hpcinv.runtime import MPI
-from hpcinv.scene import LABEL
+from hpcinv.model.scene import LABEL
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.expressions import Expression
 
 DIGITS = 60
 STEP = 1e-18  # of mpmath's central differences

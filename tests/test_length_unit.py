@@ -13,8 +13,8 @@ from mpi4py import MPI
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body, read_source, write_mesh
-from hpcinv.mesh.gmsh_model import session
-from hpcinv.units import length_symbol
+from hpcinv.mesh.io.gmsh_model import session
+from hpcinv.quantity.units import length_symbol
 
 BOX: dict[str, Any] = {
     "file": str(ROOT / "meshes" / "box.py"),

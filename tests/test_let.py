@@ -12,14 +12,14 @@ from verification import box, job
 
 import hpcinv as package
 from hpcinv.__main__ import main
+from hpcinv.cli.formula_guide import PLACES
 from hpcinv.errors import JobError
-from hpcinv.expressions import Expression
-from hpcinv.formulaguide import PLACES
-from hpcinv.functions import FUNCTIONS
-from hpcinv.identity import content_key
-from hpcinv.job import Job
-from hpcinv.runtime import MPI
-from hpcinv.structure import structure_of
+from hpcinv.job.content_key import content_key
+from hpcinv.job.job import Job
+from hpcinv.job.reuse_key import structure_of
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.expressions import Expression
+from hpcinv.quantity.functions import FUNCTIONS
 
 FIXED = [{"region": "x0", "fix": ["x", "y", "z"]}]
 

@@ -17,14 +17,14 @@ from mesh_cases import spec
 from verification import box, job
 
 import hpcinv as package
-from hpcinv.continuation import follow
-from hpcinv.equilibrium import Solve
 from hpcinv.errors import CheckpointError, Interrupted, JobError
 from hpcinv.mesh import build_body, read_source
-from hpcinv.model import Model
-from hpcinv.progress import Progress
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.output.progress import Progress
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.problem import Model
 
 WEIGHT = {"effect": "gravity", "acceleration": [0, -2, -1], "density": "1 g/cm^3"}
 PUSH = {"effect": "pressure", "region": "z1", "pressure": "1 kPa"}

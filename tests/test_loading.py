@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hpcinv.errors import JobError
-from hpcinv.loading import MOST_BYTES, MOST_VALUES, read_yaml
+from hpcinv.job.yaml_reader import MOST_BYTES, MOST_VALUES, read_yaml
 
 
 def read(tmp_path: Path, text: str) -> dict[str, Any]:

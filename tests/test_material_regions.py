@@ -20,12 +20,12 @@ from verification import BOX, Solved, box, job
 import hpcinv as package
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body, read_source
-from hpcinv.mesh.partitioned import write_partitioned
-from hpcinv.mesh.parts import partitioned
-from hpcinv.model import Model
-from hpcinv.result import Result
-from hpcinv.runtime import MPI, on_root
-from hpcinv.timings import Timings
+from hpcinv.mesh.distributed.partitioned import write_partitioned
+from hpcinv.mesh.distributed.parts import partitioned
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.result import Result
+from hpcinv.solver.problem import Model
 
 C1, C2, D1 = 4e3, 1e3, 15e3
 MU, LAM = 10e3, 40e3

@@ -14,12 +14,12 @@ import pytest
 from mesh_cases import conditions, spec
 
 from hpcinv.errors import OutputError
+from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import Body, MeshSource, build_body, in_source_order, read_source, write_msh, write_vtu
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.checks import check
-from hpcinv.mesh.gmsh_model import metis
-from hpcinv.runtime import MPI, on_root
-from hpcinv.sections import MeshSpec
+from hpcinv.mesh.io.gmsh_model import metis
+from hpcinv.parallel.runtime import MPI, on_root
 
 TWO_BLOCKS = """
 def build(gmsh, *, size=0.5):

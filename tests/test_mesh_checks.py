@@ -11,8 +11,9 @@ import pytest
 from mesh_cases import TETRAHEDRON, conditions, spec, write_msh22
 
 from hpcinv.errors import MeshError, SystemPartMissing
-from hpcinv.mesh import build_body, gmsh_model
-from hpcinv.runtime import MPI
+from hpcinv.mesh import build_body
+from hpcinv.mesh.io import gmsh_model
+from hpcinv.parallel.runtime import MPI
 
 # Two tetrahedra on one facet, and the facets of the first.
 TWO = (*TETRAHEDRON, (1.0, 1.0, 1.0))

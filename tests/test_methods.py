@@ -19,14 +19,14 @@ from verification import box, job
 
 import hpcinv
 from hpcinv.errors import Interrupted, SolveError
-from hpcinv.job import Job
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.methods import UPDATES, FixedPoint
-from hpcinv.model import Model
-from hpcinv.newton import Outcome
-from hpcinv.result import Result
-from hpcinv.runtime import MPI, on_root
-from hpcinv.timings import Timings
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.result import Result
+from hpcinv.solver.newton import Outcome
+from hpcinv.solver.problem import Model
 
 type Map = Callable[[np.ndarray], np.ndarray]
 

@@ -11,10 +11,10 @@ from verification import job
 
 import hpcinv
 from hpcinv.errors import SolveError
-from hpcinv.increments import Increment
-from hpcinv.newton import NewtonIteration, NewtonMonitor, Outcome
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.result import Result
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.solver.step_measure import Increment
 
 
 def beam(comm: MPI.Intracomm, *, direction: str = "forward", load: float = 1.0, **solver: Any) -> Result:

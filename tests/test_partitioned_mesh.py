@@ -19,19 +19,19 @@ from test_mesh_body import in_input_order, owners, slow_edge_cut
 
 import hpcinv
 from hpcinv.__main__ import main
-from hpcinv.checkpoint import Checkpoints, Position
 from hpcinv.errors import JobError, MeshError, OutputError
+from hpcinv.job.mesh_header import HEADER
 from hpcinv.mesh import Body, MeshSource, build_body, in_source_order, read_source, write_mesh
-from hpcinv.mesh.data import distribute
-from hpcinv.mesh.export import save
-from hpcinv.mesh.gmsh_model import metis
-from hpcinv.mesh.partitioned import read_partitioned, write_partitioned
-from hpcinv.mesh.parts import partitioned
-from hpcinv.mesh.rows import Rows
+from hpcinv.mesh.distributed.data import distribute
+from hpcinv.mesh.distributed.partitioned import read_partitioned, write_partitioned
+from hpcinv.mesh.distributed.parts import partitioned
+from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.io.export import save
+from hpcinv.mesh.io.gmsh_model import metis
 from hpcinv.mesh.source import DataArray, Group
-from hpcinv.meshheader import HEADER
-from hpcinv.runtime import MPI, on_root
-from hpcinv.wellposed import _labels
+from hpcinv.output.checkpoint import Checkpoints, Position
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.rigid_motion_check import _labels
 
 CLOSE = 1e-12
 MOVE = np.array([3.0, 2.0, 1.0])

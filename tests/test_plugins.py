@@ -17,9 +17,9 @@ from typing import Any, ClassVar, Literal
 
 from hpcinv.effects import Effect
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantities import Acceleration
-from hpcinv.schema import Triple
-from hpcinv.varying import DensityField, ModulusField
+from hpcinv.quantity.quantity import Acceleration
+from hpcinv.quantity.schema import Triple
+from hpcinv.quantity.spatial_fields import DensityField, ModulusField
 
 
 class Gel(IsochoricLaw):
@@ -129,8 +129,8 @@ def test_a_job_with_plugins_comes_back_from_json_pickle_and_its_run_directory(pr
 import json, pickle, subprocess, sys
 from pathlib import Path
 import hpcinv
-from hpcinv.job import parse
-from hpcinv.rundirectory import RunDirectory
+from hpcinv.job.job import parse
+from hpcinv.output.run_directory import RunDirectory
 
 if len(sys.argv) > 1:  # as another rank, which has not read the job
     copy = pickle.loads(Path(sys.argv[1]).read_bytes())

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from command_line import BLOCK, CUBE, ROOT, environment, hpcinv, write_job
 
-from hpcinv.expressions import Expression
-from hpcinv.job import parse
-from hpcinv.meanings import meanings
+from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
-from hpcinv.mesh.specimen import HELD, specimen
+from hpcinv.mesh.sample_mesh import HELD, specimen
+from hpcinv.quantity.docstrings import meanings
+from hpcinv.quantity.expressions import Expression
 
 # All that a run may compute, in one job.
 EVERYTHING: Mapping[str, Any] = {
@@ -88,7 +88,7 @@ def test_a_directory_that_cannot_be_is_told(tmp_path: Path) -> None:
 
 def test_flags_of_the_environment_give_kernels_of_their_own(tmp_path: Path) -> None:
     def flags(**env: str) -> str:
-        code = "from hpcinv.kernels import JIT_OPTIONS; print(JIT_OPTIONS['cffi_extra_compile_args'])"
+        code = "from hpcinv.parallel.jit import JIT_OPTIONS; print(JIT_OPTIONS['cffi_extra_compile_args'])"
         command = [sys.executable, "-c", code]
         return subprocess.run(command, env=environment(**env), cwd=tmp_path, check=True, capture_output=True).stdout
 
@@ -117,7 +117,7 @@ def test_a_specimen_has_a_cell_of_each_kind_apart_from_the_others() -> None:
 
 def test_meanings_are_those_in_the_source() -> None:
     from hpcinv.effects import effects
-    from hpcinv.settings import Solver
+    from hpcinv.job.settings import Solver
 
     assert meanings(Solver)["petsc"] == "PETSc options by name, without the dash"
     gravity = meanings(effects()["gravity"])

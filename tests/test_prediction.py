@@ -9,12 +9,12 @@ import pytest
 from petsc4py import PETSc
 from verification import box, job
 
-from hpcinv.equilibrium import Equilibrium
-from hpcinv.increments import Increment
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.problem import Model
+from hpcinv.solver.step_measure import Increment
 
 FORMS = {
     "displacement": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},

@@ -21,9 +21,9 @@ import pytest
 from command_line import BLOCK, command, environment, hpcinv, write_job
 from legs import SOLVES
 
-from hpcinv.linear.choice import Used
-from hpcinv.newton import NewtonIteration
-from hpcinv.progress import Level, Progress
+from hpcinv.output.progress import Level, Progress
+from hpcinv.solver.linear.selection import Used
+from hpcinv.solver.newton import NewtonIteration
 
 DIRECT = Used("direct", "at 9 unknowns, multigrid would take about 2 times as long", None)
 

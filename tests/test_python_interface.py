@@ -13,8 +13,8 @@ from command_line import BLOCK, NO_CERTIFICATE, write_job
 
 import hpcinv
 from hpcinv.errors import JobError
-from hpcinv.rundirectory import RunDirectory
-from hpcinv.runtime import MPI
+from hpcinv.output.run_directory import RunDirectory
+from hpcinv.parallel.runtime import MPI
 
 DENSITY = "effects[0].density"
 

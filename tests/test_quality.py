@@ -13,7 +13,7 @@ from hpcinv.certificate.quality import curvature, mean_ratio, scaled_jacobian, w
 from hpcinv.certificate.symmetry import SymmetryPlane, symmetry_planes
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 REGULAR = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], dtype=float)
 

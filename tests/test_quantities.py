@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from hpcinv.effects.gravity import Gravity
 from hpcinv.materials.mooney_rivlin import MooneyRivlin
-from hpcinv.quantities import (
+from hpcinv.quantity.quantity import (
     AnyQuantity,
     BulkStress,
     Density,
@@ -21,8 +21,8 @@ from hpcinv.quantities import (
     dimension_of,
     quantities_of,
 )
-from hpcinv.schema import Spec, Triple
-from hpcinv.units import Dimension, parse_quantity
+from hpcinv.quantity.schema import Spec, Triple
+from hpcinv.quantity.units import Dimension, parse_quantity
 
 LENGTH, STRESS, DENSITY = Dimension(1, 0, 0), Dimension(-1, 1, -2), Dimension(-3, 1, 0)
 

@@ -16,9 +16,9 @@ from mesh_cases import conditions, spec
 from hpcinv.mesh import MeshSource, build_body, read_source
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check
-from hpcinv.mesh.refinement import refine
+from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import DataArray
-from hpcinv.runtime import MPI, on_root
+from hpcinv.parallel.runtime import MPI, on_root
 
 CASES: dict[str, tuple[str, int, dict[str, Any]]] = {
     "block of tetrahedra": ("box.py", 1, {"nx": 2, "ny": 3, "nz": 2}),

@@ -17,10 +17,10 @@ from mesh_cases import TETRAHEDRON, spec, write_msh22
 import hpcinv
 from hpcinv.errors import JobError
 from hpcinv.mesh import MeshSource, read_source
-from hpcinv.mesh.export import save
-from hpcinv.mesh.partitioned import write_partitioned
-from hpcinv.mesh.parts import partitioned
-from hpcinv.runtime import MPI
+from hpcinv.mesh.distributed.partitioned import write_partitioned
+from hpcinv.mesh.distributed.parts import partitioned
+from hpcinv.mesh.io.export import save
+from hpcinv.parallel.runtime import MPI
 
 JOB: dict[str, Any] = {
     "analysis": "forward",

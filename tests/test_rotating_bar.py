@@ -21,7 +21,7 @@ from resultants import Loaded
 from verification import HERE, box, job
 
 import hpcinv
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 LENGTH, SPIN, DENSITY = 1.0, 5.0, 1000.0  # m, rad/s, kg/m³
 DIRECTIONS = ("forward", "inverse")

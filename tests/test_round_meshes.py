@@ -13,7 +13,7 @@ from mesh_cases import spec
 
 from hpcinv.mesh import MeshSource, build_body, read_source
 from hpcinv.mesh.cells import FACET_KIND, scalar_element
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 A, B, L = 0.4, 1.1, 1.3
 TUBE = {"inner": A, "outer": B, "length": L}

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from command_line import CUBE, Started, hpcinv, write_job
 
-from hpcinv import atomic, directorylock
-from hpcinv.directorylock import DirectoryLock
 from hpcinv.errors import OutputError
-from hpcinv.job import Job, load
-from hpcinv.rundirectory import RunDirectory
+from hpcinv.files import atomic, directory_lock
+from hpcinv.files.directory_lock import DirectoryLock
+from hpcinv.job.job import Job, load
+from hpcinv.output.run_directory import RunDirectory
 
 
 @pytest.fixture
@@ -42,8 +42,8 @@ import os, sys
 sys.path.insert(0, {str(Path(__file__).parent / "sweep")!r})
 from pathlib import Path
 from ledger_worker import die_before_operation
-from hpcinv.job import load
-from hpcinv.rundirectory import RunDirectory
+from hpcinv.job.job import load
+from hpcinv.output.run_directory import RunDirectory
 job = load(Path("cube.yaml"))
 die_before_operation({operation}, Path.cwd() / "run")
 RunDirectory(Path.cwd() / "run").create(job, overwrite={operation % 2 == 0})
@@ -110,7 +110,7 @@ def test_a_directory_belongs_to_one_process_at_a_time(
         def no_locks(*_: object) -> None:
             raise OSError(95, "Operation not supported")
 
-        monkeypatch.setattr(directorylock.fcntl, "flock", no_locks)
+        monkeypatch.setattr(directory_lock.fcntl, "flock", no_locks)
     directory = created(tmp_path / "run", job)
     lock = directory.lock()
     assert lock is not None
@@ -132,19 +132,19 @@ def test_the_lock_of_a_dead_process_does_not_last(
     script = f"""
 import os, signal
 from pathlib import Path
-from hpcinv import directorylock
+from hpcinv.files import directory_lock
 if not {locks}:
     def no_locks(*_):
         raise OSError(95, "Operation not supported")
-    directorylock.fcntl.flock = no_locks
-directorylock.DirectoryLock(Path({str(directory.path)!r}))
+    directory_lock.fcntl.flock = no_locks
+directory_lock.DirectoryLock(Path({str(directory.path)!r}))
 os.kill(os.getpid(), signal.SIGKILL)
 """
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == -signal.SIGKILL
     written = directory.path / ".lock"
     assert written.exists()
     if not locks:
-        monkeypatch.setattr(directorylock.fcntl, "flock", lambda *_: (_ for _ in ()).throw(OSError(95, "no")))
+        monkeypatch.setattr(directory_lock.fcntl, "flock", lambda *_: (_ for _ in ()).throw(OSError(95, "no")))
         content = json.loads(written.read_text())
         content["holder"]["machine"] = "another"
         alive = written.read_text()

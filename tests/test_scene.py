@@ -10,10 +10,10 @@ from ffcx.naming import compute_signature
 from verification import box, job
 
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.scene import Scene
-from hpcinv.timings import Timings
+from hpcinv.model.scene import Scene
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 1000}
 

@@ -18,13 +18,13 @@ from verification import box, job
 
 import hpcinv as package
 from hpcinv.errors import JobError
-from hpcinv.job import Job
-from hpcinv.loading import read_yaml
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
+from hpcinv.job.job import Job
+from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.keys import assigned
+from hpcinv.results.result import Result
 from hpcinv.sensitivity.analysis import Sensitivities
-from hpcinv.study.keys import assigned
-from hpcinv.workspace import Workspace
+from hpcinv.solver.problem_cache import Workspace
 
 MU, LAM, SQUEEZE = 10e3, 40e3, 3e3
 STEP = 1e-3  # relative

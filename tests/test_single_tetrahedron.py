@@ -11,7 +11,7 @@ import pytest
 from verification import job
 
 import hpcinv
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 LAWS = {
     "neo-hookean": {"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},

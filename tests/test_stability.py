@@ -18,15 +18,15 @@ from verification import box, job
 
 import hpcinv
 from hpcinv.certificate import Line, Verdict
-from hpcinv.certificate.closure import _unstable, stability
 from hpcinv.certificate.confirmation import Confirmed
 from hpcinv.certificate.inertia import inertia
-from hpcinv.job import Job
+from hpcinv.certificate.round_trip import _unstable, stability
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 from hpcinv.sweep.tally import Tally
-from hpcinv.timings import Timings
 
 STABILITY = NO_CERTIFICATE | {"stability": True}
 NEO_HOOKEAN = {"law": "isochoric-neo-hookean", "mu": 1.0, "kappa": "incompressible"}

@@ -59,15 +59,15 @@ def test_a_signal_while_a_mesh_is_made_ends_the_run(
 # It tells when the first of our own modules is loaded; what Python does before that is out of reach.
 MARKING = """
 import pathlib, runpy, sys
-import hpcinv.signals
+import hpcinv.parallel.signals
 
-note = hpcinv.signals.note_while_starting
+note = hpcinv.parallel.signals.note_while_starting
 
 def note_and_mark():
     note()
     pathlib.Path(sys.argv.pop(1)).touch()
 
-hpcinv.signals.note_while_starting = note_and_mark
+hpcinv.parallel.signals.note_while_starting = note_and_mark
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 

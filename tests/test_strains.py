@@ -14,7 +14,7 @@ from closed_forms import LAM, MU, NEO_HOOKEAN, root
 from homogeneous import check, solve
 from verification import box
 
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 HEAT = {"effect": "thermal-expansion", "coefficient": "3e-3 1/K", "temperature_change": "60 K"}
 HOT = 1.18

@@ -18,13 +18,13 @@ from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
 from verification import Solved, box, job
 
 from hpcinv.errors import JobError, MeshError
-from hpcinv.interest import check_points, evaluate
-from hpcinv.legs import leg_of
+from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.sections import QuantityOfInterest
-from hpcinv.timings import Timings
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.legs import leg_of
+from hpcinv.results.quantities_of_interest import check_points, evaluate
+from hpcinv.solver.problem import Model
 
 GOOD = {"mesh": box(), "material": NEO_HOOKEAN, "supports": [{"region": "x0", "fix": ["x", "y", "z"]}]}
 STRESSES = ("sxx", "syy", "szz", "sxy", "syz", "sxz")

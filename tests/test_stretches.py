@@ -16,10 +16,10 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 
-from hpcinv.kernels import JIT_OPTIONS
-from hpcinv.kinematics import Deformation
-from hpcinv.runtime import MPI
-from hpcinv.stretches import IsochoricStretches
+from hpcinv.kinematics.kinematics import Deformation
+from hpcinv.kinematics.principal_stretches import IsochoricStretches
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
 
 I = np.eye(3)
 ALPHAS = (2.0, -2.0, 1.3, 5.0, -3.0, 0.01)

@@ -20,11 +20,11 @@ from command_line import NO_CERTIFICATE, Started, hpcinv
 from test_study_plan import COLUMN, STUDY, plan
 
 import hpcinv as api
+from hpcinv.cli.study import conclude
 from hpcinv.errors import JobError, OutputError, SolveError
-from hpcinv.identity import content_key
-from hpcinv.job import parse
-from hpcinv.runtime import MPI
-from hpcinv.study.command import conclude
+from hpcinv.job.content_key import content_key
+from hpcinv.job.job import parse
+from hpcinv.parallel.runtime import MPI
 from hpcinv.study.convergence import fitted_order, orders, richardson
 from hpcinv.study.findings import accuracy
 from hpcinv.study.pareto import front

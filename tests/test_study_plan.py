@@ -13,7 +13,7 @@ import yaml
 from command_line import ROOT, environment
 
 from hpcinv.errors import JobError
-from hpcinv.study.keys import assigned, look_up, parse_key
+from hpcinv.quantity.keys import assigned, look_up, parse_key
 from hpcinv.study.plan import Plan, load_plan
 
 COLUMN: dict[str, Any] = {

@@ -16,15 +16,15 @@ from legs import made_up
 
 from hpcinv.certificate import Certificate, Estimate, at_most, skipped
 from hpcinv.errors import OutputError
-from hpcinv.heap import give_back_memory
-from hpcinv.job import Job, parse
-from hpcinv.memory import peak, resident
+from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body
-from hpcinv.newton import Outcome
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
-from hpcinv.summary import statistics, write_summary
-from hpcinv.timings import Timings
+from hpcinv.output.summary import statistics, write_summary
+from hpcinv.parallel.malloc import give_back_memory
+from hpcinv.parallel.memory_use import peak, resident
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.result import Result
+from hpcinv.solver.newton import Outcome
 
 ROOT = Path(__file__).parents[1]
 

@@ -12,7 +12,7 @@ from homogeneous import SYMMETRY, check, solve
 from resultants import Loaded, bend, wave
 from verification import box, job
 
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 PULL, STIFFNESS = 3e3, 20e3  # Pa, Pa/m
 CONFIGURATIONS = ("reference", "current")

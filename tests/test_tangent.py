@@ -14,14 +14,14 @@ from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 from verification import box, job
 
-from hpcinv.assembly import Assembly
-from hpcinv.chainrule import Jacobian, Local, gradient, without_stages
-from hpcinv.kernels import JIT_OPTIONS
+from hpcinv.assembly.system import Assembly
+from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
+from hpcinv.kinematics.staged_derivatives import Jacobian, Local, gradient, without_stages
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
-from hpcinv.timings import Timings
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 MIXED: dict[str, Any] = {
     "analysis": "inverse",

@@ -1,7 +1,7 @@
 """Every law, effect and configuration of fibres has moduli, of which the tangent of a large mesh is made.
 
-Large meshes take another path than small ones (`hpcinv.tangent`); here small ones take it, and the matrix must be that
-of the compiled form. All laws are in one scene, each in a slab of a bar, and all effects in another one.
+Large meshes take another path than small ones (`hpcinv.assembly.tangent`); here small ones take it, and the matrix must
+be that of the compiled form. All laws are in one scene, each in a slab of a bar, and all effects in another one.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from command_line import NO_CERTIFICATE
 from petsc4py import PETSc
 from verification import BOX, box, job
 
+from hpcinv.assembly.moduli import moduli_of
+from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
 from hpcinv.driver import run
 from hpcinv.effects import effects
-from hpcinv.job import Job, parse
-from hpcinv.kernels import FLAGS, JIT_OPTIONS
+from hpcinv.job.job import Job, parse
 from hpcinv.materials import laws
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.moduli import moduli_of
-from hpcinv.progress import Progress
-from hpcinv.runtime import MPI
-from hpcinv.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
-from hpcinv.timings import Timings
+from hpcinv.output.progress import Progress
+from hpcinv.parallel.jit import FLAGS, JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 HERE = Path(__file__).parent
 UNOPTIMIZED = JIT_OPTIONS | {
@@ -133,7 +133,7 @@ from typing import Any, Literal
 
 import ufl
 from hpcinv.effects import Effect
-from hpcinv.quantities import Stress
+from hpcinv.quantity.quantity import Stress
 
 
 class SecondGradient(Effect):

@@ -16,7 +16,7 @@ from closed_forms import root
 from verification import job
 
 import hpcinv
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 INNER, OUTER, PRESSURE = 1.0, 1.5, 0.2  # of the loaded tube, m and Pa; the shear modulus is 1 Pa
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from command_line import BLOCK, ROOT, hpcinv, write_job
 
-from hpcinv.job import parse
+from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
-from hpcinv.totals import Totals, totals_of
-from hpcinv.units import readable
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.quantity.units import readable
+from hpcinv.results.totals import Totals, totals_of
+from hpcinv.solver.problem import Model
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}
 

@@ -10,8 +10,8 @@ from dolfinx import fem
 from mesh_cases import spec
 
 from hpcinv.mesh import build_body
-from hpcinv.runtime import MPI
-from hpcinv.unknowns import Unknowns
+from hpcinv.model.spaces import Unknowns
+from hpcinv.parallel.runtime import MPI
 
 
 @pytest.mark.parallel([1, 2])

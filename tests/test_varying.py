@@ -13,10 +13,10 @@ import yaml
 
 import hpcinv
 from hpcinv.errors import JobError
-from hpcinv.expressions import Expression
-from hpcinv.job import Job, parse
-from hpcinv.rundirectory import RunDirectory
-from hpcinv.varying import ByData, ByFormula, ByRegion, is_uniform
+from hpcinv.job.job import Job, parse
+from hpcinv.output.run_directory import RunDirectory
+from hpcinv.quantity.expressions import Expression
+from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion, is_uniform
 
 BOX = Path(__file__).parents[1] / "meshes" / "box.py"
 HELD = [{"region": "x0", "fix": ["x", "y", "z"]}]

@@ -12,7 +12,7 @@ from verification import box, job
 import hpcinv
 from hpcinv.certificate import Line, Verdict
 from hpcinv.certificate.volume import UNACCOUNTED
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 INCOMPRESSIBLE = {"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"}
 

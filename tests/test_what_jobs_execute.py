@@ -16,15 +16,15 @@ from mesh_cases import spec
 
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError
-from hpcinv.job import load
-from hpcinv.loading import read_yaml
+from hpcinv.files.untrusted import option_fault
+from hpcinv.job.job import load
+from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh import read_source
-from hpcinv.mesh.gmsh_model import save_msh
-from hpcinv.mesh.readers import FILES
-from hpcinv.study.keys import assigned
+from hpcinv.mesh.io.gmsh_model import save_msh
+from hpcinv.mesh.io.readers import FILES
+from hpcinv.quantity.keys import assigned
 from hpcinv.study.plan import load_plan
 from hpcinv.sweep.plan import load_sweep
-from hpcinv.untrusted import option_fault
 
 
 @pytest.fixture

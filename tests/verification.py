@@ -11,14 +11,14 @@ import ufl
 from command_line import NO_CERTIFICATE
 from dolfinx import fem
 
-from hpcinv.continuation import follow
-from hpcinv.equilibrium import Solve
-from hpcinv.job import Job, parse
+from hpcinv.job.job import Job, parse
 from hpcinv.mesh import Body, build_body
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
-from hpcinv.scene import Scene
-from hpcinv.timings import Timings
+from hpcinv.model.scene import Scene
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.problem import Model
 
 HERE = Path(__file__)
 BOX = "../meshes/box.py"

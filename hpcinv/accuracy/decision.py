@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from hpcinv.accuracy.forecast import AIM, Choice, Forecast, cautious, choose
 from hpcinv.accuracy.marking import Plan, plan
-from hpcinv.runtime import on_root
+from hpcinv.parallel.runtime import on_root
 
 if TYPE_CHECKING:
     from hpcinv.accuracy.meshes import Meshes, Variant

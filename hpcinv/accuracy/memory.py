@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from hpcinv.memory import peak
-from hpcinv.room import available
-from hpcinv.runtime import MPI
+from hpcinv.parallel.available_memory import available
+from hpcinv.parallel.memory_use import peak
+from hpcinv.parallel.runtime import MPI
 
 USABLE = 0.7  # share of the memory that is there when the first mesh is made
 # Factors of a three-dimensional problem fill as N^(4/3): George (1973), doi:10.1137/0710032.

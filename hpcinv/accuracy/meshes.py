@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.generators import Resolution, is_generator, resolution_of
+from hpcinv.job.mesh_generators import Resolution, is_generator, resolution_of
 from hpcinv.mesh.body import Body, build_body, read_source
 from hpcinv.mesh.cells import sub_entities
-from hpcinv.mesh.degree import inner_dofs
-from hpcinv.mesh.refinement import refine
+from hpcinv.mesh.refine.degree import inner_dofs
+from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import MeshSource
-from hpcinv.runtime import MPI, on_root
+from hpcinv.parallel.runtime import MPI, on_root
 
 if TYPE_CHECKING:
-    from hpcinv.job import Job
+    from hpcinv.job.job import Job
 
 MOST = 16  # factor by which cells are made smaller, at most
 FLAT = 1e-6  # distance of a node from the middle of its edge, relative to that, which is only the generator's rounding

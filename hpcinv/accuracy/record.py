@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from hpcinv.certificate.verdict import Line, Verdict
+from hpcinv.certificate.check import Line, Verdict
 
 
 class Ending(enum.Enum):

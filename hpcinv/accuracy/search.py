@@ -17,15 +17,15 @@ from hpcinv.accuracy.record import Ending, Record, Row
 from hpcinv.accuracy.trial import Spent, Trial, attempt
 from hpcinv.certificate.estimate import one_degree_more
 from hpcinv.errors import Interrupted, MeshError
-from hpcinv.newton import Outcome
+from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
-    from hpcinv.job import Job
+    from hpcinv.job.job import Job
     from hpcinv.mesh import Body
-    from hpcinv.progress import Progress
-    from hpcinv.timings import Timings
+    from hpcinv.output.progress import Progress
+    from hpcinv.parallel.timings import Timings
 
 MOST_STEPS = 15
 AVERAGES = ("mean", "rms", "integral")

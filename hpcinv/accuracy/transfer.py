@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.placement import placed
-from hpcinv.runtime import MPI
+from hpcinv.mesh.moved import placed
+from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.model import Model
-    from hpcinv.result import Leg
+    from hpcinv.results.result import Leg
+    from hpcinv.solver.problem import Model
 
 # A curved surface of one mesh lies outside of the straight cells of another, by a share of the larger cell.
 _PADDING = 0.2

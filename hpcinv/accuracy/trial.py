@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING
 
 from hpcinv.accuracy.transfer import begin_with
 from hpcinv.certificate.estimate import Estimate, estimate
-from hpcinv.interest import Value, check_points, evaluate
-from hpcinv.legs import leg_of
 from hpcinv.methods import method_for
-from hpcinv.model import Model
-from hpcinv.newton import Outcome
+from hpcinv.results.legs import leg_of
+from hpcinv.results.quantities_of_interest import Value, check_points, evaluate
+from hpcinv.solver.newton import Outcome
+from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
     from hpcinv.accuracy.meshes import Variant
-    from hpcinv.equilibrium import Solve
-    from hpcinv.job import Job
+    from hpcinv.job.job import Job
     from hpcinv.mesh import Body
     from hpcinv.methods import Method
-    from hpcinv.result import Leg
-    from hpcinv.timings import Timings
+    from hpcinv.parallel.timings import Timings
+    from hpcinv.results.result import Leg
+    from hpcinv.solver.equilibrium import Solve
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ class Bench:
         seconds = []
         for _ in range(3):
             cpu = _cpu()
-            subprocess.run([sys.executable, "-c", "import hpcinv.job, hpcinv.driver"], check=True)
+            subprocess.run([sys.executable, "-c", "import hpcinv.job.job, hpcinv.driver"], check=True)
             seconds.append(_cpu() - cpu)
         return min(seconds)
 

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from hpcinv.mesh.gmsh_model import metis
+from hpcinv.mesh.io.gmsh_model import metis
 
 _CELLS = 384  # of a part
 # A brick as six tetrahedra around its diagonal: one for each order in which the axes are gone along.

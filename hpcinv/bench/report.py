@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.table import Table
 
-from hpcinv.console import Console
+from hpcinv.output.console import Console
 
 
 @dataclass(frozen=True)

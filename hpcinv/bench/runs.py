@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hpcinv.timings import WORK
+from hpcinv.parallel.timings import WORK
 
 SOLVER = ("residual", "tangent", "factorization", "linear solve", "newton", "admissibility check")
 """Phases from the first assembly to the solution."""

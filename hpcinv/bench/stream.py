@@ -6,12 +6,12 @@ Products of sparse matrices and vectors can be no faster than that lets them.
 
 from __future__ import annotations
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np
 
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 
 _LENGTH, _TURNS = 10_000_000, 10  # larger than any cache
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hpcinv.certificate.certify import certify
+from hpcinv.certificate.check import Certificate, Line, Verdict, at_least, at_most, skipped
 from hpcinv.certificate.estimate import Estimate
-from hpcinv.certificate.verdict import Certificate, Line, Verdict, at_least, at_most, skipped
 
 __all__ = ["Certificate", "Estimate", "Line", "Verdict", "at_least", "at_most", "certify", "skipped"]

@@ -6,20 +6,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from hpcinv.certificate.balance import balance
-from hpcinv.certificate.closure import gap, round_trip, stability
+from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
+from hpcinv.certificate.equilibrium_residual import balance
 from hpcinv.certificate.estimate import Estimate, estimate
-from hpcinv.certificate.idle import idle_loads
+from hpcinv.certificate.ineffective_loads import idle_loads
+from hpcinv.certificate.round_trip import gap, round_trip, stability
 from hpcinv.certificate.shape import shape
-from hpcinv.certificate.verdict import Certificate, Line, Verdict, at_most, skipped
 from hpcinv.certificate.volume import volume
-from hpcinv.placement import placed
+from hpcinv.mesh.moved import placed
 
 if TYPE_CHECKING:
-    from hpcinv.interest import Value
-    from hpcinv.linear.forecast import Forecast
-    from hpcinv.model import Model
-    from hpcinv.result import Leg
+    from hpcinv.results.quantities_of_interest import Value
+    from hpcinv.results.result import Leg
+    from hpcinv.solver.linear.cost_model import Forecast
+    from hpcinv.solver.problem import Model
 
 DISCRETISATION = "discretisation error of the shape, relative to the displacement"
 

@@ -25,7 +25,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import dolfinx.fem.petsc as fem_petsc
@@ -33,13 +33,13 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.certificate.inertia import inertia
-from hpcinv.chainrule import gradient, without_stages
-from hpcinv.kernels import JIT_OPTIONS
-from hpcinv.model import default_quadrature
+from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.solver.problem import default_quadrature
 
 if TYPE_CHECKING:
-    from hpcinv.model import Model
-    from hpcinv.scene import Part, Scene
+    from hpcinv.model.scene import Part, Scene
+    from hpcinv.solver.problem import Model
 
 MARGIN = 0.01
 """Share of the linear elastic energy of a direction that is added before it counts as unstable."""

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np
@@ -28,20 +28,20 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from hpcinv.interest import Value, evaluate
-from hpcinv.kernels import JIT_OPTIONS
-from hpcinv.legs import leg_of
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.mesh.finer_geometry import on_mesh
-from hpcinv.mesh.location import locate
-from hpcinv.model import Model
-from hpcinv.runtime import MPI
+from hpcinv.mesh.distributed.location import locate
+from hpcinv.mesh.refine.finer_geometry import on_mesh
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.legs import leg_of
+from hpcinv.results.quantities_of_interest import Value, evaluate
+from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
-    from hpcinv.job import Job
+    from hpcinv.job.job import Job
+    from hpcinv.job.sections import QuantityOfInterest
     from hpcinv.mesh import Body
-    from hpcinv.result import Leg
-    from hpcinv.sections import QuantityOfInterest
+    from hpcinv.results.result import Leg
 
 
 @dataclass(frozen=True)

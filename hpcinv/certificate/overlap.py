@@ -12,16 +12,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np
 
-from hpcinv.certificate.boxtree import BoxTrees
+from hpcinv.certificate.aabb_tree import BoxTrees
 from hpcinv.certificate.surface import Surface, Triangles, gather_surface
 from hpcinv.certificate.triangles import crossing
 from hpcinv.mesh.topology import unique_rows
-from hpcinv.runtime import on_root
+from hpcinv.parallel.runtime import on_root
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body

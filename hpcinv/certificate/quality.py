@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import basix

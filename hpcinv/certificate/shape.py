@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from hpcinv.certificate.check import Line, Verdict, at_least, at_most, skipped
 from hpcinv.certificate.overlap import MOST_FACETS, overlap
 from hpcinv.certificate.quality import worst_cells
 from hpcinv.certificate.symmetry import symmetry_planes
-from hpcinv.certificate.verdict import Line, Verdict, at_least, at_most, skipped
 from hpcinv.mesh.regions import BOUNDARY
 
 if TYPE_CHECKING:
-    from hpcinv.model import Model
-    from hpcinv.result import Leg
+    from hpcinv.results.result import Leg
+    from hpcinv.solver.problem import Model
 
 OVERLAP = "boundary facets that cross each other"
 

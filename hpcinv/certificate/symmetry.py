@@ -5,22 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import dolfinx
 import numpy as np
 
-from hpcinv.extent import extent
-from hpcinv.runtime import MPI
-from hpcinv.sections import AXES
+from hpcinv.job.sections import AXES
+from hpcinv.mesh.bounding_box import extent
+from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
-    from hpcinv.job import Job
+    from hpcinv.job.job import Job
+    from hpcinv.job.sections import Axis
     from hpcinv.mesh import Body
     from hpcinv.mesh.regions import LocalIndices
     from hpcinv.mesh.source import Floats
-    from hpcinv.sections import Axis
 
 _ROUND_OFF = 1e-9  # of the body's diagonal
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import basix
@@ -25,17 +25,17 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from hpcinv.cellwise import QuadratureValues
-from hpcinv.certificate.verdict import Line, Verdict, at_least, at_most
+from hpcinv.certificate.check import Line, Verdict, at_least, at_most
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.runtime import MPI
+from hpcinv.model.quadrature_values import QuadratureValues
+from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from hpcinv.model import Model
-    from hpcinv.result import Leg
-    from hpcinv.scene import Scene
+    from hpcinv.model.scene import Scene
+    from hpcinv.results.result import Leg
+    from hpcinv.solver.problem import Model
 
 type Floats = npt.NDArray[np.floating[Any]]
 

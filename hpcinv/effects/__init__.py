@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from hpcinv.effects.base import Configuration, Direction, Effect
-from hpcinv.plugins import load_installed
-from hpcinv.schema import OneOf, import_modules, members_of
+from hpcinv.quantity.plugins import load_installed
+from hpcinv.quantity.schema import OneOf, import_modules, members_of
 
 import_modules(__name__, __path__)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.effects.base import Effect
-from hpcinv.ingredient import Family
-from hpcinv.varying import StressField
+from hpcinv.quantity.component import Family
+from hpcinv.quantity.spatial_fields import StressField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class ActiveStress(Effect):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hpcinv.ingredient import Ingredient
-from hpcinv.schema import Name
+from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.schema import Name
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation, Kinematics
+    from hpcinv.kinematics.kinematics import Deformation, Kinematics
 
 type Direction = Literal["forward", "inverse"]
 type Configuration = Literal["reference", "current"]

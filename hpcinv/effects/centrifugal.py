@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hpcinv.effects.base import Configuration, Effect
-from hpcinv.quantities import Dimensionless, Frequency, Length
-from hpcinv.schema import Problems, Triple
-from hpcinv.varying import DensityField
+from hpcinv.quantity.quantity import Dimensionless, Frequency, Length
+from hpcinv.quantity.schema import Problems, Triple
+from hpcinv.quantity.spatial_fields import DensityField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Kinematics
+    from hpcinv.kinematics.kinematics import Kinematics
 
 
 class Centrifugal(Effect):

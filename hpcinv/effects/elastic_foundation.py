@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hpcinv.effects.base import Configuration, Effect
-from hpcinv.ingredient import Surface
-from hpcinv.schema import Problems
-from hpcinv.varying import StiffnessField
+from hpcinv.quantity.component import Surface
+from hpcinv.quantity.schema import Problems
+from hpcinv.quantity.spatial_fields import StiffnessField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Kinematics
+    from hpcinv.kinematics.kinematics import Kinematics
 
 
 class ElasticFoundation(Effect):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.effects.base import Configuration, Effect
-from hpcinv.quantities import Acceleration
-from hpcinv.schema import Triple
-from hpcinv.varying import DensityField
+from hpcinv.quantity.quantity import Acceleration
+from hpcinv.quantity.schema import Triple
+from hpcinv.quantity.spatial_fields import DensityField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Kinematics
+    from hpcinv.kinematics.kinematics import Kinematics
 
 
 class Gravity(Effect):

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hpcinv.effects.base import Effect
-from hpcinv.ingredient import Family
-from hpcinv.schema import raise_if_any
-from hpcinv.varying import PositiveField
+from hpcinv.quantity.component import Family
+from hpcinv.quantity.schema import raise_if_any
+from hpcinv.quantity.spatial_fields import PositiveField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class Growth(Effect):

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hpcinv.effects.base import Effect
-from hpcinv.elementary import positive_part
-from hpcinv.ingredient import Surface
-from hpcinv.quantities import Acceleration, Density, Length
-from hpcinv.schema import Problems, Triple
+from hpcinv.kinematics.stable_functions import positive_part
+from hpcinv.quantity.component import Surface
+from hpcinv.quantity.quantity import Acceleration, Density, Length
+from hpcinv.quantity.schema import Problems, Triple
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Kinematics
+    from hpcinv.kinematics.kinematics import Kinematics
 
 
 class HydrostaticPressure(Effect):

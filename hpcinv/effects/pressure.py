@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.effects.base import Effect
-from hpcinv.ingredient import Surface
-from hpcinv.varying import StressField
+from hpcinv.quantity.component import Surface
+from hpcinv.quantity.spatial_fields import StressField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Kinematics
+    from hpcinv.kinematics.kinematics import Kinematics
 
 
 class Pressure(Effect):

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from pydantic import ConfigDict, model_validator
 
 from hpcinv.effects.base import Effect
-from hpcinv.schema import Location, raise_if_any, shown
-from hpcinv.units import as_float, parse_temperature
-from hpcinv.varying import ExpansionField, TemperatureField
+from hpcinv.quantity.schema import Location, raise_if_any, shown
+from hpcinv.quantity.spatial_fields import ExpansionField, TemperatureField
+from hpcinv.quantity.units import as_float, parse_temperature
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 _KEYS = ("temperature", "reference_temperature")
 _MEANINGS = {

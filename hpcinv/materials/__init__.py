@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import ValidationError
 
 from hpcinv.materials.base import MaterialLaw
-from hpcinv.plugins import load_installed
-from hpcinv.schema import Location, OneOf, Problems, import_modules, members_of, problems_in, raise_if_any
+from hpcinv.quantity.plugins import load_installed
+from hpcinv.quantity.schema import Location, OneOf, Problems, import_modules, members_of, problems_in, raise_if_any
 
 if TYPE_CHECKING:
     from pydantic import GetJsonSchemaHandler

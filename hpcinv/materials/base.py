@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import ConfigDict, ValidationInfo, model_validator
 
-from hpcinv.ingredient import Ingredient
 from hpcinv.materials.moduli import NAMES, Moduli, moduli_schema, shear_and_bulk, young_and_poisson
-from hpcinv.scalars import Number
-from hpcinv.schema import Location, Problems, raise_if_any
-from hpcinv.units import Dimension, parse_unit
-from hpcinv.varying import ELSEWHERE, ByRegion, is_uniform
+from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.parameter_paths import Number
+from hpcinv.quantity.schema import Location, Problems, raise_if_any
+from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
+from hpcinv.quantity.units import Dimension, parse_unit
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 _STRESS = parse_unit("Pa")[1]
 _UNFINISHED = "moduli of the law are not known yet"

@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import ValidationInfo, field_validator, model_validator
 
-from hpcinv.expressions import Expression
-from hpcinv.functions import CONSTANTS, FUNCTIONS
-from hpcinv.jets.algebras import FLOATS, Functions, ufl_functions
-from hpcinv.jets.coefficients import Coefficient
-from hpcinv.jets.invariants import ISOTROPIC, PrincipalStretches, families_in, invariants
-from hpcinv.jets.jet import JET_FUNCTIONS, Jet, Strains
+from hpcinv.materials.formula_law.algebras import FLOATS, Functions, ufl_functions
+from hpcinv.materials.formula_law.coefficients import Coefficient
+from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretches, families_in, invariants
+from hpcinv.materials.formula_law.jet import JET_FUNCTIONS, Jet, Strains
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.measured import AnyMeasured, Measured
-from hpcinv.scalars import Number
-from hpcinv.schema import Location, Name, Problems, raise_if_any
-from hpcinv.units import Dimension, parse_unit
-from hpcinv.varying import BulkModulusField
+from hpcinv.quantity.dimensioned import AnyMeasured, Measured
+from hpcinv.quantity.expressions import Expression
+from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
+from hpcinv.quantity.parameter_paths import Number
+from hpcinv.quantity.schema import Location, Name, Problems, raise_if_any
+from hpcinv.quantity.spatial_fields import BulkModulusField
+from hpcinv.quantity.units import Dimension, parse_unit
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 _NUMBER, _STRESS = Dimension(), parse_unit("Pa")[1]
 _SMALL = 1e-6  # strain at which moduli are measured
@@ -33,7 +33,8 @@ class Formula(IsochoricLaw):
 
     The invariants are ``I1``, ``I2``, ``J``, ``I1_bar``, ``I2_bar``, and of families f, s of fibres ``I4_f``, ``I5_f``,
     ``I8_f_s = a0·(C - I) b0``. The energy must be stress-free at ``F = I``; however it is written, it keeps its
-    digits at small strain (`hpcinv.jets`). Without ``kappa`` it is all there is, and the pressure is no unknown.
+    digits at small strain (`hpcinv.materials.formula_law`). Without ``kappa`` it is all there is, and the pressure is
+    no unknown.
     """
 
     replaceable = (None, "kappa")

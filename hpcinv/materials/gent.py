@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hpcinv.elementary import log1p
+from hpcinv.kinematics.stable_functions import log1p
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.varying import ModulusField, PositiveField
+from hpcinv.quantity.spatial_fields import ModulusField, PositiveField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class Gent(IsochoricLaw):

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hpcinv.elementary import expm1
-from hpcinv.ingredient import Family
+from hpcinv.kinematics.stable_functions import expm1
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.varying import ModulusField, PositiveField
+from hpcinv.quantity.component import Family
+from hpcinv.quantity.spatial_fields import ModulusField, PositiveField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class Guccione(IsochoricLaw):

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import field_validator
 
-from hpcinv.elementary import expm1, positive_part
-from hpcinv.ingredient import Family
+from hpcinv.kinematics.stable_functions import expm1, positive_part
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.schema import ListOf, raise_if_any
-from hpcinv.varying import DispersionField, ModulusField, PositiveField
+from hpcinv.quantity.component import Family
+from hpcinv.quantity.schema import ListOf, raise_if_any
+from hpcinv.quantity.spatial_fields import DispersionField, ModulusField, PositiveField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 _GROUND = "mu/2*(I1_bar - 3)"
 _FIBRES = "k1/(2*k2)*(exp(k2*max(dispersion*(I1 - 3) + (1 - 3*dispersion)*(I4_fibres_i - 1), 0)**2) - 1)"

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.elementary import expm1, positive_part
-from hpcinv.ingredient import Family
+from hpcinv.kinematics.stable_functions import expm1, positive_part
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.varying import ModulusField, PositiveField, VaryingQuantity
+from hpcinv.quantity.component import Family
+from hpcinv.quantity.spatial_fields import ModulusField, PositiveField, VaryingQuantity
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 _StiffnessOfFibres = Annotated[Any, VaryingQuantity("Pa", at_least=0)]  # none of some, and the law is simpler
 

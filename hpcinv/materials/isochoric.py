@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.materials.base import MaterialLaw
 from hpcinv.materials.volumetric import DILATATIONS, Volumetric
-from hpcinv.varying import BulkModulusField
+from hpcinv.quantity.spatial_fields import BulkModulusField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class IsochoricLaw(MaterialLaw):

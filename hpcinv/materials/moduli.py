@@ -8,9 +8,9 @@ from typing import Any
 
 from pydantic import field_validator
 
-from hpcinv.meanings import meanings
-from hpcinv.quantities import BulkStress, Dimensionless, Stress
-from hpcinv.schema import Spec
+from hpcinv.quantity.docstrings import meanings
+from hpcinv.quantity.quantity import BulkStress, Dimensionless, Stress
+from hpcinv.quantity.schema import Spec
 
 
 class Moduli(Spec):

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.materials.base import MaterialLaw, StartingValues
 from hpcinv.materials.volumetric import DILATATIONS, Volumetric
-from hpcinv.varying import BulkModulusField, StressField
+from hpcinv.quantity.spatial_fields import BulkModulusField, StressField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class MooneyRivlin(MaterialLaw):

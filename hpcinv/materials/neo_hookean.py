@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.lame import LameLaw
-from hpcinv.varying import LameField, StressField
+from hpcinv.quantity.spatial_fields import LameField, StressField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class NeoHookean(LameLaw):

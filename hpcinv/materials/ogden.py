@@ -9,12 +9,12 @@ from pydantic import ValidationInfo, field_validator
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantities import Dimensionless
-from hpcinv.schema import ListOf, Location, raise_if_any
-from hpcinv.varying import StressField
+from hpcinv.quantity.quantity import Dimensionless
+from hpcinv.quantity.schema import ListOf, Location, raise_if_any
+from hpcinv.quantity.spatial_fields import StressField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class Ogden(IsochoricLaw):
@@ -84,7 +84,7 @@ class Ogden(IsochoricLaw):
         return sum(par.mu[i] * par.alpha[i] for i in range(len(self.mu))) / 2
 
     def distortion(self, k: Deformation, par: Any) -> Any:
-        from hpcinv.stretches import IsochoricStretches
+        from hpcinv.kinematics.principal_stretches import IsochoricStretches
 
         stretches = IsochoricStretches(k)
         return sum(par.mu[i] / par.alpha[i] * stretches.power_sum_minus_3(par.alpha[i]) for i in range(len(self.mu)))

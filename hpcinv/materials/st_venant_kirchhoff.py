@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from pydantic import field_validator
 
 from hpcinv.materials.lame import LameLaw
-from hpcinv.varying import ModulusField, StressField
+from hpcinv.quantity.spatial_fields import ModulusField, StressField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class StVenantKirchhoff(LameLaw):

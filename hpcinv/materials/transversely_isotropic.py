@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hpcinv.ingredient import Family
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.varying import ModulusField
+from hpcinv.quantity.component import Family
+from hpcinv.quantity.spatial_fields import ModulusField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class TransverselyIsotropic(IsochoricLaw):

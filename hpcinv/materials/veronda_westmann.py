@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hpcinv.elementary import expm1
+from hpcinv.kinematics.stable_functions import expm1
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.varying import ModulusField, PositiveField
+from hpcinv.quantity.spatial_fields import ModulusField, PositiveField
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 
 class VerondaWestmann(IsochoricLaw):

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
-from hpcinv.elementary import log1p_remainder_ratio, sqrt
+from hpcinv.kinematics.stable_functions import log1p_remainder_ratio, sqrt
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics import Deformation
+    from hpcinv.kinematics.kinematics import Deformation
 
 type Volumetric = Literal["quadratic", "logarithmic", "simo-taylor", "liu"]
 

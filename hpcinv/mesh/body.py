@@ -13,28 +13,28 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
-from hpcinv.extent import diagonal
-from hpcinv.filenames import exists
-from hpcinv.generators import in_unit
+from hpcinv.files.names import exists
+from hpcinv.job.mesh_generators import in_unit
+from hpcinv.job.mesh_header import SUFFIX
+from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cell_count import Watch, silent
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check, check_nodes
-from hpcinv.mesh.degree import of_degree
-from hpcinv.mesh.finer_geometry import NO_CAD, FinerGeometry, of_file, of_generator, with_geometry
-from hpcinv.mesh.length_unit import check_unit
-from hpcinv.mesh.partition import Partition, measure, partitioner
-from hpcinv.mesh.partitioned import read_partitioned
-from hpcinv.mesh.readers import FILES, GENERATORS
+from hpcinv.mesh.distributed.partition import Partition, measure, partitioner
+from hpcinv.mesh.distributed.partitioned import read_partitioned
+from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.io.length_unit import check_unit
+from hpcinv.mesh.io.readers import FILES, GENERATORS
+from hpcinv.mesh.refine.degree import of_degree
+from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, of_file, of_generator, with_geometry
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
-from hpcinv.mesh.rows import Rows
 from hpcinv.mesh.source import Floats, MeshSource
-from hpcinv.meshheader import SUFFIX
-from hpcinv.runtime import MPI, on_root
-from hpcinv.scales import power_of_two
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.quantity.nondimensional import power_of_two
 
 if TYPE_CHECKING:
-    from hpcinv.expressions import Expression
-    from hpcinv.sections import MeshSpec
+    from hpcinv.job.sections import MeshSpec
+    from hpcinv.quantity.expressions import Expression
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
-from hpcinv.extent import extent
+from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.source import MeshSource
-from hpcinv.runtime import MPI, agree
-from hpcinv.spelling import did_you_mean
+from hpcinv.parallel.runtime import MPI, agree
+from hpcinv.quantity.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from hpcinv.expressions import Expression
+    from hpcinv.quantity.expressions import Expression
 
 BOUNDARY = "boundary"
 type LocalIndices = npt.NDArray[np.int32]

@@ -12,7 +12,7 @@ from hpcinv.methods.updates import UPDATES
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
-    from hpcinv.model import Model
+    from hpcinv.solver.problem import Model
 
 
 def method_for(model: Model, direction: Direction, stop_asked: Callable[[], bool]) -> Method:

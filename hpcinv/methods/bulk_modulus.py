@@ -7,16 +7,16 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from hpcinv.continuation import AdaptiveSteps, follow
-from hpcinv.newton import Outcome
-from hpcinv.quantities import quantity_of
-from hpcinv.rules import NEARLY_INCOMPRESSIBLE
-from hpcinv.varying import is_uniform
+from hpcinv.job.rules import NEARLY_INCOMPRESSIBLE
+from hpcinv.quantity.quantity import quantity_of
+from hpcinv.quantity.spatial_fields import is_uniform
+from hpcinv.solver.load_stepping import AdaptiveSteps, follow
+from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
-    from hpcinv.equilibrium import Equilibrium, Solve
     from hpcinv.materials import MaterialLaw
-    from hpcinv.model import Model
+    from hpcinv.solver.equilibrium import Equilibrium, Solve
+    from hpcinv.solver.problem import Model
 
 
 class BulkModulus:

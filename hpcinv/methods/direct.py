@@ -6,16 +6,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hpcinv.arclength import ArcLengthSteps
-from hpcinv.continuation import AdaptiveSteps
-from hpcinv.methods.cascade import Problem, reach
+from hpcinv.methods.fallbacks import Problem, reach
 from hpcinv.methods.method import Method
-from hpcinv.newton import Outcome
+from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.solver.load_stepping import AdaptiveSteps
+from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
-    from hpcinv.equilibrium import Solve
-    from hpcinv.model import Model
+    from hpcinv.solver.equilibrium import Solve
+    from hpcinv.solver.problem import Model
 
 
 class Direct(Method):

@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hpcinv.continuation import follow
-from hpcinv.equilibrium import Solve
 from hpcinv.methods.method import Method
-from hpcinv.methods.movable import MovableMesh
+from hpcinv.methods.moving_mesh import MovableMesh
 from hpcinv.methods.updates import UPDATES
-from hpcinv.newton import Outcome
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.methods.update import Floats
-    from hpcinv.model import Model
+    from hpcinv.solver.problem import Model
 
 
 class FixedPoint(Method):

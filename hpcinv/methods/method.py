@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from hpcinv.equilibrium import Equilibrium, Solve
-    from hpcinv.methods.guess import Guess
+    from hpcinv.methods.initial_guess import Guess
+    from hpcinv.solver.equilibrium import Equilibrium, Solve
 
 
 class Method(ABC):

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import dolfinx.fem.petsc as fem_petsc
@@ -26,17 +26,17 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.errors import SolveError
-from hpcinv.ingredient import Ingredient
-from hpcinv.placement import placed
+from hpcinv.job.sensitivities import parameters_of
+from hpcinv.mesh.moved import placed
+from hpcinv.quantity.component import Ingredient
 from hpcinv.sensitivity.slopes import Change, slopes
-from hpcinv.sensitivity.spec import parameters_of
 
 if TYPE_CHECKING:
-    from hpcinv.interest import Value
-    from hpcinv.model import Model
-    from hpcinv.result import Floats, Leg
-    from hpcinv.runtime import MPI
-    from hpcinv.sensitivity.spec import Parameter
+    from hpcinv.job.sensitivities import Parameter
+    from hpcinv.parallel.runtime import MPI
+    from hpcinv.results.quantities_of_interest import Value
+    from hpcinv.results.result import Floats, Leg
+    from hpcinv.solver.problem import Model
 
 
 @dataclass(frozen=True)

@@ -12,23 +12,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np
 
-from hpcinv.interest import fields_for, values_of
-from hpcinv.runtime import MPI
-from hpcinv.scalars import POINTS, central_difference
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.parameter_paths import POINTS, central_difference
+from hpcinv.results.quantities_of_interest import fields_for, values_of
 
 if TYPE_CHECKING:
     from dolfinx import fem
 
-    from hpcinv.interest import Value
-    from hpcinv.model import Model
-    from hpcinv.parameters import Direction
-    from hpcinv.result import Floats, Leg
-    from hpcinv.sensitivity.spec import Parameter
+    from hpcinv.job.sensitivities import Parameter
+    from hpcinv.model.parameters import Direction
+    from hpcinv.results.quantities_of_interest import Value
+    from hpcinv.results.result import Floats, Leg
+    from hpcinv.solver.problem import Model
 
 _STEP = 2.0**-10
 _SMALL = 1e-3  # displacement of an unloaded body that counts as much, relative to the body

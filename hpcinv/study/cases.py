@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PlainValidator, model_validator
 
-from hpcinv.schema import ListOf, Location, Spec, raise_if_any, shown
-from hpcinv.study.keys import JobKey
-from hpcinv.units import as_float, parse_quantity
+from hpcinv.quantity.keys import JobKey
+from hpcinv.quantity.schema import ListOf, Location, Spec, raise_if_any, shown
+from hpcinv.quantity.units import as_float, parse_quantity
 
 
 def _range(value: object) -> tuple[float, float]:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 from hpcinv.driver import run
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError
 from hpcinv.mesh import build_body
-from hpcinv.progress import Listener
-from hpcinv.runtime import MPI, on_root
+from hpcinv.output.progress import Listener
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.problem_cache import collect_garbage
 from hpcinv.study.store import Record
-from hpcinv.workspace import collect_garbage
 
 if TYPE_CHECKING:
-    from hpcinv.job import Job
+    from hpcinv.job.job import Job
     from hpcinv.study.schedule import Schedule, Task
 
 

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from hpcinv.schema import ListOf, Location, Spec, raise_if_any
-from hpcinv.spelling import did_you_mean
-from hpcinv.study.keys import JobKey, SummaryKey
+from hpcinv.quantity.keys import JobKey, SummaryKey
+from hpcinv.quantity.schema import ListOf, Location, Spec, raise_if_any
+from hpcinv.quantity.suggestions import did_you_mean
 
 Title = Annotated[str, Field(pattern=r"^\S(.*\S)?$", max_length=60)]
 

@@ -10,12 +10,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from hpcinv.errors import JobError
-from hpcinv.job import Job, parse
-from hpcinv.loading import read_yaml
-from hpcinv.schema import Location, Problems, Spec, at, job_error, raise_if_any
-from hpcinv.study.keys import assigned, parse_key
+from hpcinv.files.untrusted import is_asked
+from hpcinv.job.job import Job, parse
+from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.quantity.keys import assigned, parse_key
+from hpcinv.quantity.schema import Location, Problems, Spec, at, job_error, raise_if_any
 from hpcinv.study.spec import Study, measured_key
-from hpcinv.untrusted import is_asked
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def load_plan(path: Path, *, untrusted: bool = False) -> Plan:
     """Read a study and check all of its runs.
 
     Args:
-        untrusted: it came from elsewhere, as in `hpcinv.job.load`.
+        untrusted: it came from elsewhere, as in `hpcinv.job.job.load`.
 
     Raises:
         JobError: with a line for each thing that is wrong, of the form ``file: ladder, value: key: what``.

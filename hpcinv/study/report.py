@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from hpcinv.console import Console
+from hpcinv.output.console import Console
 from hpcinv.study.references import Found
 from hpcinv.study.spec import STATISTICS
 from hpcinv.study.tables import relative

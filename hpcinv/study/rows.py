@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.generators import resolution_of
-from hpcinv.study.keys import look_up
+from hpcinv.job.mesh_generators import resolution_of
+from hpcinv.quantity.keys import look_up
 
 if TYPE_CHECKING:
     from hpcinv.study.plan import Place, Plan, Run

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hpcinv.errors import JobError
-from hpcinv.identity import content_key
-from hpcinv.study.keys import look_up
+from hpcinv.job.content_key import content_key
+from hpcinv.quantity.keys import look_up
 from hpcinv.study.store import Record, Store
 
 if TYPE_CHECKING:
-    from hpcinv.job import Job
+    from hpcinv.job.job import Job
     from hpcinv.study.plan import Plan, Run
 
 

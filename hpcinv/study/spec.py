@@ -7,13 +7,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from hpcinv.quantities import AnyQuantity, Quantity
-from hpcinv.schema import FileName, ListOf, Location, Name, Spec, raise_if_any, repeated, shown
-from hpcinv.spelling import did_you_mean
+from hpcinv.files.untrusted import FileBeside
+from hpcinv.quantity.keys import JobKey, SummaryKey, parse_key
+from hpcinv.quantity.quantity import AnyQuantity, Quantity
+from hpcinv.quantity.schema import FileName, ListOf, Location, Name, Spec, raise_if_any, repeated, shown
+from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.study.cases import Cases
-from hpcinv.study.keys import JobKey, SummaryKey, parse_key
 from hpcinv.study.ladder import Ladder, Title, faults_between
-from hpcinv.untrusted import FileBeside
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
 """of an error over the cases"""

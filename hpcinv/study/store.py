@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hpcinv.atomic import replace
 from hpcinv.errors import OutputError
-from hpcinv.filenames import check_output
+from hpcinv.files.atomic import replace
+from hpcinv.files.names import check_output
 
 _MARK, _RUNS = "study.json", "runs"
 

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, PlainValidator, field_validator, model_validator
 
-from hpcinv.schema import ListOf, Location, Name, Spec, raise_if_any
-from hpcinv.study.keys import JobKey
+from hpcinv.quantity.keys import JobKey
+from hpcinv.quantity.schema import ListOf, Location, Name, Spec, raise_if_any
 from hpcinv.sweep.sampling import Distribution, Method, read_distribution
 
 LISTS = ("grid", "zip")

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 from hpcinv.errors import HpcinvError, Interrupted, OutputError
-from hpcinv.ranks import MPI, agree
+from hpcinv.parallel.ranks import MPI, agree
 from hpcinv.sweep.isolation import can_isolate, supervise
 
 if TYPE_CHECKING:
-    from hpcinv.signals import StopRequest
+    from hpcinv.parallel.signals import StopRequest
     from hpcinv.sweep.plan import Plan
 
 

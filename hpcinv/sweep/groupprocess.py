@@ -7,7 +7,7 @@ they crash.
 
 from __future__ import annotations
 
-from hpcinv.signals import StopRequest
+from hpcinv.parallel.signals import StopRequest
 
 stop = StopRequest()
 stop.install()  # before anything that takes time
@@ -18,14 +18,14 @@ from pathlib import Path  # noqa: E402
 from typing import NoReturn  # noqa: E402
 
 from hpcinv.errors import HpcinvError  # noqa: E402
-from hpcinv.signals import STOPPED, end_on_interrupt  # noqa: E402
+from hpcinv.parallel.signals import STOPPED, end_on_interrupt  # noqa: E402
 
 _PATIENCE = 5.0  # seconds after which another rank will not come to its end any more
 
 
 def main(directory: Path) -> int:
     """Work until no case is left, and tell of the end; only what ends otherwise has an exit code that is not 0."""
-    from hpcinv.runtime import MPI, abort, failing_together, on_root
+    from hpcinv.parallel.runtime import MPI, abort, failing_together, on_root
     from hpcinv.sweep.grouptask import GroupTask, Speaker
     from hpcinv.sweep.groupwork import work
 

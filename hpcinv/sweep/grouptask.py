@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from hpcinv.errors import HpcinvError
-from hpcinv.sweep.ledger import Claim
+from hpcinv.sweep.ledger.ledger import Claim
 
 if TYPE_CHECKING:
     from hpcinv.sweep.plan import Plan

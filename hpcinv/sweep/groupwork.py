@@ -6,18 +6,18 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-from hpcinv.runtime import MPI, compilation_explained, on_root
-from hpcinv.sweep.holder import Holder
-from hpcinv.sweep.ledger import Ledger
+from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
+from hpcinv.sweep.ledger.holder import Holder
+from hpcinv.sweep.ledger.ledger import Ledger
+from hpcinv.sweep.ledger.store import open_store
 from hpcinv.sweep.queue import Queue
-from hpcinv.sweep.store import open_store
 from hpcinv.sweep.worker import Worker
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger import Claim
+    from hpcinv.sweep.ledger.ledger import Claim
     from hpcinv.sweep.plan import Plan
 
 

@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 from hpcinv.errors import HpcinvError
-from hpcinv.runtime import MPI, agree, on_root
+from hpcinv.parallel.runtime import MPI, agree, on_root
 from hpcinv.sweep.conduct import groups_of, wait_for_all
 from hpcinv.sweep.groupwork import work
-from hpcinv.sweep.liveness import LEASE
+from hpcinv.sweep.ledger.liveness import LEASE
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import ledger_of, results
 from hpcinv.sweep.table import columns, units

@@ -24,15 +24,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from hpcinv.errors import Interrupted, SystemPartMissing
-from hpcinv.processes import Identity
-from hpcinv.ranks import MPI
+from hpcinv.parallel.processes import Identity
+from hpcinv.parallel.ranks import MPI
 from hpcinv.sweep.grouptask import Ended, GroupTask, Listener
-from hpcinv.sweep.ledger import Claim, Ledger
+from hpcinv.sweep.ledger.ledger import Claim, Ledger
 from hpcinv.sweep.outcomes import overdue_record
 from hpcinv.sweep.results import ledger_of
 
 if TYPE_CHECKING:
-    from hpcinv.signals import StopRequest
+    from hpcinv.parallel.signals import StopRequest
     from hpcinv.sweep.plan import Plan
 
 _PAUSE = 0.05  # seconds between looks at a group

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.methods.guess import Guess
+from hpcinv.methods.initial_guess import Guess
 
 type Floats = npt.NDArray[np.float64]
 

@@ -7,10 +7,10 @@ import shutil
 from typing import TYPE_CHECKING
 
 from hpcinv.sweep.forecast import in_words
-from hpcinv.sweep.record import Record
+from hpcinv.sweep.ledger.record import Record
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger import Claim
+    from hpcinv.sweep.ledger.ledger import Claim
 
 
 def overdue_record(limit: float | None, claim: Claim) -> Record:

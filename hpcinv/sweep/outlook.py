@@ -8,21 +8,21 @@ from collections.abc import Mapping
 from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import hpcinv.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body
-from hpcinv.runtime import MPI
+from hpcinv.model.spaces import Unknowns
+from hpcinv.parallel.runtime import MPI
 from hpcinv.sweep.forecast import forecast, in_words
 from hpcinv.sweep.results import results
-from hpcinv.unknowns import Unknowns
 
 if TYPE_CHECKING:
-    from hpcinv.job import Job
-    from hpcinv.sweep.ledger import Ledger
+    from hpcinv.job.job import Job
+    from hpcinv.sweep.ledger.ledger import Ledger
+    from hpcinv.sweep.ledger.record import Record
     from hpcinv.sweep.plan import Plan
-    from hpcinv.sweep.record import Record
 
 
 MOST_MEASURED = 32

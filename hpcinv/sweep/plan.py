@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.errors import JobError
-from hpcinv.fingerprint import file_digest
-from hpcinv.identity import content_key
-from hpcinv.job import UNNAMED, Job, parse
-from hpcinv.loading import read_yaml
-from hpcinv.structure import numbers_of, structure_of
-from hpcinv.study.keys import assigned
+from hpcinv.files.untrusted import is_asked
+from hpcinv.job.content_key import content_key
+from hpcinv.job.fingerprint import file_digest
+from hpcinv.job.job import UNNAMED, Job, parse
+from hpcinv.job.reuse_key import numbers_of, structure_of
+from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.quantity.keys import assigned
 from hpcinv.study.plan import read_base, read_spec, text_of
 from hpcinv.sweep.expand import Point, expanded
 from hpcinv.sweep.spec import Sweep
-from hpcinv.untrusted import is_asked
 
 _STORE = Path("results/store")
 # Of thousands of cases the summaries are enough, and most take less time than a checkpoint.
@@ -94,7 +94,7 @@ def load_sweep(source: str | Path | Mapping[str, Any], directory: str | Path = "
 
     Args:
         directory: where relative paths in a mapping begin; those in a file begin where that lies.
-        untrusted: it came from elsewhere, as in `hpcinv.job.load`.
+        untrusted: it came from elsewhere, as in `hpcinv.job.job.load`.
 
     Raises:
         JobError: with a line for each thing that is wrong, of the form ``file: case (and n more cases): key: what``.

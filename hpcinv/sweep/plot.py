@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.errors import JobError
-from hpcinv.spelling import did_you_mean
+from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.study.diagram import as_files, new_figure
 from hpcinv.study.plan import text_of
 from hpcinv.sweep.panels import Scale, Series, draw_lines, draw_maps, draw_outcomes
@@ -19,8 +19,8 @@ from hpcinv.sweep.parameters import log_uniform, parameter_columns, sampled
 from hpcinv.sweep.table import TEXT, columns, parameter_name, units
 
 if TYPE_CHECKING:
+    from hpcinv.sweep.ledger.record import Record
     from hpcinv.sweep.plan import Plan
-    from hpcinv.sweep.record import Record
     from hpcinv.sweep.table import Columns
 
 FAILURES = "failures"

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.atomic import replace
 from hpcinv.errors import OutputError
+from hpcinv.files.atomic import replace
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import ledger_of, provenance, results
 
@@ -36,7 +36,7 @@ def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> N
 
 
 def _status(options: argparse.Namespace) -> int:
-    from hpcinv.console import Console
+    from hpcinv.output.console import Console
     from hpcinv.sweep.status import follow, lines, status
 
     plan = load_sweep(options.sweep)

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.sweep.holder import Holder
-from hpcinv.sweep.ledger import Ledger
+from hpcinv.sweep.ledger.holder import Holder
+from hpcinv.sweep.ledger.ledger import Ledger
 
 if TYPE_CHECKING:
+    from hpcinv.sweep.ledger.record import Record
     from hpcinv.sweep.plan import Plan
-    from hpcinv.sweep.record import Record
 
 _PROVENANCE = ("job", "fingerprint", "versions", "machine")
 _LOOKED_AT = ("machine", "mesh", "quantities", "sensitivities", "peak_memory")

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from hpcinv.schema import shown
-from hpcinv.spelling import did_you_mean
-from hpcinv.units import Dimension, as_float, parse_quantity
+from hpcinv.quantity.schema import shown
+from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import Dimension, as_float, parse_quantity
 
 type Kind = Literal["uniform", "log-uniform", "normal"]
 type Method = Literal["random", "latin_hypercube", "sobol"]

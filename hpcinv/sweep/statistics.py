@@ -10,8 +10,8 @@ import numpy as np
 from hpcinv.sweep.table import Columns, columns, quantity_columns, units
 
 if TYPE_CHECKING:
+    from hpcinv.sweep.ledger.record import Record
     from hpcinv.sweep.plan import Plan
-    from hpcinv.sweep.record import Record
 
 QUANTILES = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "maximum": 1.0}
 

@@ -15,9 +15,9 @@ from hpcinv.sweep.results import results
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-    from hpcinv.sweep.ledger import Ledger
+    from hpcinv.sweep.ledger.ledger import Ledger
+    from hpcinv.sweep.ledger.record import Record
     from hpcinv.sweep.plan import Plan
-    from hpcinv.sweep.record import Record
 
 MOST_SHOWN = 5
 """lines of each kind"""

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.errors import OutputError, SubmitError
+from hpcinv.files.untrusted import VARIABLE, is_asked
+from hpcinv.sweep.ledger.store import open_store
 from hpcinv.sweep.plan import load_sweep
-from hpcinv.sweep.store import open_store
 from hpcinv.sweep.templates import TEMPLATES
-from hpcinv.untrusted import VARIABLE, is_asked
 
 if TYPE_CHECKING:
     from hpcinv.sweep.plan import Plan

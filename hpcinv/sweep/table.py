@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 
-from hpcinv.sensitivity.spec import parameters_of
+from hpcinv.job.sensitivities import parameters_of
 from hpcinv.study.tables import fill
 from hpcinv.study.units import unit_of
 from hpcinv.sweep.parameters import parameter_columns, parameter_units, unit_of_dimension
 
 if TYPE_CHECKING:
+    from hpcinv.sweep.ledger.record import Record
     from hpcinv.sweep.plan import Plan
-    from hpcinv.sweep.record import Record
 
 type Columns = dict[str, list[Any]]
 

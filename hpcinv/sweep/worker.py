@@ -18,21 +18,21 @@ import yaml
 from hpcinv.certificate import Verdict
 from hpcinv.driver import run
 from hpcinv.errors import CheckpointError, HpcinvError, Interrupted, JobError, MeshError, SolveError
-from hpcinv.methods.guess import Guess
-from hpcinv.progress import Listener
-from hpcinv.rundirectory import RunDirectory
-from hpcinv.runtime import MPI, on_root
-from hpcinv.sweep.ledger import CRASHES, DEADLY, KILLED, LOST
+from hpcinv.methods.initial_guess import Guess
+from hpcinv.output.progress import Listener
+from hpcinv.output.run_directory import RunDirectory
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.problem_cache import Workspace, collect_garbage
+from hpcinv.sweep.ledger.ledger import CRASHES, DEADLY, KILLED, LOST
+from hpcinv.sweep.ledger.record import Record
+from hpcinv.sweep.ledger.store import told
 from hpcinv.sweep.neighbours import Neighbours, Solution
 from hpcinv.sweep.outcomes import overdue_record, remove_run
-from hpcinv.sweep.record import Record
-from hpcinv.sweep.store import told
-from hpcinv.workspace import Workspace, collect_garbage
 
 if TYPE_CHECKING:
-    from hpcinv.job import Job
-    from hpcinv.result import Result
-    from hpcinv.sweep.ledger import Claim
+    from hpcinv.job.job import Job
+    from hpcinv.results.result import Result
+    from hpcinv.sweep.ledger.ledger import Claim
     from hpcinv.sweep.neighbours import Floats
     from hpcinv.sweep.plan import Case, Plan
     from hpcinv.sweep.queue import Queue

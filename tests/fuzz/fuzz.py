@@ -90,16 +90,16 @@ def run_jobs(directory: Path, source: random.Random, count: int | None, until: f
 
 def meshes(directory: Path) -> list[Path]:
     """A small mesh in every format and version, with groups and data."""
-    import hpcinv.runtime  # noqa: F401  (its import order first)
+    import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
     # isort: split
     import gmsh
     from mesh_data_files import block, write_msh, write_vtu, write_xdmf
 
-    from hpcinv.mesh.export import save
-    from hpcinv.mesh.partitioned import write_partitioned
-    from hpcinv.mesh.parts import partitioned
-    from hpcinv.runtime import MPI
+    from hpcinv.mesh.distributed.partitioned import write_partitioned
+    from hpcinv.mesh.distributed.parts import partitioned
+    from hpcinv.mesh.io.export import save
+    from hpcinv.parallel.runtime import MPI
 
     examples = HERE.parents[1] / "meshes"
     mesh = block(examples, hexahedra=False, degree=1)

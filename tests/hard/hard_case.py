@@ -11,10 +11,10 @@ from command_line import NO_CERTIFICATE
 
 import hpcinv
 from hpcinv.errors import HpcinvError
-from hpcinv.job import Job, parse
-from hpcinv.loading import read_yaml
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
+from hpcinv.job.job import Job, parse
+from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.result import Result
 
 JOBS = Path(__file__).parents[2] / "jobs" / "hard"
 

@@ -9,8 +9,8 @@ from hard_case import job, require_finite
 
 import hpcinv
 from hpcinv.errors import SolveError
-from hpcinv.job import Job
-from hpcinv.runtime import MPI
+from hpcinv.job.job import Job
+from hpcinv.parallel.runtime import MPI
 
 both_ways = pytest.mark.parametrize("analysis", ["inverse", "forward"])
 

@@ -12,9 +12,9 @@ from dolfinx import fem
 from dolfinx.fem.petsc import LinearProblem
 from hard_case import effort, solve
 
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
-from hpcinv.unknowns import Unknowns
+from hpcinv.model.spaces import Unknowns
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.result import Result
 
 LENGTH, DIAMETER = 0.182, 0.0085
 C1, C2, DENSITY, GRAVITY = 101709.668, 151065.460, 963.0, 9.81

@@ -12,14 +12,14 @@ from command_line import hpcinv as command
 from hard_case import JOBS, job, solve
 from mesh_cases import write_msh22
 
-from hpcinv.certificate.idle import idle_loads
-from hpcinv.certificate.verdict import Verdict
+from hpcinv.certificate.check import Verdict
+from hpcinv.certificate.ineffective_loads import idle_loads
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.rigid import Frame, free_motions, names
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.model.rigid_motions import Frame, free_motions, names
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 NAME = "free-to-turn"
 SPRINGS: dict[str, Any] = {"effect": "elastic-foundation", "region": "x1", "normal": "5 kPa/m"}

@@ -13,9 +13,9 @@ from command_line import hpcinv as command
 from hard_case import JOBS, effort, fail, solve
 
 from hpcinv.certificate import Line, Verdict
-from hpcinv.diagnosis import Diagnosis
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.result import Result
+from hpcinv.solver.diagnosis import Diagnosis
 
 
 def finding(result: Result, name: str) -> Line:

@@ -11,13 +11,13 @@ import scipy.linalg
 from dolfinx import fem
 from verification import box, job
 
-from hpcinv.assembly import Assembly
-from hpcinv.kinematics import ForwardKinematics, InverseKinematics
+from hpcinv.assembly.system import Assembly
+from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.rigid import Frame
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.model.rigid_motions import Frame
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
 
 type Floats = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -7,15 +7,15 @@ from typing import Any
 import pytest
 from verification import box, job
 
-import hpcinv.linear.choice
+import hpcinv.solver.linear.selection
 from hpcinv import run
-from hpcinv.linear.choice import Chooser
-from hpcinv.linear.forecast import Forecast, Shape, shape_of
 from hpcinv.mesh import build_body
-from hpcinv.model import Model
-from hpcinv.room import available
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
+from hpcinv.parallel.available_memory import available
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.linear.cost_model import Forecast, Shape, shape_of
+from hpcinv.solver.linear.selection import Chooser
+from hpcinv.solver.problem import Model
 
 SOFT: dict[str, Any] = {
     "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
@@ -106,7 +106,7 @@ def test_the_reason_that_is_told_is_the_one_that_decided(
 
 @pytest.mark.parallel([1, 2])
 def test_without_memory_for_factors_nothing_is_factorized(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hpcinv.linear.choice, "available", lambda comm: 1e5)
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "available", lambda comm: 1e5)
     result = run(job(**SOFT, mesh=box((3, 3, 3)), certificate={"round_trip": "near"}), comm)
     used = result.statistics["legs"][0]["linear"]
     assert used["preset"] == "iterative"

@@ -13,16 +13,16 @@ from command_line import hpcinv as command
 from petsc4py import PETSc
 from verification import Solved, box, job
 
-import hpcinv.linear.choice
+import hpcinv.solver.linear.selection
 from hpcinv import run
-from hpcinv.equilibrium import Equilibrium
 from hpcinv.errors import SolveError
-from hpcinv.linear.choice import Choice
-from hpcinv.progress import Listener
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
-from hpcinv.timings import Timings
-from hpcinv.vectors import norm
+from hpcinv.output.progress import Listener
+from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.result import Result
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.linear.selection import Choice
 
 MATERIALS: dict[str, dict[str, Any]] = {
     "compressible": {"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
@@ -145,7 +145,7 @@ def test_a_preconditioner_is_as_good_for_a_later_tangent_as_for_the_first(materi
 def test_krylov_iterations_of_a_solve_are_bounded_and_the_direct_solver_takes_over(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hpcinv.linear.choice, "_PATIENCE", 0.2)
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "_PATIENCE", 0.2)
     scene = SHELF | {"material": MATERIALS["incompressible"]}
     result = run(job(**scene, solver={"linear": "iterative"}), comm)
     used = result.statistics["legs"][0]["linear"]
@@ -158,8 +158,8 @@ def test_krylov_iterations_of_a_solve_are_bounded_and_the_direct_solver_takes_ov
 def test_without_memory_for_another_solver_it_ends_with_a_diagnosis(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hpcinv.linear.choice, "_PATIENCE", 0.02)
-    monkeypatch.setattr(hpcinv.linear.choice, "available", lambda comm: 1e5)
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "_PATIENCE", 0.02)
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "available", lambda comm: 1e5)
     listener = Listener(comm)
     with pytest.raises(SolveError, match=r"iterative linear solver did not converge .* not enough memory"):
         run(job(**SHELF, material=MATERIALS["incompressible"]), comm, progress=listener)

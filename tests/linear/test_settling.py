@@ -11,10 +11,10 @@ from test_presets import BEAM, MATERIALS, SHELF
 from verification import Solved, job
 
 from hpcinv import run
-from hpcinv.equilibrium import Equilibrium
-from hpcinv.linear.settling import Settling
-from hpcinv.runtime import MPI
-from hpcinv.vectors import norm
+from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.linear.convergence_test import Settling
 
 
 def diagonal(comm: Any, entries: np.ndarray, test: Settling | None, tolerance: float) -> tuple[float, int]:

@@ -14,8 +14,8 @@ from command_line import BLOCK, ROOT, Started, hpcinv
 from sweeps import records_of, write_sweep
 
 from hpcinv.errors import JobError
-from hpcinv.sweep.holder import Holder
-from hpcinv.sweep.ledger import DEADLY, Ledger
+from hpcinv.sweep.ledger.holder import Holder
+from hpcinv.sweep.ledger.ledger import DEADLY, Ledger
 from hpcinv.sweep.plan import load_sweep
 
 GENERATOR = f"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hpcinv.methods.guess import Guess
+from hpcinv.methods.initial_guess import Guess
 from hpcinv.sweep.neighbours import Neighbours, Solution, Space
 
 

@@ -11,7 +11,7 @@ from sweeps import write_sweep
 
 import hpcinv
 from hpcinv.errors import JobError, OutputError
-from hpcinv.runtime import MPI
+from hpcinv.parallel.runtime import MPI
 from hpcinv.sweep.interface import Table
 
 AXES = [{"grid": {"material.mu": ["10 kPa", "20 kPa"]}}]

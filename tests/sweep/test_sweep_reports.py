@@ -21,12 +21,12 @@ from sweeps import BLOCK, write_sweep
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError
 from hpcinv.study.tables import as_csv
-from hpcinv.sweep.holder import Holder
-from hpcinv.sweep.ledger import Ledger
+from hpcinv.sweep.ledger.holder import Holder
+from hpcinv.sweep.ledger.ledger import Ledger
+from hpcinv.sweep.ledger.record import Record
 from hpcinv.sweep.outlook import outlook
 from hpcinv.sweep.plan import Case, Plan, load_sweep
 from hpcinv.sweep.plot import is_even_in_log, plot
-from hpcinv.sweep.record import Record
 from hpcinv.sweep.results import ledger_of, provenance, results
 from hpcinv.sweep.status import Status, follow, lines, status
 from hpcinv.sweep.table import as_hdf5, columns, units

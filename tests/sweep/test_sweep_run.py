@@ -17,12 +17,12 @@ from command_line import Started, hpcinv
 from sweeps import BLOCK, records_of, write_sweep
 
 from hpcinv.driver import run
-from hpcinv.runtime import MPI
-from hpcinv.sweep import liveness
-from hpcinv.sweep.holder import Holder
-from hpcinv.sweep.ledger import Ledger
+from hpcinv.parallel.runtime import MPI
+from hpcinv.sweep.ledger import liveness
+from hpcinv.sweep.ledger.holder import Holder
+from hpcinv.sweep.ledger.ledger import Ledger
+from hpcinv.sweep.ledger.record import Record
 from hpcinv.sweep.plan import load_sweep
-from hpcinv.sweep.record import Record
 
 GRID = [{"grid": {"material.mu": ["8 kPa", "10 kPa", "14 kPa"], "effects[0].density": [100, 200]}}]
 

@@ -10,12 +10,12 @@ from verification import box, job
 
 from hpcinv.driver import run
 from hpcinv.errors import MeshError
-from hpcinv.job import Job
-from hpcinv.methods.guess import Guess
-from hpcinv.result import Result
-from hpcinv.runtime import MPI
-from hpcinv.structure import numbers_of, structure_of
-from hpcinv.workspace import Workspace
+from hpcinv.job.job import Job
+from hpcinv.job.reuse_key import numbers_of, structure_of
+from hpcinv.methods.initial_guess import Guess
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.result import Result
+from hpcinv.solver.problem_cache import Workspace
 
 CLAMPED = [{"region": "x0", "fix": ["x", "y", "z"]}]
 

@@ -1,0 +1,1 @@
+"""Residual and tangent of a scene as PETSc vectors and matrices."""

@@ -1,0 +1,216 @@
+"""The tangent of a scene as a PETSc matrix, whose arrays are filled in place.
+
+Each entry of each element matrix knows its place in the matrix beforehand, which saves PETSc's search for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx.fem.petsc as fem_petsc
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+from petsc4py import PETSc
+from ufl.algorithms import expand_derivatives
+
+from hpcinv.assembly.element_matrices import Block, ElementMatrices, Integers
+from hpcinv.assembly.moduli import moduli_of
+from hpcinv.parallel.jit import JIT_OPTIONS
+
+if TYPE_CHECKING:
+    from hpcinv.model.scene import Scene
+
+
+class FilledTangent:
+    """``K = ∂R/∂x`` of the residual of a scene, with ones on the diagonal of unknowns that are prescribed.
+
+    Raises:
+        UnsupportedForm: on all ranks, if the residual is of a form that moduli cannot be made of.
+    """
+
+    note = ""
+
+    def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
+        unknowns, options = scene.unknowns, dict(jit_options)
+        space = unknowns.space
+        self._volume = [ElementMatrices(m, unknowns, options) for m in moduli_of(scene.residual, unknowns)]
+        surface = _surface_tangent(scene.residual, unknowns.state)
+        self._surface = None if surface is None else fem.form(surface, jit_options=options)
+        mass = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
+        self._any_form = fem.form(mass, jit_options=options)
+
+    def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> PETSc.Mat:
+        """The matrix that `assemble` fills; ``conditions`` are what prescribes unknowns."""
+        rows = _Rows(self._any_form)
+        self._conditions = conditions
+        self._matrix, self._values, self._ghosts = rows.matrix, rows.values, rows.ghosts
+        self._arrays = rows.arrays  # PETSc works on them
+        prescribed = np.zeros(rows.count, dtype=bool)
+        for condition in conditions:
+            prescribed[condition.dof_indices()[0]] = True
+        self._places = [rows.places(part) for part in self._volume]
+        self._of_prescribed = rows.of(prescribed)
+        owned = np.flatnonzero(prescribed[: rows.owned]).astype(np.int32)
+        self._diagonal = rows.at(owned, owned)
+        return rows.matrix
+
+    def assemble(self) -> None:
+        """Evaluate it in the present state and at the present load; collective."""
+        A, values = self._matrix, self._values
+        A.zeroEntries()
+        values[:] = 0.0
+        for part, places in zip(self._volume, self._places, strict=True):
+            for chunk, blocks in part:
+                for entries, of_block in zip(blocks, places, strict=True):
+                    np.add.at(values, of_block[chunk].ravel(), entries.ravel())
+        values[self._of_prescribed] = 0.0
+        values[self._diagonal] = 1.0
+        starts, columns, of_ghosts, names = self._ghosts
+        A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)  # type: ignore[arg-type]  # arrays will do
+        if self._surface is not None:
+            fem_petsc.assemble_matrix(A, self._surface, bcs=self._conditions)
+        A.assemble()
+
+
+class _Rows:
+    """Rows of a matrix on this rank, and where their entries are in one array of values.
+
+    The array begins with what PETSc calls the diagonal and the off-diagonal block of the rows owned here, which PETSc
+    uses as they are. Rows of ghosts follow, whose values are for other ranks.
+
+    Args:
+        form: any form on the space of the unknowns.
+    """
+
+    def __init__(self, form: fem.Form) -> None:
+        dofmap = form.function_spaces[0].dofmap
+        nodes, bs, comm = dofmap.index_map, dofmap.index_map_bs, dofmap.index_map.comm
+        pattern = fem.create_sparsity_pattern(form)
+        pattern.finalize()
+        A = la.matrix_csr(pattern, dtype=np.float32)  # for its structure
+        self.owned, self.count = bs * nodes.size_local, bs * (len(A.indptr) - 1)
+        self._dofs = _unrolled(dofmap.map(), bs)
+        names = _unrolled(_global(A.index_map(1)), bs).astype(PETSc.IntType)
+        indptr, indices = _by_entries(A.indptr, A.indices, bs)
+        del A, pattern
+        end = int(indptr[self.owned])  # of the rows owned here
+        other = np.flatnonzero(indices[:end] >= self.owned)  # last in each row
+        row = np.searchsorted(indptr, other, side="right") - 1
+        other = other[np.lexsort((names[indices[other]], row))]  # PETSc wants columns in their global order
+        before = np.zeros(self.owned + 1, dtype=np.int32)  # of those, in the rows before each
+        before[1:] = np.cumsum(np.bincount(row, minlength=self.owned))
+        starts, diagonal = indptr[: self.owned + 1] - before, end - len(other)
+        place = np.arange(len(indices), dtype=np.int32)
+        place[:end] -= np.repeat(before[:-1], np.diff(indptr[: self.owned + 1]))
+        place[other] = np.arange(diagonal, end)
+        from scipy.sparse import csr_array  # slow to import, and only large bodies need it
+
+        self._far = np.zeros(self.count, dtype=np.int32)  # lengths of rows outside of the diagonal block, and in it
+        self._far[: self.owned] = np.diff(before)
+        self._near = np.diff(indptr) - self._far
+        self._far[self.owned :] = self._near[self.owned :]  # ghosts' rows are whole
+        self._place = csr_array((place, indices, indptr), shape=(self.count, len(names)))
+        self.values = np.zeros(len(indices))
+        inner = np.delete(indices[:end], other) if len(other) else indices[:end]
+        own = _petsc(starts, inner, self.values[:diagonal])
+        off = _petsc(before, names[indices[other]], self.values[diagonal:end])
+        size = (self.owned, bs * nodes.size_global)
+        self.arrays = own if comm.size == 1 else (own, off)
+        self.matrix = PETSc.Mat().createAIJWithArrays((size, size), self.arrays, bsize=bs, comm=comm)
+        here = _global(nodes).astype(PETSc.IntType)
+        numbering = PETSc.LGMap().create(here, bsize=bs, comm=comm)  # type: ignore[arg-type]  # an array will do
+        self.matrix.setBlockSizes(bs, bs)  # createAIJWithArrays drops it
+        self.matrix.setLGMap(numbering, numbering)
+        ghosts = _unrolled(here[nodes.size_local :], bs)
+        self.ghosts = (*_petsc(indptr[self.owned :] - end, names[indices[end:]], self.values[end:]), ghosts)
+
+    def at(self, rows: Integers, columns: Integers) -> Integers:
+        """Places of entries by their local row and column."""
+        if not len(rows):  # SciPy would give a matrix
+            return np.zeros(0, dtype=np.int32)
+        return np.asarray(self._place[rows, columns], dtype=np.int32)
+
+    def of(self, unknowns: npt.NDArray[np.bool_]) -> Integers:
+        """Places of all entries in the rows and columns of some of the unknowns known here."""
+        place = self._place
+        columns = np.zeros(place.shape[1], dtype=bool)
+        columns[: len(unknowns)] = unknowns
+        chosen: Integers = place.data[np.repeat(unknowns, np.diff(place.indptr)) | columns[place.indices]]
+        return chosen
+
+    def places(self, matrices: ElementMatrices) -> list[_Places]:
+        """Of the entries of element matrices, block by block."""
+        return [self._places(self._dofs[matrices.cells], block) for block in matrices.blocks]
+
+    def _places(self, dofs: Integers, block: Block) -> _Places:
+        rows, columns = np.broadcast_arrays(dofs[:, block.rows.leading(), None], dofs[:, None, block.columns.leading()])
+        first = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
+        return _Places(block, first, np.where(columns < self.owned, self._near[rows], self._far[rows]))
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where the entries of a block are. The unknowns of a node follow each other, and their rows are alike.
+
+    Attributes:
+        first: of each pair of nodes that of the first components, (cells, nodes, nodes).
+        row: how far it is from there to the next row.
+    """
+
+    block: Block
+    first: Integers
+    row: Integers
+
+    def __getitem__(self, cells: slice) -> npt.NDArray[np.intp]:
+        """Those of some cells, (cells, *block.shape)."""
+        c, d = np.indices(self.block.shape[:2], dtype=np.int32)[..., None, None]
+        found: npt.NDArray[np.intp] = self.first[cells, None, None] + c * self.row[cells, None, None] + d
+        return found.astype(np.intp)
+
+
+def _surface_tangent(residual: Any, state: fem.Function) -> Any:
+    """The derivative of a form's integrals over facets, ``None`` where there is none."""
+    surface = [one for one in residual.integrals() if one.integral_type() != "cell"]
+    if not surface:
+        return None
+    tangent = expand_derivatives(ufl.derivative(ufl.Form(surface), state))
+    return None if tangent.empty() else tangent
+
+
+def _by_entries(indptr: Any, indices: Any, bs: int) -> tuple[Integers, Integers]:
+    """Rows and columns of a pattern of blocks, entry by entry."""
+    if bs == 1:
+        return np.array(indptr, dtype=np.int32), np.array(indices)
+    blocks = np.diff(indptr)
+    lengths = np.repeat(bs * blocks, bs)
+    found = np.concatenate([[0], np.cumsum(lengths)])
+    begins = np.repeat(bs * indptr[:-1], bs)  # of the columns of the same row of blocks
+    columns = _unrolled(indices, bs)
+    return found.astype(np.int32), columns[np.arange(found[-1]) - np.repeat(found[:-1] - begins, lengths)]
+
+
+def _unrolled(blocks: npt.NDArray[Any], bs: int) -> npt.NDArray[Any]:
+    """Numbers of unknowns from those of nodes; the last axis becomes ``bs`` times as long."""
+    unrolled = bs * blocks[..., None] + np.arange(bs, dtype=blocks.dtype)
+    return unrolled.reshape(*blocks.shape[:-1], -1)
+
+
+def _global(numbering: Any) -> npt.NDArray[np.int64]:
+    """Global numbers of all that this rank knows."""
+    found: npt.NDArray[np.int64] = numbering.local_to_global(
+        np.arange(numbering.size_local + numbering.num_ghosts, dtype=np.int32)
+    )
+    return found
+
+
+def _petsc(starts: Any, columns: Any, values: Any) -> tuple[Any, Any, Any]:
+    """Compressed rows in PETSc's types, so that it takes the arrays themselves and no copies."""
+    integers = (np.ascontiguousarray(of, dtype=PETSc.IntType) for of in (starts, columns))
+    return (*integers, values)

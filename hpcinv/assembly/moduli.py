@@ -1,0 +1,203 @@
+"""Tangent moduli: the derivative of a residual's integrand at a point, by displacement, pressure and their gradients.
+
+A volume integral of the residual is ``∫ Σ_a s_a(…) · δ_a dx``, where ``δ`` runs over the test functions and their
+gradients, and ``s`` over what is dual to them, such as stresses. Its tangent is ``∫ Σ_ab δ_a · ∂s_a/∂e_b · Δ_b dx``,
+where ``e`` are the unknowns and their gradients. Moduli ``∂s_a/∂e_b`` follow from the residual alone; all else about
+the tangent is the same for all laws (`hpcinv.assembly.element_matrices`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+import numpy.typing as npt
+import ufl
+from ufl.algorithms import expand_derivatives
+from ufl.classes import Derivative, Variable, Zero
+from ufl.corealg.traversal import unique_post_traversal
+
+from hpcinv.kinematics.staged_derivatives import Jacobian, Local, without_stages
+from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.model.spaces import Unknowns
+
+
+class UnsupportedForm(Exception):
+    """A residual of a form that moduli cannot be made of; the message says why."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A test function or its gradient, and what belongs to it among the unknowns.
+
+    Attributes:
+        part: 0 for the displacement, 1 for the pressure.
+        components: 3 or 1.
+        is_gradient: whether it is the gradient, with respect to the reference cell.
+    """
+
+    part: int
+    components: int
+    is_gradient: bool
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of what is dual to it: components, then directions of the gradient."""
+        return (self.components, 3) if self.is_gradient else (self.components,)
+
+
+@dataclass(frozen=True)
+class Moduli:
+    """Moduli of the volume integrals over the same cells.
+
+    Attributes:
+        cells: what they hold in, ``None`` for the whole mesh.
+        degree: of the quadrature.
+        pairs: slots of test and trial function of the moduli that do not vanish.
+        expression: UFL vector of them all, each in the order (component, direction) of test, then of trial function,
+            times the volume of the cell per volume of the reference cell.
+    """
+
+    cells: npt.NDArray[np.int32] | None
+    degree: int
+    pairs: tuple[tuple[Slot, Slot], ...]
+    expression: Any
+
+
+def moduli_of(residual: Any, unknowns: Unknowns) -> list[Moduli]:
+    """Those of a form's volume integrals; the cells of its regions must be all cells.
+
+    Raises:
+        UnsupportedForm: if the residual is of another form than the one above, as an effect of a plugin may be.
+    """
+    integrals = [one for one in residual.integrals() if one.integral_type() == "cell"]
+    degrees = {one.metadata().get("quadrature_degree") for one in integrals}
+    if len(degrees) != 1 or not isinstance(degree := degrees.pop(), int):
+        raise UnsupportedForm("its volume integrals have no common quadrature degree")
+    common = [one.integrand() for one in integrals if one.subdomain_id() in ("everywhere", "otherwise")]
+    regions: dict[int, list[Any]] = {}
+    for one in integrals:
+        if one.subdomain_id() not in ("everywhere", "otherwise"):
+            regions.setdefault(one.subdomain_id(), []).append(one.integrand())
+    if not regions:
+        return [_checked(sum(common[1:], common[0]), None, degree, unknowns)]
+    if not all(isinstance(number, int) for number in regions):
+        raise UnsupportedForm("a volume integral is over several regions at once")
+    given = [one.subdomain_data() for one in integrals if one.subdomain_id() in regions]
+    if any(data is not given[0] for data in given):
+        raise UnsupportedForm("its volume integrals are over regions of different measures")
+    cells = dict(given[0])
+    _check_cover(unknowns, [cells[number] for number in regions])
+    return [
+        _checked(sum((*own[1:], *common), own[0]), cells[number], degree, unknowns) for number, own in regions.items()
+    ]
+
+
+def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> None:
+    """Check that the owned cells of regions are all those of the mesh, each once; collective."""
+    mesh = unknowns.mesh
+    owned = mesh.topology.index_map(3).size_local
+    here = np.sort(np.concatenate([cells[cells < owned] for cells in regions]))
+    if not mesh.comm.allreduce(np.array_equal(here, np.arange(owned)), op=MPI.LAND):
+        raise UnsupportedForm("its volume integrals over regions leave cells out, or count some twice")
+
+
+def _checked(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> Moduli:
+    """As `_moduli`; what UFL cannot do with an integrand, which it reports by errors of many types, is unsupported."""
+    try:
+        return _moduli(integrand, cells, degree, unknowns)
+    except (UnsupportedForm, MemoryError):
+        raise
+    except Exception as error:
+        raise UnsupportedForm(f"UFL fails on it: {error}") from error
+
+
+def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> Moduli:
+    mesh = unknowns.mesh
+    pairs = [(unknowns.v, unknowns.u, 0, 3)]
+    if unknowns.p is not None:
+        pairs.append((unknowns.q, unknowns.p, 1, 1))
+    tests: dict[Slot, tuple[Any, Variable]] = {}
+    trials: dict[Slot, tuple[Any, Variable]] = {}
+    for test, trial, part, components in pairs:
+        for is_gradient, of in ((True, ufl.grad), (False, lambda f: f)):
+            slot = Slot(part, components, is_gradient)
+            for where, f in ((tests, of(test)), (trials, of(trial))):
+                where[slot] = f, ufl.variable(ufl.Constant(mesh, f.ufl_shape))
+    at_a_point = _at_a_point(integrand, unknowns, tests, trials)
+    K, volume = ufl.JacobianInverse(mesh), abs(ufl.JacobianDeterminant(mesh))
+    local = Local(mesh.ufl_domain())
+    jacobians = {slot: Jacobian(symbol, local) for slot, (_, symbol) in trials.items()}
+    there, entries = [], list[Any]()
+    for test_slot, (_, symbol) in tests.items():
+        dual = expand_derivatives(ufl.diff(at_a_point, symbol))
+        if isinstance(dual, Zero):
+            continue
+        for trial_slot, jacobian in jacobians.items():
+            moduli = jacobian.of(dual)
+            if moduli is not None:
+                there.append((test_slot, trial_slot))
+                entries += _entries(moduli, test_slot, trial_slot, K)
+    vector = ufl.replace(volume * ufl.as_vector(entries), {symbol: f for f, symbol in trials.values()})
+    return Moduli(cells, degree, tuple(there), without_stages(vector))
+
+
+def _at_a_point(
+    integrand: Any,
+    unknowns: Unknowns,
+    tests: dict[Slot, tuple[Any, Variable]],
+    trials: dict[Slot, tuple[Any, Variable]],
+) -> Any:
+    """The integrand, with symbols for unknowns, test functions and their gradients.
+
+    UFL may have taken functions of a mixed space apart: where it has differentiated an expression, the gradient of the
+    displacement has become rows of the gradient of all unknowns.
+    """
+    symbols: dict[Any, Any] = {}
+    for whole, of_parts in ((unknowns.test, tests), (unknowns.state, trials)):
+        symbols |= dict(of_parts.values())
+        if unknowns.p is not None:
+            values, gradients = (
+                [symbol for slot, (_, symbol) in of_parts.items() if slot.is_gradient == wanted]
+                for wanted in (False, True)
+            )
+            symbols[whole] = ufl.as_vector([*values[0], values[1]])
+            symbols[ufl.grad(whole)] = ufl.as_tensor([*(gradients[0][i, :] for i in range(3)), gradients[1]])
+    if _has_other_derivatives(integrand, symbols, {unknowns.test, unknowns.state}):
+        raise UnsupportedForm("it has derivatives of unknowns or test functions other than their gradients")
+    return ufl.replace(integrand, symbols)
+
+
+def _has_other_derivatives(expression: Any, known: Collection[Any], functions: Collection[Any]) -> bool:
+    """Whether derivatives of ``functions`` are in it outside of what is ``known``.
+
+    A symbol is constant in space: its gradient would vanish without a sound.
+    """
+    seen, left = set(), [expression]
+    while left:
+        one = left.pop()
+        if one in seen or one in known:
+            continue
+        seen.add(one)
+        if isinstance(one, Derivative) and any(part in functions for part in unique_post_traversal(one)):
+            return True
+        left.extend(one.ufl_operands)
+    return False
+
+
+def _entries(moduli: Any, test: Slot, trial: Slot, K: Any) -> list[Any]:
+    """Components of moduli, their gradients by coordinates of the reference cell: ``∂/∂x_l = K_bl ∂/∂ξ_b``."""
+    axes = len(moduli.ufl_shape)
+    of_gradients = [0 if test.part else 1] if test.is_gradient else []
+    of_gradients += [axes - 1] if trial.is_gradient else []
+    for axis in of_gradients:
+        before, after, (b, l) = ufl.indices(axis), ufl.indices(axes - 1 - axis), ufl.indices(2)
+        moduli = ufl.as_tensor(moduli[(*before, l, *after)] * K[b, l], (*before, b, *after))
+    return [moduli[at] for at in np.ndindex(moduli.ufl_shape)] if axes else [moduli]

@@ -1,0 +1,87 @@
+"""The tangent ``K = ∂R/∂x`` of a scene, and which of two ways to assemble it suits a mesh.
+
+FFCx compiles it as a form: that is known at once from the cache of kernels. Or its moduli are compiled and a matrix is
+filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but UFL works for half a second or more on the
+moduli of every scene, before a cache can be asked, and the unknowns of a node have to follow each other. The matrices
+are the same to rounding errors. A residual that moduli cannot be made of has the compiled form on every mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, cast
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx.fem.petsc as fem_petsc
+import ufl
+from dolfinx import fem
+
+from hpcinv.assembly.csr_tangent import FilledTangent
+from hpcinv.assembly.moduli import UnsupportedForm
+from hpcinv.parallel.jit import JIT_OPTIONS
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from hpcinv.model.scene import Scene
+
+_MANY = 10_000  # cells from which on some four tangents of a leg save what their moduli cost
+_assumed: list[int] = []
+
+
+class CompiledTangent:
+    """The tangent as FFCx compiles it and PETSc is handed its element matrices.
+
+    Attributes:
+        note: why it is taken where `FilledTangent` would be faster, empty elsewhere.
+    """
+
+    note = ""
+
+    def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
+        unknowns = scene.unknowns
+        tangent = ufl.derivative(scene.residual, unknowns.state, ufl.TrialFunction(unknowns.space))
+        self._form = fem.form(tangent, jit_options=dict(jit_options))
+
+    def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> PETSc.Mat:
+        """The matrix that `assemble` fills; ``conditions`` are what prescribes unknowns."""
+        self._conditions = conditions
+        self._matrix = matrix = cast("PETSc.Mat", fem_petsc.create_matrix(self._form))
+        return matrix
+
+    def assemble(self) -> None:
+        """Evaluate it in the present state and at the present load; collective."""
+        self._matrix.zeroEntries()
+        fem_petsc.assemble_matrix(self._matrix, self._form, bcs=self._conditions)
+        self._matrix.assemble()
+
+
+type Tangent = CompiledTangent | FilledTangent
+
+
+def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> Tangent:
+    """The tangent of a scene, assembled in the way that suits its mesh; collective."""
+    cells = _assumed[-1] if _assumed else scene.unknowns.mesh.topology.index_map(3).size_global
+    if cells < _MANY:
+        return CompiledTangent(scene, jit_options)
+    try:
+        if not scene.unknowns.has_whole_nodes:
+            raise UnsupportedForm("the unknowns of a node do not follow each other")
+        return FilledTangent(scene, jit_options)
+    except UnsupportedForm as why:
+        compiled = CompiledTangent(scene, jit_options)
+        compiled.note = f"the tangent is assembled by DOLFINx, which takes two to three times as long: {why}"
+        return compiled
+
+
+@contextmanager
+def as_for(cells: int) -> Iterator[None]:
+    """Within this context tangents are made as for a mesh of so many cells."""
+    _assumed.append(cells)
+    try:
+        yield
+    finally:
+        _assumed.pop()

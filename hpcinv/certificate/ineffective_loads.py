@@ -1,0 +1,46 @@
+"""Loads that do nothing: on parts of the boundary that supports hold altogether."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+from dolfinx import fem
+
+from hpcinv.certificate.check import Line, Verdict
+from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.solver.problem import Model
+
+NAME = "loads on parts that are held altogether"
+
+
+def idle_loads(model: Model) -> Iterator[Line]:
+    """A warning if supports take some load before it reaches the body, else nothing; collective."""
+    found = [
+        f"{where} {getattr(effect, 'effect', '')} on '{region}'"
+        for where, effect in model.job.named_effects
+        if not effect.holds
+        for region in effect.surfaces
+        if _is_held(model, region)
+    ]
+    if found:
+        rule = "number; warning above 0"
+        note = f"{', '.join(found)}: the shape knows nothing of it"
+        yield Line(NAME, float(len(found)), "", rule, Verdict.WARN, note)
+
+
+def _is_held(model: Model, region: str) -> bool:
+    """Whether every displacement on a region of the boundary is prescribed."""
+    facets = model.body.boundary_facets(region)
+    held = np.concatenate([np.zeros(0, dtype=np.int32), *(one.dofs for one in model.supports.prescribed)])
+    free = 0
+    for axis in range(3):
+        component = model.unknowns.displacement_component(axis)
+        free += len(np.setdiff1d(fem.locate_dofs_topological(component, 2, facets), held))
+    return bool(model.body.mesh.comm.allreduce(free, op=MPI.SUM) == 0)

@@ -1,0 +1,129 @@
+"""What there is to choose from: the laws and effects, their parameters, sources and examples, as text."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
+
+import yaml
+from pydantic_core import PydanticUndefined
+from rich.table import Table
+
+from hpcinv.errors import JobError
+from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.moduli import Moduli
+from hpcinv.output.console import Console
+from hpcinv.quantity.component import Ingredient, Refers
+from hpcinv.quantity.docstrings import meanings
+from hpcinv.quantity.quantity import Quantity
+from hpcinv.quantity.schema import metadata_in
+from hpcinv.quantity.spatial_fields import VaryingQuantity
+from hpcinv.quantity.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
+
+def overview(members: Mapping[str, type[Ingredient]]) -> None:
+    """Print the names with a line about each."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for name, kind in members.items():
+        table.add_row(name, _paragraphs(kind)[0])
+    Console(highlight=False).print(table)
+
+
+def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> None:
+    """Print all about one law or effect.
+
+    Raises:
+        JobError: there is none of that name.
+    """
+    if name not in members:
+        raise JobError([f"unknown {tag} '{name}'.{did_you_mean(name, members)}"])
+    kind = members[name]
+    console = Console(highlight=False, markup=False)
+    for paragraph in _paragraphs(kind):
+        console.print(paragraph)
+        console.print()
+    example = kind.model_validate(kind.example)
+    if formula := getattr(example, "energy_formula", None):
+        console.print(f"energy: {formula}")
+        console.print()
+    table = Table("key", "unit", "default", "meaning", box=None, pad_edge=False, header_style="")
+    for key in sorted(kind.model_fields, key=lambda key: key not in kind.__annotations__):  # its own come first
+        if key != tag:
+            info = kind.model_fields[key]
+            table.add_row(key, _unit(info), _default(info), _meaning(info, meanings(kind).get(key, "")))
+    console.print(table)
+    console.print()
+    if issubclass(kind, MaterialLaw):
+        _describe_moduli(console, kind)
+        _describe_starting_values(console, kind)
+    section = {"material": kind.example} if tag == "law" else {"effects": [kind.example]}
+    console.print(yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=110).rstrip())
+
+
+def _describe_moduli(console: Console, law: type[MaterialLaw]) -> None:
+    """Which elastic moduli a job may give in place of the law's own parameters."""
+    match law.replaceable:
+        case (str(shear), bulk):
+            offered, text = list(Moduli.model_fields), f"In place of {shear} and {bulk} a job may give any two of:"
+        case (None, bulk):
+            offered, text = ["poisson", "lame"], f"In place of {bulk} a job may give one of:"
+        case _:
+            return
+    console.print(text)
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for key in offered:
+        table.add_row(key, _unit(Moduli.model_fields[key]), meanings(Moduli)[key])
+    console.print(table)
+    console.print()
+
+
+def _describe_starting_values(console: Console, law: type[MaterialLaw]) -> None:
+    for name, values in law.starting_values.items():
+        section = {"material": {"law": law.example["law"], **values.parameters}}
+        console.print(f"Starting values for {name} ({values.of}); source: {values.source}.")
+        text = yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=110).rstrip()
+        console.print(textwrap.indent(text, "  "), soft_wrap=True)
+        console.print()
+
+
+def _paragraphs(kind: type[Ingredient]) -> list[str]:
+    return [" ".join(p.split()) for p in (inspect.getdoc(kind) or "").replace("``", "").split("\n\n")]
+
+
+def _unit(info: FieldInfo) -> str:
+    quantity = metadata_in(Quantity, info.annotation, *info.metadata)
+    if quantity is None:
+        return ""
+    return quantity.unit or "1"
+
+
+def _default(info: FieldInfo) -> str:
+    if info.default is PydanticUndefined:
+        return "needed"
+    return "none" if info.default is None else str(info.default)
+
+
+def _meaning(info: FieldInfo, text: str) -> str:
+    notes = []
+    if choices := _choices(info.annotation):
+        notes.append(" | ".join(choices))
+    quantity = metadata_in(Quantity, info.annotation, *info.metadata)
+    if quantity is not None and quantity.bounds:
+        notes.append(quantity.bounds)
+    if isinstance(quantity, VaryingQuantity):
+        notes.append("may vary over the body")
+    mark = metadata_in(Refers, info.annotation, *info.metadata)
+    if mark is not None and mark.to == "fibres":
+        notes.append("a name from 'fibres'")
+    return text + (f" ({'; '.join(notes)})" if notes else "")
+
+
+def _choices(annotation: Any) -> tuple[str, ...]:
+    """Values of a literal type, also where it has a name of its own."""
+    annotation = getattr(annotation, "__value__", annotation)
+    return get_args(annotation) if get_origin(annotation) is Literal else ()

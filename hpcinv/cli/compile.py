@@ -1,0 +1,83 @@
+"""``hpcinv compile``: every kernel that jobs, studies and sweeps will need, before they run."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.errors import HpcinvError, Interrupted
+from hpcinv.files.untrusted import add_option
+from hpcinv.job.job import load
+from hpcinv.job.reuse_key import structure_of
+from hpcinv.study.plan import is_study, load_plan
+from hpcinv.sweep.plan import is_sweep, load_sweep
+
+if TYPE_CHECKING:
+    from hpcinv.job.job import Job
+
+_COMPUTED = {"method", "certificate", "quantities", "sensitivities"}
+"""Sections of a job that have kernels, beside its structure."""
+
+
+def add_compile(commands: Any) -> None:
+    """Add the command ``compile`` to a parser's."""
+    command = commands.add_parser("compile", help="compile what runs will need, without solving (mpirun: side by side)")
+    command.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
+    command.add_argument(
+        "--cache", type=Path, metavar="DIR", help="where kernels go, for runs with HPCINV_KERNELS=DIR (default: that)"
+    )
+    add_option(command)
+    command.set_defaults(command=_compile)
+
+
+def _compile(options: argparse.Namespace) -> int:
+    """The jobs are dealt out to the ranks; those that need the same kernel wait for each other."""
+    if options.cache is not None:
+        os.environ["HPCINV_KERNELS"] = str(options.cache)
+
+    from hpcinv.parallel.launch import launched
+
+    with launched(None) as (comm, stop):
+        from hpcinv.cli.rehearsal import rehearse
+        from hpcinv.parallel.jit import DIRECTORY
+        from hpcinv.parallel.runtime import MPI, agree, compilation_explained, on_root
+
+        jobs = on_root(comm, lambda: list(_distinct(options.jobs)))
+        before = _ready(DIRECTORY)
+        comm.Barrier()
+        error: HpcinvError | None = None
+        try:
+            for job in jobs[comm.rank :: comm.size]:
+                if stop():
+                    raise Interrupted("stopped by a signal", "The same command goes on.")
+                with compilation_explained(MPI.COMM_SELF):
+                    rehearse(job)
+                print(f"{job.job}: ready", flush=True)
+        except HpcinvError as found:
+            error = found
+        agree(comm, error)
+        on_root(comm, lambda: print(f"{_ready(DIRECTORY) - before} kernels compiled; they are in {DIRECTORY}"))
+    return 0
+
+
+def _distinct(paths: list[Path]) -> Iterator[Job]:
+    """The jobs of these files, one for all that need the same kernels; of a sweep one for each structure."""
+    known = set[tuple[str, str]]()
+    for path in paths:
+        if is_sweep(path):
+            plan = load_sweep(path)
+            jobs = [plan.job(case) for case in {case.structure: case for case in reversed(plan.cases)}.values()]
+        else:
+            jobs = [run.job for run in load_plan(path).runs] if is_study(path) else [load(path)]
+        for job in jobs:
+            kernels = structure_of(job), job.model_dump_json(include=_COMPUTED)
+            if kernels not in known:
+                known.add(kernels)
+                yield job
+
+
+def _ready(directory: Path) -> int:
+    return sum(1 for _ in directory.glob("libffcx_*.so"))

@@ -1,0 +1,55 @@
+"""The explanation of a scene as a table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from hpcinv.output.console import Console
+
+if TYPE_CHECKING:
+    from hpcinv.cli.explain import Explanation, Row
+    from hpcinv.job.job import Job
+
+
+def show(job: Job, found: Explanation) -> None:
+    """Print it."""
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 140  # a file has no width of its own
+    unknowns = f"{found.displacements} displacements" + (f", {found.pressures} pressures" if found.pressures else "")
+    console.print(f"{job.job}: {found.direction}, {found.cells} cells, {unknowns}")
+    if found.families:
+        console.print(f"fibres: {', '.join(found.families)}")
+    table = Table(box=None, pad_edge=False, header_style="")
+    table.add_column("part", no_wrap=True)
+    for title in ("integrals", "constants", "fields", "compile (CPU)", "residual", "tangent", "of an iteration"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for i, row in enumerate((*found.rows, found.total)):
+        table.add_row(*_cells(row, found, signed=0 < i < len(found.rows)))
+    first = "factorization" if found.linear_solver == "direct" else "preconditioner"
+    for name, seconds in ((first, found.factorization), ("solution", found.solution)):
+        table.add_row(name, "", "", "", "", "", _ms(seconds), f"{seconds / found.iteration:.1%}")
+    console.print(table)
+    console.print(f"one Newton iteration with a new tangent: {_ms(found.iteration)}")
+
+
+def _cells(row: Row, found: Explanation, *, signed: bool) -> tuple[str, ...]:
+    sign = "+" if signed else ""
+    kinds = ", ".join(f"{sign}{n} {kind}" for kind, n in row.integrals.items()) or "-"
+    cost = row.cost
+    return (
+        row.name,
+        kinds,
+        f"{row.constants:{sign}}",
+        f"{row.fields:{sign}}",
+        f"{cost.compile:{sign}.1f} s",
+        f"{sign if cost.residual >= 0 else ''}{_ms(cost.residual)}",
+        f"{sign if cost.tangent >= 0 else ''}{_ms(cost.tangent)}",
+        f"{cost.assembly / found.iteration:{sign}.1%}",
+    )
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.1f} ms"

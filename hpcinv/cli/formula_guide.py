@@ -1,0 +1,88 @@
+"""What formulas may hold, as text: their functions, and the names that each place of a job knows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.table import Table
+
+from hpcinv.effects import effects
+from hpcinv.job.sections import COORDINATES, FIELDS
+from hpcinv.job.sections import POSITIONS as OF_QUANTITIES
+from hpcinv.materials import laws
+from hpcinv.materials.formula_law.invariants import ISOTROPIC
+from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
+from hpcinv.quantity.schema import metadata_in
+from hpcinv.quantity.spatial_fields import POSITIONS, VaryingQuantity
+
+OPERATORS = "+ - * / ** (or ^), and in conditions < <= > >= and or not"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A field of a job that holds formulas.
+
+    Args:
+        field: where it is in the job.
+        value: what its formulas give.
+        names: what they know beside functions, constants and the names of ``let``.
+    """
+
+    field: str
+    value: str
+    names: tuple[str, ...]
+
+
+PLACES = (
+    Place("let", "anything, for use in the other places", ("those of the place that it is used in",)),
+    Place("regions", "a condition", tuple(COORDINATES)),
+    Place("supports[].displacement", "three lengths", (*COORDINATES, "names in its 'constants'")),
+    Place("fibres.NAME.direction", "a vector of any length", (*POSITIONS, "names in its 'constants'")),
+    Place("material and effects", "the quantity; those that may vary are listed below", tuple(POSITIONS)),
+    Place(
+        "material.energy (law: formula)",
+        "an energy per volume",
+        (*ISOTROPIC, "I4_f", "I5_f", "I8_f_s of families f, s of fibres", "names in its 'parameters'"),
+    ),
+    Place("quantities[].of", "the quantity", (*OF_QUANTITIES, *FIELDS)),
+)
+
+
+def varying(members: Mapping[str, type[Ingredient]]) -> Iterator[tuple[str, list[str]]]:
+    """Laws or effects, and those of their fields that take a formula of position."""
+    for name, kind in members.items():
+        fields = [
+            field
+            for field, info in kind.model_fields.items()
+            if isinstance(metadata_in(VaryingQuantity, info.annotation, *info.metadata), VaryingQuantity)
+        ]
+        if fields:
+            yield name, fields
+
+
+def show() -> None:
+    """Print all of it."""
+    console = Console(highlight=False, markup=False)
+    console.print(f"operators: {OPERATORS}")
+    console.print("numbers: SI, or with one unit each, such as 4.25 mm")
+    console.print(f"constants: {', '.join(f'{name} = {value:.16g}' for name, value in CONSTANTS.items())}")
+    console.print()
+    functions = Table("function", "values", "meaning", box=None, pad_edge=False, header_style="")
+    for name, function in FUNCTIONS.items():
+        functions.add_row(f"{name}()", str(function.arguments or "2 or more"), function.meaning)
+    console.print(functions)
+    console.print()
+    places = Table("place", "its value", "names", box=None, pad_edge=False, header_style="")
+    for place in PLACES:
+        places.add_row(place.field, place.value, ", ".join(place.names))
+    console.print(places)
+    console.print()
+    console.print("quantities of laws and effects that may vary over the body:")
+    fields = Table(box=None, show_header=False, pad_edge=False)
+    for kind, members in (("law", laws()), ("effect", effects())):
+        for name, names in varying(members):
+            fields.add_row(kind, name, ", ".join(names))
+    console.print(fields)

@@ -1,0 +1,126 @@
+"""``hpcinv mesh partition | gather``: a mesh cut into parts beforehand, and put together again; on one process."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from hpcinv.errors import JobError, OutputError
+from hpcinv.files.untrusted import add_option, is_asked, mesh_fault
+from hpcinv.job.job import load
+from hpcinv.job.mesh_header import SUFFIX
+from hpcinv.job.sections import MeshSpec
+from hpcinv.job.yaml_reader import read_text
+from hpcinv.quantity.schema import job_error
+from hpcinv.quantity.units import length_symbol
+
+if TYPE_CHECKING:
+    from hpcinv.mesh import MeshSource
+
+_OF_JOBS = (".yaml", ".yml")
+
+
+def add_mesh(commands: Any) -> None:
+    """Add the command and its subcommands to those of the command line."""
+    mesh = commands.add_parser("mesh", help="cut a mesh into parts that many ranks read, and put one together again")
+    actions = mesh.add_subparsers(required=True, metavar="action")
+
+    partition = actions.add_parser("partition", help="check a mesh and cut it into parts (METIS), once for many runs")
+    partition.add_argument("input", type=Path, help="a mesh, a generator of one, or a job, whose mesh is taken")
+    partition.add_argument("output", type=Path, help="partitioned mesh (.bp) that is written, or replaced")
+    partition.add_argument("--parts", type=int, required=True, help="best a multiple of the ranks that will read it")
+    partition.add_argument(
+        "--parameter", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the generator"
+    )
+    partition.add_argument("--unit", help="length unit of the coordinates, as mesh.unit of a job")
+    partition.add_argument("--geometry-degree", type=int, choices=(1, 2), help="as mesh.geometry_degree of a job")
+    add_option(partition)
+    partition.set_defaults(command=_partition)
+
+    gather = actions.add_parser("gather", help="write a partitioned mesh as one file, in the order of its tags")
+    gather.add_argument("input", type=Path, help="partitioned mesh (.bp)")
+    gather.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
+    add_option(gather)
+    gather.set_defaults(command=_gather)
+
+
+def _partition(options: argparse.Namespace) -> int:
+    if options.output.suffix != SUFFIX:
+        raise OutputError(f"{options.output}: a partitioned mesh ends in {SUFFIX}", f"Name it *{SUFFIX}.")
+    if options.parts < 1:
+        raise OutputError(f"--parts {options.parts}: there must be one at least")
+    spec, path = _asked_for(options)
+    _on_one_process()
+    from hpcinv.mesh.body import read_source
+    from hpcinv.mesh.checks import check
+    from hpcinv.mesh.distributed.partitioned import write_partitioned
+    from hpcinv.mesh.distributed.parts import partitioned
+    from hpcinv.parallel.runtime import MPI
+
+    began = time.perf_counter()
+    source = read_source(spec, path, lambda text: print(f"meshing {path}: {text}", flush=True))
+    check(source)
+    source, cut = partitioned(source, options.parts)
+    write_partitioned(options.output, MPI.COMM_SELF, source)
+    print(
+        f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, number of parts {options.parts},"
+        f" facets between them {cut}, {time.perf_counter() - began:.1f} s"
+    )
+    return 0
+
+
+def _gather(options: argparse.Namespace) -> int:
+    if options.input.suffix != SUFFIX:
+        raise OutputError(f"{options.input}: is no partitioned mesh ({SUFFIX})")
+    if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
+        raise JobError([f"{options.input}: {fault}"])
+    _on_one_process()
+    from hpcinv.mesh.io.export import SAVERS, save
+    from hpcinv.mesh.io.readers import FILES
+
+    if options.output.suffix not in SAVERS:
+        raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")
+    source: MeshSource = FILES[SUFFIX](options.input)
+    save(options.output, source, source.points)
+    unit = length_symbol(source.unit or 1.0)
+    print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, in {unit}")
+    return 0
+
+
+def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
+    """The mesh section of a job, or one made of the options; and the file it names."""
+    given = {
+        "parameters": dict(_parameter(text) for text in options.parameter),
+        "unit": options.unit,
+        "geometry_degree": options.geometry_degree,
+    }
+    given = {key: value for key, value in given.items() if value}
+    if options.input.suffix in _OF_JOBS:
+        if given:
+            raise JobError([f"{options.input}: says itself which parameters, unit and degree its mesh has"])
+        job = load(options.input)
+        return job.mesh, job.resolve(job.mesh.file)
+    try:
+        context = {"directory": options.input.parent, "untrusted": is_asked()}
+        return MeshSpec.model_validate({"file": options.input.name} | given, context=context), options.input
+    except ValidationError as error:
+        raise job_error(options.input, error, MeshSpec) from None
+
+
+def _parameter(text: str) -> tuple[str, Any]:
+    """``nx=8`` as a job file would have it."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise JobError([f"--parameter {text}: is written NAME=VALUE"])
+    return name, read_text(value, f"--parameter {name}")
+
+
+def _on_one_process() -> None:
+    from hpcinv.parallel.runtime import MPI
+
+    if MPI.COMM_WORLD.size > 1:
+        raise OutputError("'hpcinv mesh' works on one process", "Start it without mpirun, or with 'mpirun -n 1'.")

@@ -1,0 +1,79 @@
+"""A run without its solves, on a few cells: it compiles every kernel that the run itself will ask for.
+
+Kernels depend on the kind and degree of cells and spaces, on laws, effects and what is computed from them, and not on
+the mesh. So the functions of a run are called as the run calls them, with a body that does not move, where each cell is
+held by itself. What asks for a kernel in a run does so here, whatever it is.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+
+from hpcinv.assembly.tangent import as_for
+from hpcinv.certificate import certify
+from hpcinv.certificate.confirmation import second_variation
+from hpcinv.certificate.round_trip import known_displacement
+from hpcinv.job.sections import Support
+from hpcinv.mesh.body import read_anywhere, read_finer_geometry
+from hpcinv.mesh.sample_mesh import HELD, specimen
+from hpcinv.methods import method_for
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.legs import leg_of
+from hpcinv.results.quantities_of_interest import evaluate
+from hpcinv.sensitivity.analysis import sensitivities
+from hpcinv.solver.problem import Model
+
+if TYPE_CHECKING:
+    from hpcinv.job.job import Job
+    from hpcinv.mesh.source import MeshSource
+    from hpcinv.results.result import Leg
+
+
+def rehearse(job: Job) -> None:
+    """Compile what a run of the job needs, on this process alone.
+
+    Not known beforehand are the degrees that a search for an accuracy may go on to, and where in its cell a point lies
+    at which a quantity asks for stress, energy or volume ratio, if that is on the border of two.
+
+    Raises:
+        MeshError, SystemPartMissing: as a run would.
+    """
+    source = read_anywhere(job.mesh, job.resolve, MPI.COMM_SELF)
+    with as_for(len(source.cells)):
+        _rehearse(job, source)
+
+
+def _rehearse(job: Job, source: MeshSource) -> None:
+    finer = None
+    if job.certificate.estimate and not source.is_partitioned:
+        finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
+    body = specimen(source, job.regions, [np.array(q.at) for q in job.quantities if q.at is not None], finer)
+    model = Model(_held(job), body, Timings())
+    legs: list[Leg] = []
+    for direction in model.job.legs:
+        model.unknowns.state.x.array[:] = 0.0
+        equilibrium = method_for(model, direction, lambda: False).equilibrium
+        equilibrium.scene.parameters.set_load(1.0)
+        equilibrium.compile(prescribed_motion=any(support.displacement for support in job.supports))
+        legs.append(leg_of(model, direction, model.scene(direction), ()))
+        model.release(equilibrium)
+    quantities = evaluate(job.quantities, body, legs[0], model)
+    sensitivities(model, legs[0])
+    certify(model, legs, quantities)
+    if job.certificate.stability:
+        second_variation(model, known_displacement(model))  # which a run needs if its body is not stable
+    model.destroy()
+
+
+def _held(job: Job) -> Job:
+    """The job with each cell held by itself, which takes no kernels, and the linear solver that takes most."""
+    supports = (Support(region=HELD, fix=("x", "y", "z")),)
+    keys = {key: sd for key, sd in job.sensitivities.items() if not key.startswith("supports[")}
+    solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
+    return job.model_copy(update={"supports": supports, "sensitivities": keys, "solver": solver})

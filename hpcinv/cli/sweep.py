@@ -1,0 +1,140 @@
+"""Command line of sweeps, ``python -m hpcinv sweep …``: plan, run, status, retry, table, statistics, plot, submit."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from hpcinv.errors import Interrupted
+from hpcinv.files.untrusted import add_option
+from hpcinv.sweep.ledger.holder import BEAT
+from hpcinv.sweep.ledger.liveness import LEASE
+from hpcinv.sweep.plan import load_sweep
+from hpcinv.sweep.reporting import add_reports
+from hpcinv.sweep.results import ledger_of
+from hpcinv.sweep.submit import add_submit
+from hpcinv.sweep.tally import Tally
+
+
+def add_sweep(commands: Any) -> None:
+    """Add the command ``sweep`` and its own commands to a parser's."""
+    sweep = commands.add_parser("sweep", help="many cases of a job: over laws, parameters, loads, meshes")
+    actions = sweep.add_subparsers(required=True, metavar="command")
+
+    def action(name: str, command: Any, text: str) -> argparse.ArgumentParser:
+        parser: argparse.ArgumentParser = actions.add_parser(name, help=text)
+        parser.add_argument("sweep", type=Path, help="sweep file (YAML)")
+        add_option(parser)
+        parser.set_defaults(command=command)
+        return parser
+
+    plan = action("plan", _plan, "how many cases of what size, and how long they will take")
+    plan.add_argument("--groups", type=_positive, default=1, metavar="N", help="groups of ranks to reckon with")
+
+    run = action("run", _run, "solve the cases that are open (under mpirun; several may run at once)")
+    run.add_argument(
+        "--ranks-per-case", type=_positive, default=1, metavar="K", help="ranks that solve a case together"
+    )
+    run.add_argument("--ranks", type=int, metavar="N", help="refuse to run on another number of ranks")
+    run.add_argument(
+        "--shard", type=_shard, default=(1, 1), metavar="I/N", help="begin with this share, then help with the rest"
+    )
+    run.add_argument("--first", type=_positive, metavar="N", help="only the first N cases: of a sample, a smaller one")
+    run.add_argument(
+        "--lease", type=_lease, default=LEASE, metavar="S", help="seconds after which a silent machine counts as lost"
+    )
+    run.add_argument(
+        "--no-isolation",
+        action="store_false",
+        dest="isolation",
+        help="solve cases in the ranks of the launcher themselves: a case that crashes ends them all",
+    )
+    run.add_argument(
+        "--strict", action="store_true", help="end with exit code 7 if certificates have warnings or are not decided"
+    )
+
+    retry = action("retry", _retry, "open cases again")
+    retry.add_argument("--failed", action="store_true", required=True, help="those that have failed")
+
+    add_reports(action)
+    add_submit(action)
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError("must be 1 or more")
+    return number
+
+
+def _lease(text: str) -> float:
+    if (seconds := float(text)) < 3 * BEAT:
+        raise argparse.ArgumentTypeError(f"must be {3 * BEAT:g} or more: a sign of life is given every {BEAT:g} s")
+    return seconds
+
+
+def _shard(text: str) -> tuple[int, int]:
+    number, _, of = text.partition("/")
+    if not (number.isdigit() and of.isdigit() and 1 <= int(number) <= int(of)):
+        raise argparse.ArgumentTypeError(f"'{text}' is no share such as 2/8")
+    return int(number), int(of)
+
+
+def _plan(options: argparse.Namespace) -> int:
+    plan = load_sweep(options.sweep)
+
+    from hpcinv.sweep.outlook import outlook
+
+    for line in outlook(plan, ledger_of(plan), options.groups):
+        print(line)
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    from hpcinv.parallel.launch import launched
+
+    with launched(options.ranks, stack=False) as (world, stop):
+        from hpcinv.parallel.ranks import on_root
+        from hpcinv.sweep.conduct import Share, conduct
+
+        plan = on_root(world, lambda: load_sweep(options.sweep))
+        plan = replace(plan, cases=plan.cases[: options.first])
+
+        def begin() -> None:
+            groups = f"{world.size} rank{'s' if world.size > 1 else ''}, {options.ranks_per_case} per case"
+            print(f"{plan.sweep.sweep}: {len(plan.cases)} cases, {groups}; store {plan.store}", flush=True)
+
+        def end() -> tuple[int, int]:
+            tally = Tally(plan, ledger_of(plan))
+            print("\n".join(tally.lines()), flush=True)
+            return tally.exit_code(strict=options.strict), tally.unfinished
+
+        on_root(world, begin)
+        interrupted = False
+        try:
+            conduct(
+                plan,
+                world,
+                ranks_per_case=options.ranks_per_case,
+                share=Share(*options.shard),
+                lease=options.lease,
+                isolated=options.isolation,
+                note=lambda text: print(text, flush=True),
+                stop=stop,
+            )
+        except Interrupted:
+            interrupted = True
+        code, left = on_root(world, end)
+        if interrupted and left:
+            raise Interrupted(f"stopped by a signal, {left} cases left", "The same command goes on.")
+    return code
+
+
+def _retry(options: argparse.Namespace) -> int:
+    plan = load_sweep(options.sweep)
+    ledger = ledger_of(plan)
+    opened = sum(ledger.retry(key) for key in dict.fromkeys(case.key for case in plan.cases))
+    print(f"{opened} failed case{'s are' if opened != 1 else ' is'} open again")
+    return 0

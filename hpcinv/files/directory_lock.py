@@ -1,0 +1,120 @@
+"""Lock on the directory of a run: of the processes that would write to it one may, and it is released with its process.
+
+The file ``.lock`` in the directory is locked by ``flock``, which the system releases by whatever end the process comes
+to, also over NFS (as a lock on a range of bytes). It holds who has it, for the message to others. Where a file system
+has no locks, that identity alone counts: a process of another machine then counts as running.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+
+from hpcinv.errors import OutputError
+from hpcinv.parallel.processes import Identity, start_of
+
+NAME = ".lock"
+
+
+class DirectoryLock:
+    """The lock, held from construction until ``release``.
+
+    Raises:
+        OutputError: another process has it, or it cannot be written.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self._path = directory / NAME
+        try:
+            self._descriptor = self._take()
+        except OSError as error:
+            text = f"{self._path}: cannot be written: {error.strerror}"
+            raise OutputError(text, "Make the directory writable, or choose another.") from error
+
+    def _take(self) -> int:
+        while True:
+            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                try:
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    raise _refusal(self._path, *_written(self._path)) from None
+                except OSError:  # this file system has no locks
+                    holder, since = _written(self._path)
+                    if holder is not None and _may_be_running(holder):
+                        raise _refusal(self._path, holder, since, only_told=True) from None
+                if _is_at(descriptor, self._path):  # else the holder before us has just removed it
+                    now = datetime.now(UTC).isoformat(timespec="seconds")
+                    content = {"holder": Identity.of_this_process().as_json(), "since": now}
+                    os.ftruncate(descriptor, 0)
+                    os.pwrite(descriptor, json.dumps(content).encode(), 0)
+                    return descriptor
+            except BaseException:
+                os.close(descriptor)
+                raise
+            os.close(descriptor)
+
+    @property
+    def is_in_place(self) -> bool:
+        """Whether the directory, with the lock in it, is still where it was."""
+        return _is_at(self._descriptor, self._path)
+
+    def release(self) -> None:
+        """Let others have the directory."""
+        if self.is_in_place:
+            self._path.unlink(missing_ok=True)
+        os.close(self._descriptor)
+
+
+def check_unlocked(directory: Path) -> None:
+    """Raise ``OutputError`` if another process works in a directory; nothing is changed."""
+    path = directory / NAME
+    try:
+        descriptor = os.open(path, os.O_RDWR)
+    except OSError:  # there is none, or what is wrong with it will be told when it is taken
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise _refusal(path, *_written(path)) from None
+    except OSError:
+        holder, since = _written(path)
+        if holder is not None and _may_be_running(holder):
+            raise _refusal(path, holder, since, only_told=True) from None
+    finally:
+        os.close(descriptor)
+
+
+def _refusal(path: Path, holder: Identity | None, since: str, *, only_told: bool = False) -> OutputError:
+    who = f"{holder}, since {since}" if holder else "another process"
+    advice = "Wait until it has ended, or end it; then 'resume' goes on from its last checkpoint."
+    if only_told:
+        advice = f"{advice} If it does not run any more, which cannot be found out from here, remove {path}."
+    return OutputError(f"{path.parent}: a run is at work in this directory: {who}", advice)
+
+
+def _written(path: Path) -> tuple[Identity | None, str]:
+    """Who has the lock and since when, as far as it is written there."""
+    try:
+        content = json.loads(path.read_bytes())
+        return Identity.from_json(content["holder"]), str(content["since"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None, ""
+
+
+def _may_be_running(other: Identity) -> bool:
+    me = Identity.of_this_process()
+    if other.machine and other.machine == me.machine and (started := start_of(other.pid)) is not None:
+        return started == other.started
+    return not (other.job and other.job == me.job and other.restart < me.restart)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    """Whether an open file is the one that has this path."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except OSError:
+        return False

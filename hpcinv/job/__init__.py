@@ -1,0 +1,1 @@
+"""The job file: its sections, and the rules that they are checked against."""

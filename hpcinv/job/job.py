@@ -1,0 +1,457 @@
+"""The job: everything a run needs to know, read from one file, checked at once, and immutable from then on."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
+
+from hpcinv.effects import AnyEffect, Direction, Effect
+from hpcinv.errors import JobError
+from hpcinv.files.untrusted import REFUSED, applies, is_asked
+from hpcinv.job.accuracy import read_demands
+from hpcinv.job.definitions import resolve, unusable
+from hpcinv.job.fibres import FibreFamily
+from hpcinv.job.fingerprint import fingerprint
+from hpcinv.job.region_names import unknown_regions
+from hpcinv.job.rules import unknown_case, unknown_families, unsuited, wants_pressure
+from hpcinv.job.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
+from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
+from hpcinv.job.sensitivities import read_sensitivities
+from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.materials import Material, MaterialLaw
+from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.expressions import LET, Expression, faults
+from hpcinv.quantity.keys import JobKey, assigned
+from hpcinv.quantity.plugins import fault_of_plugin, load_file, load_installed
+from hpcinv.quantity.quantity import AnyQuantity
+from hpcinv.quantity.schema import FileName, ListOf, Name, Problems, Spec, at, job_error, raise_if_any, repeated, shown
+
+MOST_ENTRIES = 10_000
+"""of one list of a job, such as its quantities: each costs a millisecond here, and a kernel or a search in a run"""
+
+UNNAMED = "(mapping)"  # stands for the file of a job that was made in Python
+_KEYS: Any = Mapping[str, str | float | None] | list[str]  # as a file may say them
+
+
+class Job(Spec):
+    """From a deformed shape to the undeformed one (inverse), the other way (forward), or there and back (round_trip).
+
+    Quantities are SI floats, whatever units the file has. Paths are as in the file; `resolve` makes them usable.
+    """
+
+    job: FileName = "job"
+    """up to 100 letters, digits, dots, _, - (no dot or - first), naming the results; left out, the name of the file"""
+    analysis: Literal["inverse", "forward", "round_trip"] = "inverse"
+    """inverse: the mesh is the deformed body; forward: it is the undeformed one; round_trip: one after the other"""
+    first: Literal["inverse", "forward"] | None = None
+    """which leg of a round trip comes first; left out, inverse"""
+    mesh: MeshSpec
+    """the mesh of the given body, such as {file: ../meshes/beam.msh, unit: mm}"""
+    let: Mapping[Name, Expression] = {}
+    """names for parts of formulas, such as {r: "norm(x, y)"}, which every formula of the job may use"""
+    regions: Mapping[Name, Expression] = {}
+    """parts of the given body by conditions on x, y, z, for meshes without physical groups"""
+    plugins: ListOf[str] = ()
+    """Python files, beside the job file, that define further laws and effects"""
+    fibres: Mapping[Name, FibreFamily] = {}
+    """families of fibres by name, for laws and effects that refer to them"""
+    material: Material
+    """the material law and its parameters, or one for each region of cells: {core: {law: …}, skin: {law: …}}"""
+    load_cases: ListOf[Name] = ()
+    """names of load cases that follow each other; left out, there is one"""
+    effects: ListOf[AnyEffect] = ()
+    """what loads or strains the body"""
+    supports: Annotated[ListOf[Support], Field(validate_default=True)] = ()
+    """where the body is held; may be left out where springs (effect: elastic-foundation) hold it"""
+    discretisation: Discretisation = Discretisation()
+    """finite-element spaces"""
+    solver: Solver = Solver()
+    """continuation and Newton iteration"""
+    method: Literal["direct", "sellier", "aitken", "anderson", "rausch"] = "direct"
+    """direct: one solve on the deformed body; the others find the undeformed one by repeated forward solves"""
+    fixed_point: FixedPoint = FixedPoint()
+    """iteration of the methods other than direct"""
+    certificate: CertificateSettings = CertificateSettings()
+    """what is checked at the end"""
+    checkpoint: Checkpoint = Checkpoint()
+    """when converged states are saved"""
+    output: Output = Output()
+    """what is written beside the summary"""
+    quantities: ListOf[QuantityOfInterest] = ()
+    """numbers to report"""
+    sensitivities: Mapping[JobKey, AnyQuantity | None] = {}
+    """numbers of laws, effects, fibres and supports by which shape and quantities are differentiated: a list of their
+    keys, or their standard deviations by key, such as {material.mu: 1 kPa, "effects[0].density": null}"""
+    expected_shape: MeshFile | None = None
+    """a mesh with the same nodes, from which the distance of the recovered shape is reported"""
+    accuracy: Mapping[Name, AnyQuantity] = {}
+    """largest errors of quantities by name, such as {tip: 0.1 mm}: degree and mesh are then chosen to meet them"""
+
+    _path: Path | None = PrivateAttr(default=None)
+    _data: Mapping[str, Any] = PrivateAttr(default_factory=dict)
+    _untrusted: bool = PrivateAttr(default=False)
+
+    def __eq__(self, other: object) -> bool:
+        """Of what is read from a file, and where that lies, however the file says it."""
+        if not isinstance(other, Job):
+            return NotImplemented
+        return (dict(self), self._path, self._untrusted) == (dict(other), other._path, other._untrusted)
+
+    @property
+    def path(self) -> Path | None:
+        """The file that the job was read from; paths in it begin where that lies."""
+        return self._path
+
+    @property
+    def data(self) -> Mapping[str, Any]:
+        """What its file holds, as it was read."""
+        return self._data
+
+    def with_(self, changes: Mapping[str, Any]) -> Job:
+        """The job with other values at some of its keys, such as ``{"effects[1].pressure": "12 kPa"}``.
+
+        Sections that are not there are made. The job itself stays as it is.
+
+        Raises:
+            JobError: a key leads nowhere, or the changed job is not valid.
+        """
+        path = self._path or Path(UNNAMED)
+        try:
+            return parse(assigned(self._data, changes), path, untrusted=self._untrusted)
+        except ValueError as error:
+            raise JobError([f"{path}: {error}"]) from None
+
+    @property
+    def is_untrusted(self) -> bool:
+        """Whether it was read as one that came from elsewhere, so that nothing in it can be executed."""
+        return self._untrusted
+
+    def resolve(self, path: str | Path) -> Path:
+        """A path of the job file as one that can be opened."""
+        return (self._path.parent if self._path else Path()) / path
+
+    @property
+    def shape_formats(self) -> tuple[str, ...]:
+        """In which the recovered shape is written."""
+        if self.output.mesh is not None:
+            return self.output.mesh
+        return ("bp",) if self.mesh.is_partitioned else ("msh", "vtu")
+
+    @property
+    def legs(self) -> tuple[Direction, ...]:
+        """The directions to solve in, in order."""
+        if self.analysis != "round_trip":
+            return (self.analysis,)
+        return ("forward", "inverse") if self.first == "forward" else ("inverse", "forward")
+
+    @property
+    def laws(self) -> Mapping[str, MaterialLaw]:
+        """The material laws by their place in the job: ``material``, or ``material.REGION`` for each region."""
+        return _laws(self.material)
+
+    @property
+    def named_effects(self) -> list[tuple[str, Effect]]:
+        """The effects, each with its place in the job."""
+        return list(_numbered("effects", self.effects).items())
+
+    @property
+    def families(self) -> dict[str, FibreFamily]:
+        """The families of fibres that the scene needs, by their place in the job."""
+        return _families((*self.laws.values(), *self.effects), self.fibres)
+
+    @property
+    def case_count(self) -> int:
+        """Number of load cases."""
+        return max(len(self.load_cases), 1)
+
+    def case_of(self, part: Effect | Support) -> int:
+        """Number of the load case of an effect or support, from 0."""
+        return 0 if part.case is None else self.load_cases.index(part.case)
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether the pressure is an unknown."""
+        return self.discretisation.formulation == "mixed" or (
+            self.discretisation.formulation == "auto" and wants_pressure(self.laws)
+        )
+
+    @property
+    def pressure_degree(self) -> int | None:
+        """Degree of the pressure, None in the displacement form."""
+        return (self.discretisation.pressure or self.discretisation.displacement - 1) if self.is_mixed else None
+
+    def fingerprint(self) -> dict[str, Any]:
+        """The physics as plain data: what must not change between a checkpoint and its resume."""
+        return fingerprint(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled so that another rank has the classes of its plugins before it needs them."""
+        plugins = [self.resolve(p).resolve() for p in self.plugins]
+        return _unpickled, (plugins, pickle.dumps((self.__class__, self.__getstate__())))
+
+    # The rules between sections stand with the later section, which sees the earlier ones that are right in themselves.
+
+    @field_validator("let")
+    @classmethod
+    def _are_definitions(cls, given: Mapping[str, Expression], info: ValidationInfo) -> Mapping[str, Expression]:
+        """Also tells them to the sections that follow, through the context that all are read with."""
+        raise_if_any(((name,), text) for name in given if (text := unusable(name)))
+        resolved = resolve(given)
+        if resolved:
+            if info.context is None:
+                raise ValueError("is known only in jobs that are read by 'load' or 'parse'")
+            info.context[LET] = resolved
+        return resolved
+
+    @field_validator("plugins")
+    @classmethod
+    def _are_imported(cls, plugins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        load_installed()
+        if applies(info):
+            text = f"is a Python file that a run executes, and is {REFUSED}"
+            raise_if_any(((i,), f"{shown(plugin)} {text}") for i, plugin in enumerate(plugins))
+        problems = []
+        for i, plugin in enumerate(plugins):
+            try:
+                load_file(directory_of(info) / plugin)
+            except ValueError as error:
+                problems.append(((i,), str(error)))
+        raise_if_any(problems)
+        return plugins
+
+    @field_validator("material")
+    @classmethod
+    def _has_its_fibres(cls, material: Material, info: ValidationInfo) -> Material:
+        for where, law in _laws(material).items():
+            region = tuple(where.split(".", 1)[1:])
+            raise_if_any(((*region, *place), text) for place, text in unknown_families(law, info.data.get("fibres")))
+        return material
+
+    @field_validator("load_cases")
+    @classmethod
+    def _are_different(cls, cases: tuple[str, ...]) -> tuple[str, ...]:
+        raise_if_any(((i,), f"'{cases[i]}' is there already") for i in repeated(cases))
+        return cases
+
+    @field_validator("first")
+    @classmethod
+    def _first_of_two(cls, first: str | None, info: ValidationInfo) -> str | None:
+        if first is not None and info.data.get("analysis", "round_trip") != "round_trip":
+            raise ValueError("has a use only with 'analysis: round_trip'")
+        return first
+
+    @field_validator("method")
+    @classmethod
+    def _finds_an_undeformed_body(cls, method: str, info: ValidationInfo) -> str:
+        if method != "direct" and info.data.get("analysis") == "forward":
+            raise ValueError("has a use only in an inverse analysis or a round trip; a forward one is always direct")
+        return method
+
+    @field_validator("fixed_point")
+    @classmethod
+    def _is_asked_for(cls, fixed_point: FixedPoint, info: ValidationInfo) -> FixedPoint:
+        if fixed_point.model_fields_set and info.data.get("method") == "direct":
+            raise ValueError("has no use with 'method: direct'; take sellier, aitken, anderson or rausch")
+        return fixed_point
+
+    @field_validator("regions")
+    @classmethod
+    def _are_conditions(cls, regions: Mapping[str, Expression]) -> Mapping[str, Expression]:
+        if "boundary" in regions:
+            raise Problems((("boundary",), "is already the name of the whole boundary; take another"))
+        raise_if_any(faults((((name,), formula) for name, formula in regions.items()), COORDINATES, True))
+        return regions
+
+    @field_validator("effects")
+    @classmethod
+    def _serve_the_analysis(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
+        analysis, fibres, cases = (info.data.get(key) for key in ("analysis", "fibres", "load_cases"))
+        needed = {"forward", "inverse"} if analysis == "round_trip" else {analysis} - {None}
+        raise_if_any(
+            ((i,), f"cannot serve 'analysis: {analysis}'; it knows {', '.join(sorted(effect.directions))} only")
+            for i, effect in enumerate(effects)
+            if needed - effect.directions
+        )
+        raise_if_any(
+            ((i, *place), text)
+            for i, effect in enumerate(effects)
+            for place, text in (*unknown_families(effect, fibres), *unknown_case(effect.case, cases))
+        )
+        return effects
+
+    @field_validator("supports")
+    @classmethod
+    def _hold_the_body(cls, supports: tuple[Support, ...], info: ValidationInfo) -> tuple[Support, ...]:
+        holds = (*(s.held for s in supports), *(e.holds for e in info.data.get("effects", ())))
+        free = set(AXES).difference(*holds)
+        if free and "effects" in info.data:
+            text = f"leave the body free to move along {' and '.join(sorted(free))}: hold it there in some region"
+            raise ValueError(text)
+        raise_if_any(
+            ((i, *place), text)
+            for i, support in enumerate(supports)
+            for place, text in unknown_case(support.case, info.data.get("load_cases"))
+        )
+        taken: set[tuple[str, str]] = set()
+        for i, support in enumerate(supports):
+            held = {(support.region, axis) for axis in support.held}
+            for region, axis in sorted(held & taken):
+                raise Problems(((i,), f"prescribes {axis} on '{region}' a second time"))
+            taken |= held
+        return supports
+
+    @field_validator("discretisation")
+    @classmethod
+    def _suits_the_material(cls, discretisation: Discretisation, info: ValidationInfo) -> Discretisation:
+        if "material" in info.data:
+            raise_if_any(unsuited(discretisation, _laws(info.data["material"])))
+        return discretisation
+
+    @field_validator("output")
+    @classmethod
+    def _can_be_written(cls, output: Output, info: ValidationInfo) -> Output:
+        mesh = info.data.get("mesh")
+        if mesh is not None and mesh.is_partitioned and {"msh", "vtu"} & set(output.mesh or ()):
+            text = "of a partitioned mesh must be bp, which 'hpcinv mesh gather shape.bp shape.msh' makes one file of"
+            raise Problems((("mesh",), text))
+        return output
+
+    @field_validator("expected_shape")
+    @classmethod
+    def _is_partitioned_alike(cls, expected: MeshFile | None, info: ValidationInfo) -> MeshFile | None:
+        mesh = info.data.get("mesh")
+        if expected is not None and mesh is not None and expected.is_partitioned != mesh.is_partitioned:
+            text = "must be a partitioned mesh (.bp) if, and only if, that of the job is"
+            raise Problems((("file",), f"{text}: 'hpcinv mesh partition' makes one, with the same --parts"))
+        return expected
+
+    @field_validator("accuracy", mode="plain")
+    @classmethod
+    def _can_be_met(cls, given: object, info: ValidationInfo) -> Mapping[str, float]:
+        if "quantities" not in info.data:  # already reported
+            return {}
+        demands, problems = read_demands(given, info.data["quantities"])
+        raise_if_any(problems)
+        if demands and info.data.get("expected_shape") is not None:
+            raise ValueError("cannot go with 'expected_shape', which needs the job's own mesh; remove one of them")
+        if demands and info.data.get("method", "direct") != "direct":
+            raise ValueError("needs 'method: direct'")
+        if demands and (mesh := info.data.get("mesh")) is not None and mesh.is_partitioned:
+            raise ValueError("needs a mesh that can be refined, not a partitioned one: the file that this was made of")
+        solver = info.data.get("solver")
+        if not demands and solver is not None and "maximum_unknowns" in solver.model_fields_set:
+            raise ValueError("is needed if solver.maximum_unknowns is given, which bounds what it may take")
+        return demands
+
+    @field_validator("sensitivities", mode="plain", json_schema_input_type=_KEYS)
+    @classmethod
+    def _are_by_numbers(cls, given: object, info: ValidationInfo) -> Mapping[str, float | None]:
+        if not {"material", "effects", "fibres", "supports"} <= info.data.keys():  # already reported
+            return {}
+        parts = {**_laws(info.data["material"]), **_numbered("effects", info.data["effects"])}
+        owners = parts | _families(parts.values(), info.data["fibres"]) | _numbered("supports", info.data["supports"])
+        found, problems = read_sensitivities(given, owners)
+        raise_if_any(problems)
+        return found
+
+    @field_validator("quantities")
+    @classmethod
+    def _have_own_names(cls, quantities: tuple[QuantityOfInterest, ...]) -> tuple[QuantityOfInterest, ...]:
+        names = [q.name for q in quantities]
+        raise_if_any(((i, "name"), f"'{names[i]}' is the name of an earlier quantity") for i in repeated(names))
+        return quantities
+
+    @field_validator("quantities")
+    @classmethod
+    def _react_at_supports(
+        cls, quantities: tuple[QuantityOfInterest, ...], info: ValidationInfo
+    ) -> tuple[QuantityOfInterest, ...]:
+        if "supports" not in info.data:  # already reported
+            return quantities
+        regions = list(dict.fromkeys(support.region for support in info.data["supports"]))
+        problems = []
+        for i, quantity in enumerate(quantities):
+            if quantity.is_reaction and quantity.on not in regions:
+                where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"
+                problems.append(((i, "on"), f"{shown(quantity.on)} is not the region of a support: {where}"))
+        raise_if_any(problems)
+        return quantities
+
+
+def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, MaterialLaw]:
+    if isinstance(material, MaterialLaw):
+        return {"material": material}
+    return {f"material.{region}": law for region, law in material.items()}
+
+
+def _families(parts: Iterable[Ingredient], fibres: Mapping[str, FibreFamily]) -> dict[str, FibreFamily]:
+    """The families of fibres that laws and effects need."""
+    needed = dict.fromkeys(name for part in parts for name in part.families)
+    return {f"fibres.{name}": fibres[name] for name in needed}
+
+
+def _numbered[T](section: str, entries: Sequence[T]) -> dict[str, T]:
+    return {f"{section}[{i}]": entry for i, entry in enumerate(entries)}
+
+
+def _unpickled(plugins: list[Path], data: bytes) -> Job:
+    for plugin in plugins:
+        load_file(plugin)
+    kind, state = pickle.loads(data)
+    job: Job = kind.__new__(kind)
+    job.__setstate__(state)
+    return job
+
+
+def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".", untrusted: bool = False) -> Job:
+    """Read and check a job: a file, or a mapping with the content of one.
+
+    Args:
+        directory: where relative paths in a mapping begin; those in a file begin where that lies.
+        untrusted: it came from elsewhere: refuse what in it could execute code (plugins, generators, partitioned
+            meshes, PETSc options not known to do no harm) or leads out of its directory.
+
+    Raises:
+        JobError: with one line for each thing that is wrong, of the form ``file: key: what, and what to do``.
+    """
+    if isinstance(source, Mapping):
+        return parse({"job": "job", **source}, Path(directory) / UNNAMED, untrusted=untrusted)
+    return parse(read_yaml(Path(source)), Path(source), untrusted=untrusted)
+
+
+def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Job:
+    """A job from the contents of its file; ``path`` names it in errors and anchors the relative paths in it.
+
+    Args:
+        untrusted: as in `load`.
+
+    Raises:
+        JobError: as `load`.
+    """
+    untrusted = untrusted or is_asked()
+    large = {key: len(value) for key, value in data.items() if isinstance(value, list) and len(value) > MOST_ENTRIES}
+    if large:
+        text = f"entries, and may have {MOST_ENTRIES:,}"
+        raise JobError([f"{path}: {key}: has {count:,} {text}" for key, count in large.items()])
+    try:
+        job = Job.model_validate({"job": path.stem, **data}, context={"directory": path.parent, "untrusted": untrusted})
+    except ValidationError as error:
+        raise job_error(path, error, Job) from None
+    except Exception as error:
+        if (fault := fault_of_plugin(error)) is None:
+            raise
+        raise JobError([f"{path}: plugins: a law or effect failed where it was checked: {fault}"]) from error
+    job._path, job._data, job._untrusted = path, data, untrusted
+    if unknown := [f"{path}: {at(where)}: {what}" for where, what in unknown_regions(job)]:
+        raise JobError(unknown)
+    return job
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of a job file, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Job.model_json_schema()}

@@ -1,0 +1,222 @@
+"""What a mesh generator lets a job choose, read from its text; nothing is executed."""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from hpcinv.quantity.quantity import QUANTITIES
+from hpcinv.quantity.schema import Location, shown
+from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import Dimension, parse_quantity
+
+type Value = float | int | bool | str
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """``read`` checks a value and converts it to SI, or raises ``ValueError``.
+
+    ``kind`` is its annotation, empty if it has none; the default is ``None`` where there is none, or one that only
+    running it would tell.
+    """
+
+    kind: str
+    required: bool
+    default: Value | None = None
+
+    def read(self, value: object) -> Value:
+        return _READERS[self.kind or "float"](value)
+
+    def check_dimension(self, name: str, value: object, unit: float) -> None:
+        """Raise ``ValueError`` for a quantity with a dimension where nothing says in which unit it is expected.
+
+        Without an annotation that is never known; with one that says nothing about a dimension it is SI, which is
+        wrong for a generator that works in another ``unit`` (m).
+        """
+        if self.kind not in _OF_ANY_DIMENSION or (self.kind and unit == 1.0) or not isinstance(value, str):
+            return
+        dimension = parse_quantity(value)[1]
+        if dimension == Dimension():
+            return
+        fitting = [kind for kind, quantity in QUANTITIES.items() if quantity.dimension == dimension and kind != "Size"]
+        kinds = " or ".join([*fitting, *(["Size"] if "Length" in fitting else [])])
+        remedy = f"annotate it there ({name}: {kinds}), or " if kinds else ""
+        raise ValueError(
+            f"is given as '{value}', but build() does not say that {name} is {dimension}, nor in which unit;"
+            f" {remedy}give a plain number, which reaches it as it stands"
+        )
+
+
+def _expect[V: Value](kind: type[V], name: str) -> Callable[[object], V]:
+    def read(value: object) -> V:
+        if type(value) is not kind:  # True is an int, but no number
+            raise ValueError(f"must be {name}, not {shown(value)}")
+        return value
+
+    return read
+
+
+def _divisions(value: object) -> int:
+    number = _expect(int, "a whole number")(value)
+    if number < 1:
+        raise ValueError(f"must be at least 1, not {number}")
+    return number
+
+
+_READERS: Mapping[str, Callable[[object], Value]] = {
+    **{name: quantity.parse for name, quantity in QUANTITIES.items()},
+    "Divisions": _divisions,
+    "float": QUANTITIES["AnyQuantity"].parse,
+    "int": _expect(int, "a whole number"),
+    "bool": _expect(bool, "true or false"),
+    "str": _expect(str, "text"),
+}
+"""Readers by the annotation of a parameter."""
+
+_OF_ANY_DIMENSION = ("", "float", "AnyQuantity")
+
+
+def read_parameters(
+    path: Path, given: Mapping[str, object], unit: float = 1.0
+) -> tuple[dict[str, Value], list[tuple[Location, str]]]:
+    """Parameters for the generator at ``path`` in SI, and what is wrong with those that were given.
+
+    Args:
+        unit: length (m) that it works in.
+
+    Raises:
+        ValueError: the file is no generator, or not a valid one.
+    """
+    values: dict[str, Value] = {}
+    problems: list[tuple[Location, str]] = []
+    known = parameters_of(path)
+    for name, value in given.items():
+        if name not in known:
+            problems.append(((name,), f"{path.name} has no such parameter.{did_you_mean(name, known)}"))
+            continue
+        try:
+            known[name].check_dimension(name, value, unit if path.suffix == ".py" else 1.0)
+            values[name] = known[name].read(value)
+        except ValueError as error:
+            problems.append(((name,), str(error)))
+    problems += [((n,), f"is needed by {path.name}") for n, p in known.items() if p.required and n not in given]
+    return values, problems
+
+
+def in_unit(path: Path, given: Mapping[str, Value], unit: float) -> dict[str, Value]:
+    """Parameters in SI, and the defaults of others, for a generator that works in a length ``unit`` (m).
+
+    Lengths, areas and volumes are what is annotated as such. They are rounded to 13 digits: a mesh may change
+    altogether with the last bit of a length, and bodies that are alike should have meshes that are.
+
+    Raises:
+        ValueError: a default of theirs is no number that can be read off.
+    """
+    values = dict(given)
+    for name, parameter in parameters_of(path).items():
+        dimension = QUANTITIES[parameter.kind].dimension if parameter.kind in QUANTITIES else None
+        if dimension is None or dimension != Dimension(length=dimension.length) or not dimension.length:
+            continue
+        value = given.get(name, parameter.default)
+        if not isinstance(value, float | int):
+            raise ValueError(f"needs a number for {name}, whose default in {path.name} is none")
+        values[name] = float(f"{value / unit**dimension.length:.13g}")
+    return values
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """Parameters that say how fine the mesh of a generator is: those that are a ``Size`` (m), and the ``Divisions``."""
+
+    sizes: Mapping[str, float]
+    divisions: Mapping[str, int]
+
+    @property
+    def parameters(self) -> dict[str, float | int]:
+        return {**self.sizes, **self.divisions}
+
+    def finer(self, factor: float) -> Resolution:
+        """For cells ``factor`` times smaller; divisions become whole numbers, and rather more than fewer."""
+        return Resolution(
+            {name: size / factor for name, size in self.sizes.items()},
+            {name: math.ceil(number * factor - 1e-6) for name, number in self.divisions.items()},
+        )
+
+
+def resolution_of(path: Path, given: Mapping[str, Value]) -> Resolution:
+    """What the generator at ``path`` says of its resolution, with ``given`` parameters in SI."""
+    found: dict[str, dict[str, float]] = {"Size": {}, "Divisions": {}}
+    for name, parameter in parameters_of(path).items():
+        value = given.get(name, parameter.default)
+        if parameter.kind in found and isinstance(value, float | int):
+            found[parameter.kind][name] = value
+    return Resolution(found["Size"], {name: int(number) for name, number in found["Divisions"].items()})
+
+
+def is_generator(path: Path) -> bool:
+    return path.suffix in _FORMATS
+
+
+def parameters_of(path: Path) -> dict[str, Parameter]:
+    """Parameters of ``build()`` in a Python generator, or of ``DefineConstant`` in a gmsh script."""
+    try:
+        return _FORMATS[path.suffix](path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise ValueError(f"{path.name} is not a text file in UTF-8") from None
+    except SyntaxError as error:
+        raise ValueError(f"{path.name}, line {error.lineno}: {error.msg}") from None
+    except (RecursionError, MemoryError):
+        raise ValueError(f"{path.name}: its expressions are too deep inside each other") from None
+    except OSError as error:
+        raise ValueError(f"{path.name}: cannot be read: {error.strerror}") from None
+
+
+@cache  # many jobs have the same generator
+def _of_python(text: str) -> dict[str, Parameter]:
+    functions = [n for n in ast.parse(text).body if isinstance(n, ast.FunctionDef) and n.name == "build"]
+    if not functions:
+        raise ValueError("a mesh generator must define build(gmsh, *, …), which this file does not")
+    arguments = functions[-1].args
+    positional = [*arguments.posonlyargs, *arguments.args]
+    if not positional:
+        raise ValueError("build() of a mesh generator must take gmsh as its first argument")
+    defaults = [*[None] * (len(positional) - len(arguments.defaults)), *arguments.defaults, *arguments.kw_defaults]
+    return {
+        a.arg: Parameter(_kind(a), default is None, _literal(default))
+        for a, default in list(zip([*positional, *arguments.kwonlyargs], defaults, strict=True))[1:]
+    }
+
+
+def _literal(default: ast.expr | None) -> Value | None:
+    try:
+        value = None if default is None else ast.literal_eval(default)
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):  # a name or a call
+        return None
+    return value if isinstance(value, float | int | bool | str) else None
+
+
+def _kind(argument: ast.arg) -> str:
+    match argument.annotation:
+        case None:
+            return ""
+        case ast.Name(id=name) | ast.Attribute(attr=name) | ast.Constant(value=str(name)) if name in _READERS:
+            return name
+    kind = ast.unparse(argument.annotation)
+    raise ValueError(f"'{argument.arg}' of build() is a {kind}; a job can give {', '.join(_READERS)}")
+
+
+@cache
+def _of_geo(text: str) -> dict[str, Parameter]:
+    text = re.sub(r"//[^\n]*|/\*.*?\*/", "", re.sub(r'"[^"\n]*"', '""', text), flags=re.DOTALL)
+    blocks = re.findall(r"DefineConstant\s*\[(.*?)\]\s*;", text, flags=re.DOTALL)
+    names = (name for block in blocks for name in re.findall(r"(\w+)\s*(?:=|,|$)", re.sub(r"\{.*?\}", "0", block)))
+    return {name: Parameter("float", required=False) for name in names if not name[0].isdigit()}
+
+
+_FORMATS = {".py": _of_python, ".geo": _of_geo}

@@ -1,0 +1,162 @@
+"""Names of the regions that a mesh file has, as far as they can be known without the libraries that read meshes.
+
+A name that a job has and its mesh has not is then told by ``hpcinv validate``. Only what is certain is told: groups of
+generators are not known before they run, and a group without a name in an MSH file is called ``surface-3`` or so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.parsers import expat
+
+from hpcinv.errors import MeshError
+from hpcinv.job.mesh_header import SUFFIX, read_header
+from hpcinv.quantity.schema import Location
+from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion
+from hpcinv.quantity.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from hpcinv.job.job import Job
+
+_BOUNDARY = "boundary"
+_VTU = "region:"
+_LARGEST_XML = 8 * 2**20
+_NAMED = re.compile(rb"\$PhysicalNames\r?\n(.*?)\$EndPhysicalNames", re.DOTALL)
+_NAME = re.compile(rb'^\s*(\d+)\s+-?\d+\s+"(.*)"\s*$', re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Names of a mesh's groups of surfaces and volumes, of its groups of points and curves, and patterns of others."""
+
+    names: frozenset[str]
+    thin: frozenset[str] = frozenset()
+    patterns: tuple[str, ...] = ()
+
+    def may_have(self, name: str) -> bool:
+        """Whether it cannot be said that there is no such group."""
+        return name in self.names or any(re.fullmatch(pattern, name) for pattern in self.patterns)
+
+
+def unknown_regions(job: Job) -> Iterator[tuple[Location, str]]:
+    """The places in a job that name a region which neither it nor its mesh has."""
+    path = job.resolve(job.mesh.file)
+    try:
+        state = path.stat()
+        groups = _groups(path, state.st_mtime_ns, state.st_size)
+    except (OSError, ValueError, MeshError):  # told where the mesh is read
+        return
+    if groups is None:
+        return
+    known = {*job.regions, _BOUNDARY, *groups.names}
+    for where, name in _named(job):
+        if name in known or groups.may_have(name):
+            continue
+        hint = did_you_mean(name, known)
+        if name in groups.thin:
+            hint = " It is a physical group of points or curves there, and regions are surfaces or volumes."
+        yield where, f"there is no region '{name}' in {path.name}, nor in 'regions'.{hint}"
+
+
+def _named(job: Job) -> Iterator[tuple[Location, str]]:
+    """Every region that a job names, with its place."""
+    for i, support in enumerate(job.supports):
+        yield ("supports", i, "region"), support.region
+    for i, effect in enumerate(job.effects):
+        for name, field in effect.surfaces.items():
+            yield ("effects", i, field), name
+    for where, law in job.laws.items():
+        if (region := where.partition(".")[2]) and region != ELSEWHERE:
+            yield ("material", region), region
+        for field in type(law).model_fields:
+            yield from _in_values(getattr(law, field), (*where.split(".", 1), field))
+    for i, effect in enumerate(job.effects):
+        for field in type(effect).model_fields:
+            yield from _in_values(getattr(effect, field), ("effects", i, field))
+    for i, quantity in enumerate(job.quantities):
+        if quantity.on is not None:
+            yield ("quantities", i, "on"), quantity.on
+
+
+def _in_values(value: object, where: Location) -> Iterator[tuple[Location, str]]:
+    if isinstance(value, ByRegion):
+        for name in value.values:
+            if name != ELSEWHERE:
+                yield (*where, name), name
+
+
+@lru_cache(maxsize=16)  # all cases of a sweep have one
+def _groups(path: Path, _changed: int, _size: int) -> Groups | None:
+    """The groups of a mesh file, None where they cannot be known."""
+    match path.suffix:
+        case ".msh":
+            return _of_msh(path)
+        case ".vtu":
+            return _of_vtu(path)
+        case ".xdmf":
+            return _of_xdmf(path)
+        case suffix if suffix == SUFFIX:
+            header = read_header(path)
+            return Groups(frozenset(name for name, _, _ in header.groups), frozenset(header.thin_groups))
+    return None
+
+
+def _of_msh(path: Path) -> Groups | None:
+    """Names stand as text in binary files too."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        if content[:1] != b"$" or content.find(b"$Elements") < 0:
+            return None  # no MSH 2 or 4, or not whole
+        names: dict[bool, set[str]] = {False: set(), True: set()}
+        for section in _NAMED.finditer(content):
+            for dim, name in _NAME.findall(section[1]):
+                names[int(dim) < 2].add(name.decode(errors="replace"))
+    return Groups(frozenset(names[False]), frozenset(names[True] - names[False]), (r"(?:surface|volume)-\d+",))
+
+
+class _HeaderRead(Exception):
+    pass
+
+
+def _of_vtu(path: Path) -> Groups | None:
+    """Arrays in the cells whose names say that they mark a region; they are declared before any appended data."""
+    if path.stat().st_size > 100 * _LARGEST_XML:
+        return None
+    names, is_whole = set[str](), [False]
+
+    def begins(tag: str, attributes: dict[str, str]) -> None:
+        if tag == "AppendedData":  # what follows need not be XML
+            is_whole[0] = True
+            raise _HeaderRead
+        if tag == "DataArray" and attributes.get("Name", "").startswith(_VTU):
+            names.add(attributes["Name"].removeprefix(_VTU))
+
+    def ends(tag: str) -> None:
+        is_whole[0] = is_whole[0] or tag == "VTKFile"
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = begins, ends
+    with contextlib.suppress(_HeaderRead, expat.ExpatError), path.open("rb") as file:
+        parser.ParseFile(file)
+    return Groups(frozenset(names)) if is_whole[0] else None
+
+
+def _of_xdmf(path: Path) -> Groups | None:
+    """Values of tags are in another file: a group is called after its grid and any number."""
+    if path.stat().st_size > _LARGEST_XML:
+        return None
+    try:
+        found = ET.parse(path).getroot().findall("Domain/Grid")
+    except (ET.ParseError, ValueError, LookupError):
+        return None
+    grids = [grid for grid in found if grid.find("Topology") is not None]
+    if not grids:
+        return None  # no mesh
+    return Groups(frozenset(), patterns=tuple(rf"{re.escape(grid.get('Name', 'tags'))}--?\d+" for grid in grids))

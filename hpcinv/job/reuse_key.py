@@ -1,0 +1,88 @@
+"""What two jobs must have in common to share a mesh, equations and a symbolic factorization, and what may then differ.
+
+The numbers of laws, effects, fibres and supports are entries of one constant of the forms (`Parameters`), so that jobs
+that differ in nothing else assemble with the same kernels into the same matrix.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.job.fingerprint import WITH_DEFINITIONS, file_digest, fingerprint
+from hpcinv.quantity.quantity import quantities_of
+from hpcinv.quantity.spatial_fields import VARYING, ByFormula
+
+if TYPE_CHECKING:
+    from hpcinv.job.job import Job
+    from hpcinv.job.sections import Support
+    from hpcinv.quantity.component import Ingredient
+
+_EQUATIONS = {"linear", "petsc", "maximum_iterations", "reuse_tangent"}
+_NUMBER = "#"
+
+
+def structure_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
+    """Hash of a job without the numbers of its laws, effects, fibres and supports: 20 hex digits.
+
+    Args:
+        digest: of a file, for callers with many jobs on the same files.
+    """
+    content = fingerprint(job, digest) | {
+        "material": {where: _skeleton(law) for where, law in job.laws.items()},
+        "effects": [_skeleton(effect) for effect in job.effects],
+        "fibres": {where: _skeleton(family) for where, family in job.families.items()},
+        "supports": [_skeleton_of_support(support) for support in job.supports],
+        "partition": job.mesh.partition,
+        "solver": job.solver.model_dump(mode="json", include=_EQUATIONS),
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def numbers_of(job: Job) -> tuple[float, ...]:
+    """The numbers (SI) that `structure_of` leaves out, in an order that jobs of one structure share."""
+    ingredients = (*job.laws.values(), *job.effects, *job.families.values())
+    of_ingredients = (n for i in ingredients for value, _ in i.quantities().values() for n in _numbers(value))
+    return (*of_ingredients, *(n for support in job.supports for n in _numbers_of_support(support)))
+
+
+def _skeleton(ingredient: Ingredient) -> dict[str, Any]:
+    left_out = {*quantities_of(type(ingredient)), "constants", "parameters"}
+    plain = ingredient.model_dump(mode="json", exclude=left_out, context=WITH_DEFINITIONS)
+    return plain | {"quantities": {name: _marked(value) for name, (value, _) in ingredient.quantities().items()}}
+
+
+def _marked(value: Any) -> Any:
+    """A quantity with a mark in place of each number."""
+    if isinstance(value, tuple):
+        return [_marked(entry) for entry in value]
+    if isinstance(value, ByFormula):
+        return [value.whole, sorted(value.constants)]
+    if isinstance(value, VARYING):
+        return value.plain()
+    return value if value is None or value == math.inf else _NUMBER
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, tuple):
+        for entry in value:
+            yield from _numbers(entry)
+    elif isinstance(value, ByFormula):
+        yield from (value.constants[name] for name in sorted(value.constants))
+    elif value is not None and not isinstance(value, VARYING) and value != math.inf:
+        yield float(value)
+
+
+def _skeleton_of_support(support: Support) -> dict[str, Any]:
+    plain = support.model_dump(mode="json", exclude={"displacement", "constants"})
+    formulas = [f if f is None else f.whole if f.names else _NUMBER for f in support.displacement or ()]
+    return plain | {"displacement": formulas, "constants": sorted(support.constants)}
+
+
+def _numbers_of_support(support: Support) -> Iterator[float]:
+    yield from (float(f.evaluate()) for f in support.displacement or () if f is not None and not f.names)
+    yield from (support.constants[name] for name in sorted(support.constants))

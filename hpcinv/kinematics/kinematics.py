@@ -1,0 +1,377 @@
+"""Finite-strain kinematics: the one place that knows which configuration the mesh describes.
+
+The unknown is the displacement ``u = x - X`` in both directions (the paper's ``u'`` is ``-u``).
+
+==================  =====================  ==========================
+quantity            forward                inverse
+==================  =====================  ==========================
+the mesh is         reference body         current body
+position map        ``x = X + u``          ``X = x - u``
+``H = F - I``       ``∇u``                 ``h (I - h)⁻¹``, ``h = ∇u``
+``Grad v``          ``∇v``                 ``∇v F``
+``dV``              ``dx``                 ``det(I - h) dx``
+``dv``              ``J dx``               ``dx``
+``dA``              ``ds``                 ``|cof(I - h) n| ds``
+``da``              ``|cof(F) N| ds``      ``ds``
+``n da``            ``cof(F) N ds``        ``n ds``
+==================  =====================  ==========================
+
+Invariants are built from ``H``, never from ``F``, so that nothing cancels at small strain (Shakeri et al., "Stable
+numerics for finite-strain elasticity", 2024, doi:10.1002/nme.7563).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import ufl
+
+from hpcinv.kinematics.stable_functions import log1p_remainder
+from hpcinv.kinematics.staged_derivatives import stage
+
+if TYPE_CHECKING:
+    from hpcinv.model.measures import Integration
+
+
+class Deformation:
+    """Strain measures and invariants of one displacement gradient ``H`` (3 × 3, dimensionless).
+
+    ``fibres`` are unit vectors ``a0`` of the reference body by the name of their family.
+
+    Quantities that vanish in the undeformed state are computed without subtracting large numbers; laws should be
+    written in terms of them.
+    """
+
+    def __init__(self, H: Any, fibres: Mapping[str, Any] = MappingProxyType({})) -> None:
+        self.H = H
+        self.fibres = fibres
+
+    @cached_property
+    def I(self) -> Any:  # noqa: E743  (the identity's name in every text on the subject)
+        return ufl.Identity(3)
+
+    @cached_property
+    def F(self) -> Any:
+        """Deformation gradient ``F = I + H``."""
+        return self.I + self.H
+
+    @cached_property
+    def C(self) -> Any:
+        """Right Cauchy–Green tensor ``C = Fᵀ F``."""
+        return self.I + 2 * self.E
+
+    @stage
+    def E(self) -> Any:
+        """Green–Lagrange strain ``E = sym H + ½ Hᵀ H``."""
+        return ufl.sym(self.H) + self.H.T * self.H / 2
+
+    @stage
+    def J_minus_1(self) -> Any:
+        """``det F - 1 = tr H + ½ (tr² H - tr H²) + det H``."""
+        return ufl.tr(self.H) + self._second_order
+
+    @cached_property
+    def J(self) -> Any:
+        """Volume ratio ``J = det F``."""
+        return 1 + self.J_minus_1
+
+    @stage
+    def ln_J(self) -> Any:
+        return self.J_minus_1 + log1p_remainder(self.J_minus_1)
+
+    @stage
+    def I1_minus_3(self) -> Any:
+        """``tr C - 3``."""
+        return 2 * ufl.tr(self.E)
+
+    @stage
+    def I2_minus_3(self) -> Any:
+        """``½ (tr² C - tr C²) - 3``."""
+        return 4 * ufl.tr(self.E) + self._second_of_E
+
+    @stage
+    def I1_minus_3_minus_2_ln_J(self) -> Any:
+        """``tr C - 3 - 2 ln J``, the shear part of compressible neo-Hookean laws, of second order in ``H``."""
+        return 2 * (self._trE_minus_J_minus_1 - log1p_remainder(self.J_minus_1))
+
+    @stage
+    def I1_bar_minus_3(self) -> Any:
+        """``J^(-2/3) tr C - 3``."""
+        s = self._cbrt_J_minus_1
+        remainder = -(s**2) * (2 * s + 3) / 3  # J^(2/3) - 1 - 2/3 (J - 1)
+        return (2 * self._trE_minus_J_minus_1 - 3 * remainder) / (1 + s) ** 2
+
+    @stage
+    def I2_bar_minus_3(self) -> Any:
+        """``J^(-4/3) I2 - 3``."""
+        s = self._cbrt_J_minus_1
+        remainder = s**2 * (3 * s**2 + 8 * s + 6) / 3  # J^(4/3) - 1 - 4/3 (J - 1)
+        return (4 * self._trE_minus_J_minus_1 + self._second_of_E - 3 * remainder) / (1 + s) ** 4
+
+    def fibre(self, family: str) -> Fibre:
+        """Invariants of a family of fibres."""
+        return Fibre(self, self.fibres[family])
+
+    def I8(self, family: str, other: str) -> Any:
+        """``a0·(C - I) b0`` of two families: ``a·b`` of the deformed fibres, if they are orthogonal at first."""
+        return 2 * ufl.inner(self.fibres[family], self.E * self.fibres[other])
+
+    @stage
+    def _cbrt_J_minus_1(self) -> Any:
+        """``J^(1/3) - 1``, from ``t³ - 1 = (t - 1)(1 + t + t²)``."""
+        t = self.J ** (1 / 3)
+        return self.J_minus_1 / (1 + t + t**2)
+
+    @stage
+    def _second_order(self) -> Any:
+        """``J - 1 - tr H``."""
+        H = self.H
+        return (ufl.tr(H) ** 2 - ufl.tr(H * H)) / 2 + ufl.det(H)
+
+    @stage
+    def _trE_minus_J_minus_1(self) -> Any:
+        """``tr E - (J - 1)``: the first-order terms drop out by hand, not by rounding."""
+        return ufl.inner(self.H, self.H) / 2 - self._second_order
+
+    @stage
+    def _second_of_E(self) -> Any:
+        return 2 * (ufl.tr(self.E) ** 2 - ufl.inner(self.E, self.E))
+
+
+class Fibre:
+    """Invariants of one family of fibres with the unit vector ``a0`` in the reference body."""
+
+    def __init__(self, k: Deformation, direction: Any) -> None:
+        self._k, self.direction = k, direction
+
+    @property
+    def dyad(self) -> Any:
+        """``a0⊗a0``."""
+        return ufl.outer(self.direction, self.direction)
+
+    @stage
+    def E_aa(self) -> Any:
+        """Green–Lagrange strain along the fibre, ``a0·E a0``."""
+        return ufl.inner(self.direction, self._k.E * self.direction)
+
+    @cached_property
+    def I4_minus_1(self) -> Any:
+        """``a0·C a0 - 1``, the squared stretch of the fibre less 1."""
+        return 2 * self.E_aa
+
+    @stage
+    def I5_minus_1(self) -> Any:
+        """``a0·C² a0 - 1``."""
+        Ea = self._k.E * self.direction
+        return 4 * self.E_aa + 4 * ufl.inner(Ea, Ea)
+
+
+class Kinematics(ABC):
+    """What a residual needs to know about the direction of the analysis.
+
+    Args:
+        u: displacement ``x - X``, vector of 3, in scaled lengths.
+        integration: measures of the mesh.
+    """
+
+    direction: str
+    sign: int
+    """The other body is the mesh moved by ``sign * u``."""
+
+    def __init__(self, u: Any, integration: Integration) -> None:
+        self.u = u
+        self.integration = integration
+        self._at = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))
+
+    @property
+    @abstractmethod
+    def H(self) -> Any:
+        """Displacement gradient with respect to the reference body, ``∂u/∂X``."""
+
+    @property
+    @abstractmethod
+    def F_inverse(self) -> Any:
+        """``∂X/∂x``."""
+
+    @property
+    @abstractmethod
+    def X(self) -> Any:
+        """Reference position in scaled lengths."""
+
+    @property
+    @abstractmethod
+    def x(self) -> Any:
+        """Current position in scaled lengths."""
+
+    @abstractmethod
+    def Grad(self, v: Any) -> Any:
+        """Gradient of ``v`` with respect to the reference body."""
+
+    @property
+    @abstractmethod
+    def volumes(self) -> tuple[Any, Any]:
+        """Volume of the reference and of the current body per volume of the mesh."""
+
+    @property
+    @abstractmethod
+    def areas(self) -> tuple[Any, Any]:
+        """Area of the boundary of the reference and of the current body per area of the mesh."""
+
+    def dV(self, integrand: Any, measure: Any = None) -> Any:
+        """Integral over the reference volume, of the whole body or of what ``measure`` covers."""
+        return integrand * self.volumes[0] * (measure or self.integration.volume)
+
+    def dv(self, integrand: Any) -> Any:
+        """Integral over the current volume."""
+        return integrand * self.volumes[1] * self.integration.volume
+
+    def dA(self, integrand: Any, region: str) -> Any:
+        """Integral over the reference area of a region of the boundary."""
+        return integrand * self.areas[0] * self.integration.surface(region)
+
+    def da(self, integrand: Any, region: str) -> Any:
+        """Integral over the current area of a region of the boundary."""
+        return integrand * self.areas[1] * self.integration.surface(region)
+
+    @abstractmethod
+    def n_da(self, vector: Any, region: str) -> Any:
+        """``∫ vector · n da`` over a region of the boundary, ``n`` the outward unit normal of the current body."""
+
+    @property
+    @abstractmethod
+    def N(self) -> Any:
+        """Outward unit normal of the reference body."""
+
+    @property
+    @abstractmethod
+    def n(self) -> Any:
+        """Outward unit normal of the current body."""
+
+    @property
+    @abstractmethod
+    def _h(self) -> Any:
+        """Gradient of the mesh's map to the other body, less ``I``."""
+
+    @cached_property
+    def mesh_J(self) -> Any:
+        """Determinant that must stay positive at every point: of ``∂x/∂X`` or of ``∂X/∂x``."""
+        return Deformation(self._h).J
+
+    @cached_property
+    def _normal(self) -> Any:
+        return ufl.FacetNormal(ufl.domain.extract_unique_domain(self._at))
+
+    @cached_property
+    def _area_vector(self) -> Any:
+        """The other body's normal times its area per area of the mesh (Nanson's formula)."""
+        return ufl.cofac(ufl.Identity(3) + self._h) * self._normal
+
+    @cached_property
+    def _area(self) -> Any:
+        return ufl.sqrt(ufl.inner(self._area_vector, self._area_vector))
+
+
+class ForwardKinematics(Kinematics):
+    """The mesh is the reference body, the deformed one is looked for."""
+
+    direction = "forward"
+    sign = 1
+
+    @cached_property
+    def H(self) -> Any:
+        return ufl.grad(self.u)
+
+    @property
+    def _h(self) -> Any:
+        return self.H
+
+    @cached_property
+    def F_inverse(self) -> Any:
+        return ufl.inv(ufl.Identity(3) + self.H)
+
+    @property
+    def X(self) -> Any:
+        return self._at
+
+    @property
+    def x(self) -> Any:
+        return self._at + self.u
+
+    @property
+    def N(self) -> Any:
+        return self._normal
+
+    @property
+    def n(self) -> Any:
+        return self._area_vector / self._area
+
+    def Grad(self, v: Any) -> Any:
+        return ufl.grad(v)
+
+    @property
+    def volumes(self) -> tuple[Any, Any]:
+        return 1, self.mesh_J
+
+    @property
+    def areas(self) -> tuple[Any, Any]:
+        return 1, self._area
+
+    def n_da(self, vector: Any, region: str) -> Any:
+        return ufl.inner(vector, self._area_vector) * self.integration.surface(region)
+
+
+class InverseKinematics(Kinematics):
+    """The mesh is the current body, the undeformed one is looked for (doi:10.1007/s00366-021-01597-z)."""
+
+    direction = "inverse"
+    sign = -1
+
+    @cached_property
+    def _h(self) -> Any:
+        return -ufl.grad(self.u)
+
+    @cached_property
+    def F_inverse(self) -> Any:
+        return ufl.Identity(3) + self._h
+
+    @cached_property
+    def _F(self) -> Any:
+        return ufl.inv(self.F_inverse)
+
+    @cached_property
+    def H(self) -> Any:
+        return -self._h * self._F
+
+    @property
+    def X(self) -> Any:
+        return self._at - self.u
+
+    @property
+    def x(self) -> Any:
+        return self._at
+
+    @property
+    def N(self) -> Any:
+        return self._area_vector / self._area
+
+    @property
+    def n(self) -> Any:
+        return self._normal
+
+    def Grad(self, v: Any) -> Any:
+        return ufl.grad(v) * self._F
+
+    @property
+    def volumes(self) -> tuple[Any, Any]:
+        return self.mesh_J, 1
+
+    @property
+    def areas(self) -> tuple[Any, Any]:
+        return self._area, 1
+
+    def n_da(self, vector: Any, region: str) -> Any:
+        return ufl.inner(vector, self.n) * self.integration.surface(region)

@@ -1,0 +1,39 @@
+"""Formulas of job files as UFL expressions of position."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import reduce
+from typing import TYPE_CHECKING, Any
+
+import ufl
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics.kinematics import Kinematics
+    from hpcinv.quantity.expressions import Expression
+
+UFL_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{name: getattr(ufl, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan")},
+    "exp": ufl.exp,
+    "log": ufl.ln,
+    "ln": ufl.ln,
+    "sqrt": ufl.sqrt,
+    "abs": abs,
+    "atan2": ufl.atan2,
+    "min": lambda *terms: reduce(ufl.min_value, terms),
+    "max": lambda *terms: reduce(ufl.max_value, terms),
+    "norm": lambda *terms: ufl.sqrt(sum(t * t for t in terms)),
+}
+"""The functions that formulas may call."""
+
+
+def at_position(formula: Expression, k: Kinematics, metre: Any, constants: Mapping[str, Any]) -> Any:
+    """A formula of ``X, Y, Z`` (reference) and ``x, y, z`` (current) in SI, at each point of the body.
+
+    Args:
+        metre: SI value of the scaled unit of length.
+        constants: values of further names.
+    """
+    positions = {name: (k.X, i) for i, name in enumerate("XYZ")} | {name: (k.x, i) for i, name in enumerate("xyz")}
+    found = {name: metre * positions[name][0][positions[name][1]] for name in formula.names & positions.keys()}
+    return formula.apply(found | dict(constants), UFL_FUNCTIONS)

@@ -1,0 +1,67 @@
+"""The functions that jets need of what they are made of: of floats, to check an energy, and of UFL, to derive from it.
+
+Beside functions that formulas know, by their names there, these are ``if_positive(x, then, otherwise)`` and what is
+left of functions without their tangent: ``log1p_remainder(x) = ln(1 + x) - x``, ``expm1_remainder(x) = exp(x) - 1 - x``
+and ``power_remainder(x, n) = (1 + x)^n - 1 - n x``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any
+
+type Functions = Mapping[str, Callable[..., Any]]
+
+# |x| at which closed forms take over from series: low, as each term makes a form and its derivatives larger
+_SERIES_BELOW = 2.0**-9
+_EXP_TERMS, _POWER_TERMS = 5, 8  # what is left out is 1e-17 of the sum, for powers from -20 to 20
+
+FLOATS: Functions = {
+    **{name: getattr(math, name) for name in ("exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan")},
+    "if_positive": lambda x, then, otherwise: then if x > 0 else otherwise,
+    "log1p_remainder": lambda x: math.log1p(x) - x,
+    "expm1_remainder": lambda x: math.expm1(x) - x,
+    "power_remainder": lambda x, n: math.expm1(n * math.log1p(x)) - n * x,
+}
+"""Of floats; their remainders are good to ``1e-16/x`` of themselves, enough for moduli from differences."""
+
+
+@cache
+def ufl_functions() -> Functions:
+    """Of UFL scalars, accurate as their argument vanishes, together with their derivatives."""
+    import ufl
+
+    from hpcinv.kinematics.stable_functions import log1p_remainder
+    from hpcinv.kinematics.ufl_formulas import UFL_FUNCTIONS
+
+    return {
+        **UFL_FUNCTIONS,
+        "if_positive": lambda x, then, otherwise: ufl.conditional(ufl.gt(x, 0), then, otherwise),
+        "log1p_remainder": log1p_remainder,
+        "expm1_remainder": _expm1_remainder,
+        "power_remainder": _power_remainder,
+    }
+
+
+def _expm1_remainder(x: Any) -> Any:
+    import ufl
+
+    terms = [1 / math.factorial(k) for k in range(2, 2 + _EXP_TERMS)]
+    return _near_0(x, terms, ufl.exp(x) - 1 - x)
+
+
+def _power_remainder(x: Any, n: Any) -> Any:
+    terms = [n * (n - 1) / 2]  # binomial coefficients
+    for k in range(2, 1 + _POWER_TERMS):
+        terms.append(terms[-1] * (n - k) / (k + 1))
+    return _near_0(x, terms, (1 + x) ** n - 1 - n * x)
+
+
+def _near_0(x: Any, terms: list[Any], closed: Any) -> Any:
+    import ufl
+
+    from hpcinv.kinematics.stable_functions import polynomial
+
+    return ufl.conditional(ufl.lt(abs(x), _SERIES_BELOW), x**2 * polynomial(x, terms), closed)

@@ -1,0 +1,89 @@
+"""Numbers made of a law's parameters: their values decide which form a formula takes, their symbols enter that form."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hpcinv.materials.formula_law.algebras import Functions
+
+_ROUNDING = 1e-13  # a sum that is smaller than this part of its terms is zero
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A number with a symbol in its place, so that a form made of it stays the same for other values.
+
+    A sum that vanishes but for rounding is exactly zero, such as ``k*3 + (1 - 3*k) - 1``.
+
+    Args:
+        value: the number.
+        symbol: what stands for it: the number itself, or a UFL scalar.
+        size: of the terms that it is the sum of.
+        is_literal: whether it is made of numbers only, and of no parameter.
+    """
+
+    value: float
+    symbol: Any
+    size: float
+    is_literal: bool
+
+    @classmethod
+    def literal(cls, value: float) -> Coefficient:
+        return cls(value, value, abs(value), is_literal=True)
+
+    @classmethod
+    def parameter(cls, value: float, symbol: Any) -> Coefficient:
+        """Zero if ``value`` is: a term that is absent is no part of the form."""
+        return cls(value, symbol, abs(value), is_literal=False) if value else ZERO
+
+    def __bool__(self) -> bool:
+        return self.value != 0
+
+    def __add__(self, other: Coefficient) -> Coefficient:
+        return self._with(other, self.value + other.value, self.symbol + other.symbol, self.size + other.size)
+
+    def __sub__(self, other: Coefficient) -> Coefficient:
+        return self + -other
+
+    def __neg__(self) -> Coefficient:
+        return replace(self, value=-self.value, symbol=-self.symbol)
+
+    def __mul__(self, other: Coefficient) -> Coefficient:
+        return self._with(other, self.value * other.value, self.symbol * other.symbol, self.size * other.size)
+
+    def __truediv__(self, other: Coefficient) -> Coefficient:
+        if not other:
+            raise ValueError("divides by zero")
+        size = self.size / abs(other.value) * (other.size / abs(other.value))
+        return self._with(other, self.value / other.value, self.symbol / other.symbol, size)
+
+    def __pow__(self, exponent: Coefficient) -> Coefficient:
+        if self.value < 0 and not exponent.value.is_integer():
+            raise ValueError(f"raises a negative number to the power {exponent.value:g}")
+        if not self and exponent.value <= 0:
+            raise ValueError(f"raises zero to the power {exponent.value:g}")
+        if not self:
+            return ZERO
+        value = self.value**exponent.value
+        return self._with(exponent, value, self.symbol**exponent.symbol, abs(value) * self.size / abs(self.value))
+
+    def apply(self, name: str, functions: Functions, slope: float = 1.0) -> Coefficient:
+        """A function of one argument by its name; ``slope`` is the size of its derivative, or a bound of it."""
+        try:
+            value = getattr(math, name)(self.value)
+        except ValueError:
+            raise ValueError(f"calls {name}() of {self.value:g}, where it has no value") from None
+        symbol = value if self.is_literal else functions[name](self.symbol)
+        return self._with(self, value, symbol, abs(value) + slope * self.size)
+
+    def _with(self, other: Coefficient, value: float, symbol: Any, size: float) -> Coefficient:
+        """What is made of both."""
+        if abs(value) <= _ROUNDING * size:
+            return ZERO
+        return Coefficient(value, symbol, size, self.is_literal and other.is_literal)
+
+
+ZERO = Coefficient.literal(0.0)
+ONE = Coefficient.literal(1.0)

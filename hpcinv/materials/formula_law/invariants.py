@@ -1,0 +1,106 @@
+"""The invariants that energy formulas know, as jets.
+
+Their names: ``I1, I2, J``; ``I1_bar, I2_bar`` of ``J^(-2/3) C``; of a family ``f`` of fibres ``I4_f = a0·C a0`` and
+``I5_f = a0·C² a0``; of two families ``I8_f_s = a0·(C - I) b0``. The strains of the jets are ``E`` for ``tr E``, ``E_f``
+for ``a0·E a0`` and ``E_f_s`` for ``a0·E b0``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from functools import cached_property
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.materials.formula_law.coefficients import Coefficient
+from hpcinv.materials.formula_law.jet import Jet, Strains
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics.kinematics import Deformation
+
+ISOTROPIC = ("I1", "I2", "J", "I1_bar", "I2_bar")
+_OF_FIBRES = re.compile(r"I[45]_([A-Za-z][A-Za-z0-9]*)|I8_([A-Za-z][A-Za-z0-9]*)_([A-Za-z][A-Za-z0-9]*)")
+
+
+def families_in(name: str) -> tuple[str, ...] | None:
+    """Families of fibres that an invariant is made of, none if it is isotropic; ``None`` if it is no invariant."""
+    if name in ISOTROPIC:
+        return ()
+    match = _OF_FIBRES.fullmatch(name)
+    return tuple(family for family in match.groups() if family) if match else None
+
+
+def invariants(names: Iterable[str], k: Deformation | PrincipalStretches, strains: Strains) -> dict[str, Jet]:
+    """Those of the named invariants that there are, of a deformation.
+
+    Args:
+        strains: in whose ``values`` the deformation's strains are put.
+    """
+    found = ((name, families_in(name)) for name in sorted(names))
+    return {name: _invariant(name, families, k, strains) for name, families in found if families is not None}
+
+
+def _invariant(name: str, families: tuple[str, ...], k: Any, strains: Strains) -> Jet:
+    literal = Coefficient.literal
+
+    def jet(constant: float, slope: float, strain: str, value: Any, remainder: Any = 0.0, positive: bool = True) -> Jet:
+        strains.values[strain] = value
+        return Jet(strains, literal(constant), {strain: literal(slope)}, remainder, 2, positive)
+
+    match name.split("_")[0], *families:
+        case "I4", f:
+            return jet(1.0, 2.0, f"E_{f}", k.fibre(f).E_aa)
+        case "I5", f:
+            return jet(1.0, 4.0, f"E_{f}", k.fibre(f).E_aa, 4 * (k.E * k.fibre(f).direction) ** 2)
+        case "I8", f, s:
+            return jet(0.0, 2.0, "_".join(["E", *sorted((f, s))]), k.I8(f, s) / 2, positive=False)
+    match name:
+        case "I1":
+            return jet(3.0, 2.0, "E", k.I1_minus_3 / 2)
+        case "I2":
+            return jet(3.0, 4.0, "E", k.I1_minus_3 / 2, k._second_of_E)
+        case "J":
+            return jet(1.0, 1.0, "E", k.I1_minus_3 / 2, -k._trE_minus_J_minus_1)
+    remainder = k.I1_bar_minus_3 if name == "I1_bar" else k.I2_bar_minus_3
+    return Jet(strains, literal(3.0), {}, remainder, 2, is_positive=True)
+
+
+class PrincipalStretches:
+    """A deformation with the principal stretches ``exp(e)``, in plain floats, which leaves all fibres as they are.
+
+    What small-strain moduli are measured with, where UFL and NumPy are not to be had.
+    """
+
+    E = 0.0
+
+    def __init__(self, *e: float) -> None:
+        self._e = e
+        self._mean = sum(e) / 3
+
+    @cached_property
+    def I1_minus_3(self) -> float:
+        return sum(math.expm1(2 * e) for e in self._e)
+
+    @property
+    def I1_bar_minus_3(self) -> float:
+        return sum(math.expm1(2 * (e - self._mean)) for e in self._e)
+
+    @property
+    def I2_bar_minus_3(self) -> float:
+        return sum(math.expm1(2 * (self._mean - e)) for e in self._e)
+
+    @property
+    def _trE_minus_J_minus_1(self) -> float:
+        return self.I1_minus_3 / 2 - math.expm1(3 * self._mean)
+
+    @property
+    def _second_of_E(self) -> float:
+        return (self.I1_minus_3**2 - sum(math.expm1(2 * e) ** 2 for e in self._e)) / 2
+
+    def fibre(self, family: str) -> Any:
+        return SimpleNamespace(E_aa=0.0, direction=0.0)
+
+    def I8(self, family: str, other: str) -> float:
+        return 0.0

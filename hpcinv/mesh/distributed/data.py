@@ -1,0 +1,77 @@
+"""Data arrays of a mesh file on a distributed body: each rank's rows, and functions of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.source import DataArray
+from hpcinv.quantity.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.body import Body
+
+SHAPES: dict[int, tuple[int, ...]] = {1: (), 3: (3,), 9: (3, 3)}  # by the number of components
+
+
+def distribute(body: Body, name: str) -> DataArray:
+    """The data array called ``name`` at the local geometry nodes or in the local cells, ghosts too; collective.
+
+    Raises:
+        MeshError: on all ranks, if the mesh has no such array, or where values of it are missing or not finite.
+    """
+    array, mesh = _find(body, name), body.mesh
+    rows = Rows.of(mesh.comm, len(array.values))
+    _check(body, array, rows)
+    mine = mesh.geometry.input_global_indices if array.on == "nodes" else mesh.topology.original_cell_index
+    return dataclasses.replace(array, values=rows.fetch(array.values, np.asarray(mine)))
+
+
+def as_function(body: Body, array: DataArray) -> fem.Function:
+    """Local values, as ``distribute`` gives them, as a function of the same name; collective.
+
+    Piecewise constant for cells, Lagrange of the geometry's degree for nodes; scalar, (3,) or (3, 3).
+    """
+    mesh, geometry = body.mesh, body.mesh.geometry
+    components = array.values.shape[1]
+    shape = SHAPES[components]
+    if array.on == "nodes":
+        element = basix.ufl.element("Lagrange", mesh.basix_cell(), body.source.degree, shape=shape)
+    else:
+        element = basix.ufl.element("DG", mesh.basix_cell(), 0, shape=shape)
+    function = fem.Function(fem.functionspace(mesh, element), name=array.name)
+    of_cells = array.values[geometry.dofmaps[0]] if array.on == "nodes" else array.values[:, None]
+    function.x.array.reshape(-1, components)[function.function_space.dofmap.list] = of_cells
+    return function
+
+
+def _find(body: Body, name: str) -> DataArray:
+    """The array with those of its values that this rank's source has."""
+    data = body.source.data
+    if name in data:
+        return data[name]
+    there = ", ".join(f"{a.name} ({a.on}, {a.values.shape[1]})" for a in data.values())
+    raise MeshError(
+        f"{body.source.path}: no data array '{name}'.{did_you_mean(name, data, list_all=False)}",
+        (f"There are, with place and number of components: {there}." if data else "There are none.")
+        + " A data array of a .vtu, .xdmf or .msh file has 1, 3 or 9 numbers for each node or for each solid cell.",
+    )
+
+
+def _check(body: Body, array: DataArray, rows: Rows) -> None:
+    wrong = np.flatnonzero(~np.isfinite(array.values).all(axis=1))
+    tags = body.source.node_tags if array.on == "nodes" else body.source.cell_tags
+    found = rows.comm.allgather((tags[wrong[:1]].tolist(), len(wrong)))
+    if count := sum(number for _, number in found):
+        first = next(tag for some, _ in found for tag in some)
+        raise MeshError(
+            f"{body.source.path}: data array '{array.name}' is missing or not finite on {count} of {rows.total}"
+            f" {array.on} (first: {array.on.removesuffix('s')} {first})",
+            f"Give it a finite value on all {array.on} of the body.",
+        )

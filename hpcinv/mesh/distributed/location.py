@@ -1,0 +1,59 @@
+"""Where points are in a distributed mesh: on which rank, in which cell, and where in that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+from dolfinx import geometry
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.body import Body
+    from hpcinv.mesh.source import Floats
+
+# A point is taken to be in a cell up to this far outside, as a share of the cell: points on a truly curved surface lie
+# outside of straight cells, by about h/6R of them where the radius is R, and coarse cells are as large as R.
+_MARGIN = 0.2
+
+
+@dataclass(frozen=True)
+class Location:
+    """A rank, one of its cells, and a point (3,) of the reference cell."""
+
+    rank: int
+    cell: int
+    xi: Floats
+
+
+def locate(body: Body, point: Floats) -> Location | None:
+    """Where a point (3,) m of the body is, the same on all ranks; ``None`` if it is outside; collective."""
+    mesh, scaled = body.mesh, point / body.length_scale
+    x, dofmap = mesh.geometry.x, mesh.geometry.dofmaps[0]
+    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    padding = _MARGIN * float(mesh.h(3, owned).max(initial=0.0))
+    tree = geometry.bb_tree(mesh, 3, padding=padding, entities=owned)
+    nearest: tuple[float, int, int] = (np.inf, mesh.comm.rank, -1)
+    found = np.zeros(3)
+    for cell in geometry.compute_collisions_points(tree, scaled).array:
+        xi = _pulled_back(mesh.geometry.cmaps[0], scaled, x[dofmap[cell]])
+        if xi is not None and (outside := _outside(body.source.kind, xi)) < nearest[0]:
+            nearest, found = (outside, mesh.comm.rank, int(cell)), xi
+    least, rank, cell = min(mesh.comm.allgather(nearest))
+    return Location(rank, cell, mesh.comm.bcast(found, root=rank)) if least <= _MARGIN else None
+
+
+def _pulled_back(cmap: Any, point: Floats, nodes: Floats) -> Floats | None:
+    try:
+        return np.asarray(cmap.pull_back(point[None], nodes)[0])
+    except RuntimeError:  # Newton's method fails where the point is far from a curved cell
+        return None
+
+
+def _outside(kind: str, xi: Floats) -> float:
+    """How far a point is outside of the reference cell; at most 0 inside."""
+    beyond = xi.sum() - 1 if kind == "tetrahedron" else xi.max() - 1
+    return float(max(-xi.min(), beyond))

@@ -1,0 +1,217 @@
+"""Partitioned meshes: written and read by all ranks together, of which each has some rows of every array.
+
+The file is a directory ``NAME.bp`` of ADIOS2 (BP4) with `Header` in it. Its cells stand part by part, and so, as far as
+that is possible, do its nodes and facets.
+
+============== ================= ======================================================
+array          rows              content
+============== ================= ======================================================
+points         nodes             coordinates in m
+node_tags      nodes             tag in the file that the mesh was made of
+cells          cells             nodes, in the order of DOLFINx
+cell_tags      cells             tag
+cell_groups    cells             place of the physical group in the header, or -1
+facets         facets            nodes
+facet_groups   facets            place of the physical group in the header
+data-0, …      nodes or cells    the data arrays of the header
+============== ================= ======================================================
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import adios2
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.errors import HpcinvError, MeshError, OutputError
+from hpcinv.job.mesh_header import HEADER, Header, describe_file, read_header
+from hpcinv.mesh.cells import FACET_KIND, no_cells
+from hpcinv.mesh.distributed.rows import Rows, even_range
+from hpcinv.mesh.io.length_unit import as_unit
+from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place
+from hpcinv.parallel.runtime import MPI, agree, on_root
+
+type Array = npt.NDArray[Any]
+
+
+def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> None:
+    """Write a mesh, of which each rank has some rows, as the directory ``path``; collective.
+
+    It appears whole or not at all. A mesh without parts is written as one part.
+
+    Raises:
+        OutputError: on every rank, if it cannot be written.
+    """
+    arrays = _arrays(source)
+    rows = {on: Rows.of(comm, len(array)) for _, on, array in arrays}
+    header = Header(
+        name=source.path.name,
+        kind=source.kind,
+        degree=source.degree,
+        nodes=rows["nodes"].total,
+        cells=rows["cells"].total,
+        facets=rows["facets"].total,
+        parts=source.parts or (0, rows["cells"].total),
+        groups=tuple((g.name, g.dim, g.tag) for g in source.groups),
+        thin_groups=source.thin_groups,
+        data=tuple((a.name, a.on, a.values.shape[1]) for a in source.data.values()),
+        checksums={name: rows[on].checksum(array) for name, on, array in arrays},
+        files={},
+        unit=source.unit or 1.0,
+    )
+    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    with _published(partial, path, comm, header):
+        io = _io(comm)
+        with adios2.Stream(io, str(partial), "w", comm) as stream:
+            stream.begin_step()
+            for name, on, array in arrays:
+                if len(array):
+                    shape, start = [rows[on].total, *array.shape[1:]], [rows[on].first, *[0] * (array.ndim - 1)]
+                    stream.write(name, np.ascontiguousarray(array), shape, start, list(array.shape))
+            stream.end_step()
+
+
+def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
+    """The rows that each rank has of the mesh at ``path``: of cells those of some parts, of others as many; collective.
+
+    Where there are more ranks than parts, each has as many cells.
+
+    Raises:
+        MeshError: on every rank, if it cannot be read, or is not what was written.
+    """
+    header = on_root(comm, lambda: read_header(path))
+    rank, size = comm.rank, comm.size
+    ranges = {
+        "nodes": even_range(header.nodes, size, rank),
+        "cells": cells_of(header.parts, size, rank),
+        "facets": even_range(header.facets, size, rank),
+    }
+    arrays, error = dict[str, Array](), None
+    try:
+        arrays = _read(path, comm, header, ranges)
+    except (RuntimeError, ValueError, OSError) as exc:  # ADIOS2 knows no narrower ones
+        reason = (str(exc).strip().splitlines() or [type(exc).__name__])[-1]
+        error = MeshError(f"{path}: cannot be read: {reason}", "Do all ranks see the file?")
+    agree(comm, error)
+    for name, array in arrays.items():
+        if Rows.of(comm, len(array)).checksum(array) != header.checksums[name]:
+            raise MeshError(f"{path}: its array '{name}' is not what was written", "Copy it again, or make it anew.")
+    labels = {3: arrays["cell_groups"], 2: arrays["facet_groups"]}
+    return MeshSource(
+        path=path,
+        kind=header.kind,
+        degree=header.degree,
+        points=arrays["points"],
+        node_tags=arrays["node_tags"],
+        cells=arrays["cells"],
+        cell_tags=arrays["cell_tags"],
+        facets=arrays["facets"],
+        groups=tuple(
+            Group(name, dim, tag, np.flatnonzero(labels[dim] == i)) for i, (name, dim, tag) in enumerate(header.groups)
+        ),
+        thin_groups=header.thin_groups,
+        data={name: DataArray(name, _place(on), arrays[f"data-{i}"]) for i, (name, on, _) in enumerate(header.data)},
+        parts=header.parts,
+        unit=as_unit(header.unit),
+    )
+
+
+def cells_of(parts: tuple[int, ...], size: int, rank: int) -> tuple[int, int]:
+    """The cells that one of ``size`` ranks reads: those of the parts that are its share, or an even share."""
+    if size > len(parts) - 1:
+        return even_range(parts[-1], size, rank)
+    first, last = even_range(len(parts) - 1, size, rank)
+    return parts[first], parts[last]
+
+
+def _read(path: Path, comm: MPI.Intracomm, header: Header, ranges: Mapping[str, tuple[int, int]]) -> dict[str, Array]:
+    """This rank's rows of every array; none of what has none at all is in the file."""
+    found = {}
+    with adios2.Stream(_io(comm), str(path), "rra", comm) as stream:
+        for name, on, none in _arrays(_blank(path, header)):
+            (start, stop), found[name] = ranges[on], none
+            if start < stop:
+                begin, count = [start, *[0] * (none.ndim - 1)], [stop - start, *none.shape[1:]]
+                found[name] = np.asarray(stream.read(name, begin, count)).reshape(count)
+    return found
+
+
+def _blank(path: Path, header: Header) -> MeshSource:
+    """The same mesh without rows: it has the types and widths of the arrays."""
+    none: Ints = np.zeros(0, dtype=np.int64)
+    cells, facets = (no_cells(kind, header.degree) for kind in (header.kind, FACET_KIND[header.kind]))
+    data = {name: DataArray(name, _place(on), np.zeros((0, components))) for name, on, components in header.data}
+    return MeshSource(path, header.kind, header.degree, np.zeros((0, 3)), none, cells, none, facets, data=data)
+
+
+def _place(on: str) -> Place:
+    return "nodes" if on == "nodes" else "cells"
+
+
+def _arrays(source: MeshSource) -> list[tuple[str, str, Array]]:
+    """The arrays of a source: their names in the file, what their rows are of, and the rows of this rank."""
+    return [
+        ("points", "nodes", source.points),
+        ("node_tags", "nodes", source.node_tags),
+        ("cells", "cells", source.cells),
+        ("cell_tags", "cells", source.cell_tags),
+        ("cell_groups", "cells", source.labels(3)),
+        ("facets", "facets", source.facets),
+        ("facet_groups", "facets", source.labels(2)),
+        *((f"data-{i}", array.on, array.values) for i, array in enumerate(source.data.values())),
+    ]
+
+
+def _io(comm: MPI.Intracomm) -> Any:
+    io = adios2.Adios(comm).declare_io("mesh")
+    io.set_engine("BP4")
+    io.set_parameter("Profile", "Off")
+    return io
+
+
+@contextmanager
+def _published(partial: Path, path: Path, comm: MPI.Intracomm, header: Header) -> Iterator[None]:
+    """Let all ranks write ``partial``, and give it its name once they have, with its header; else remove it."""
+    unwritable = f"{path}: cannot be written", "Is there such a directory, and space left?"
+
+    def prepare() -> None:
+        shutil.rmtree(partial, ignore_errors=True)
+        if path.exists() and not (path / HEADER).is_file():
+            raise OutputError(f"{path}: is there already, and no partitioned mesh", "Choose another name.")
+        if not path.parent.is_dir():
+            raise OutputError(f"{path.parent}: no such directory", "Make it, or choose another place.")
+
+    on_root(comm, prepare)
+    error: HpcinvError | None = None
+    try:
+        yield
+    except (RuntimeError, ValueError, OSError) as exc:
+        error = OutputError(f"{unwritable[0]}: {str(exc).strip().splitlines()[-1]}", unwritable[1])
+    try:
+        agree(comm, error)  # also the barrier that all have written
+    except HpcinvError:
+        on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
+        raise
+
+    def publish() -> None:
+        try:
+            files = {file.name: describe_file(file) for file in partial.iterdir()}
+            dataclasses.replace(header, files=files).write(partial)
+            if path.exists():
+                shutil.rmtree(path)
+            partial.rename(path)
+        except OSError as exc:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise OutputError(f"{unwritable[0]}: {exc.strerror or exc}", unwritable[1]) from exc
+
+    on_root(comm, publish)

@@ -1,0 +1,72 @@
+"""A mesh on one process put in the order of its parts, and back in the order of its tags."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.cells import vertex_count
+from hpcinv.mesh.io.gmsh_model import metis
+from hpcinv.mesh.source import Ints, MeshSource
+from hpcinv.mesh.topology import FacetTable
+
+
+def partitioned(source: MeshSource, count: int) -> tuple[MeshSource, int]:
+    """A whole mesh cut into ``count`` parts by METIS, and the number of facets between them.
+
+    Raises:
+        MeshError: it has fewer cells.
+    """
+    if count > len(source.cells):
+        raise MeshError(f"{source.path}: has {len(source.cells)} cells, too few for {count} parts", "Take fewer parts.")
+    corners = source.cells[:, : vertex_count(source.kind)]
+    part = metis(corners, source.kind, count)
+    return by_parts(source, part, count), FacetTable.of(source.kind, corners).edge_cut(part)
+
+
+def by_parts(source: MeshSource, part: Ints, count: int) -> MeshSource:
+    """Its cells part by part, given the ``part`` (cells,) of each out of ``count``; nodes and facets follow suit.
+
+    A node stands with the first part that has it, a facet with the first that has all of its nodes or a later one.
+    """
+    cells = np.argsort(part, kind="stable")
+    first = np.full(len(source.points), count, dtype=np.int64)
+    for column in source.cells.T:
+        np.minimum.at(first, column, part)
+    nodes = np.argsort(first, kind="stable")
+    facets = np.argsort(first[source.facets].max(axis=1, initial=0), kind="stable")
+    parts = np.concatenate([[0], np.cumsum(np.bincount(part, minlength=count))])
+    return dataclasses.replace(_ordered(source, nodes, cells, facets), parts=tuple(parts.tolist()))
+
+
+def by_tags(source: MeshSource) -> MeshSource:
+    """A whole mesh without parts, its nodes and cells in the order of their tags, and facets in that of their nodes."""
+    ordered = _ordered(
+        source, np.argsort(source.node_tags), np.argsort(source.cell_tags), np.arange(len(source.facets))
+    )
+    facets = np.lexsort(ordered.facets.T[::-1])
+    return dataclasses.replace(
+        _ordered(ordered, np.arange(len(source.points)), np.arange(len(source.cells)), facets), parts=()
+    )
+
+
+def _ordered(source: MeshSource, nodes: Ints, cells: Ints, facets: Ints) -> MeshSource:
+    """The mesh with these of its nodes, cells and facets first, second, …"""
+    new = np.empty_like(nodes)
+    new[nodes] = np.arange(len(nodes))
+    labels = {dim: source.labels(dim)[order] for dim, order in ((3, cells), (2, facets))}
+    rows = {"nodes": nodes, "cells": cells}
+    return dataclasses.replace(
+        source,
+        points=source.points[nodes],
+        node_tags=source.node_tags[nodes],
+        cells=new[source.cells[cells]],
+        cell_tags=source.cell_tags[cells],
+        facets=new[source.facets[facets]],
+        groups=tuple(
+            dataclasses.replace(g, members=np.flatnonzero(labels[g.dim] == i)) for i, g in enumerate(source.groups)
+        ),
+        data={name: dataclasses.replace(a, values=a.values[rows[a.on]]) for name, a in source.data.items()},
+    )

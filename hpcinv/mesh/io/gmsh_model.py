@@ -1,0 +1,243 @@
+"""The only module that talks to gmsh's models: sessions, reading the current model, laying a mesh into it, METIS."""
+
+from __future__ import annotations
+
+import importlib
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.mesh.cells import DEGREES, FACET_KIND, degree_of, node_order
+from hpcinv.mesh.io.gmsh_views import write_views
+from hpcinv.mesh.io.length_unit import state_in_model
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.parallel.signals import ended_by_signals, handlers_kept
+
+DIMENSION_NAMES = {0: "point", 1: "curve", 2: "surface", 3: "volume"}
+GMSH_NAMES = {
+    "tetrahedron": "Tetrahedron",
+    "hexahedron": "Hexahedron",
+    "triangle": "Triangle",
+    "quadrilateral": "Quadrangle",
+}
+
+
+def _load() -> Any:
+    """Import gmsh, whose library is linked to X and OpenGL even where no window is ever opened."""
+    try:
+        return importlib.import_module("gmsh")
+    except OSError as exc:
+        raise SystemPartMissing(
+            f"gmsh cannot be loaded: {exc}",
+            "On Debian and Ubuntu: apt-get install libgl1 libglu1-mesa libgomp1 libxcursor1 libxft2 libxinerama1",
+        ) from exc
+    except ImportError as exc:
+        raise SystemPartMissing(f"gmsh is not installed: {exc}", "python -m pip install gmsh") from exc
+
+
+@contextmanager
+def session(name: str) -> Iterator[Any]:
+    """gmsh with an empty current model; quiet, single-threaded and with fixed defaults: meshes are repeatable."""
+    gmsh = _load()
+    if gmsh.isInitialized():
+        raise MeshError("gmsh is already in use by this process", "Call gmsh.finalize() before hpcinv builds a mesh.")
+    with handlers_kept():  # gmsh resets SIGTERM
+        gmsh.initialize(argv=[], readConfigFiles=False, run=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.NumThreads", 1)
+        gmsh.model.add(name)
+        with ended_by_signals():
+            yield gmsh
+    finally:
+        if gmsh.isInitialized():  # a generator may have ended it
+            gmsh.finalize()
+
+
+@dataclass(frozen=True)
+class ElementType:
+    """gmsh's number of a kind of element, its node count, and permutations of its nodes to and from DOLFINx order."""
+
+    code: int
+    size: int
+    order: Ints
+    back: Ints
+
+    @classmethod
+    def of(cls, gmsh: Any, kind: str, degree: int) -> ElementType:
+        """Ask gmsh for its complete Lagrange element."""
+        code = gmsh.model.mesh.getElementType(GMSH_NAMES[kind], degree)
+        _, dim, _, size, reference, _ = gmsh.model.mesh.getElementProperties(code)
+        order = node_order(kind, degree, np.asarray(reference).reshape(-1, dim))
+        return cls(int(code), int(size), order, np.argsort(order))
+
+
+def extract(gmsh: Any, path: Path, degrees: tuple[int, ...] = DEGREES) -> MeshSource:
+    """The mesh of gmsh's current model: all its cells, and of its facets those in a physical group.
+
+    Args:
+        degrees: geometry degrees that are supported.
+
+    Raises:
+        MeshError: where it is no solid of one supported kind of cell, or an entity is in several physical groups.
+    """
+    mesh = gmsh.model.mesh
+    tags, coordinates, _ = mesh.getNodes()
+    node_tags, first = np.unique(tags.astype(np.int64), return_index=True)
+    kind, degree = _solid(gmsh, path, degrees)
+    cell_tags, cells, volumes = _elements(gmsh, path, 3, ElementType.of(gmsh, kind, degree))
+    _, facets, surfaces = _elements(gmsh, path, 2, ElementType.of(gmsh, FACET_KIND[kind], degree))
+    return MeshSource(
+        path=path,
+        kind=kind,
+        degree=degree,
+        points=coordinates.reshape(-1, 3)[first],
+        node_tags=node_tags,
+        cells=np.searchsorted(node_tags, cells),
+        cell_tags=cell_tags,
+        facets=np.searchsorted(node_tags, facets),
+        groups=(*volumes, *surfaces),
+        thin_groups=tuple(_group_name(gmsh, d, t) for d in (0, 1) for _, t in gmsh.model.getPhysicalGroups(d)),
+        on_cad=_is_on_cad(gmsh),
+    )
+
+
+def _is_on_cad(gmsh: Any) -> bool:
+    """Whether the model has CAD surfaces only, none that is but a mesh, and nodes are put on them."""
+    surfaces = gmsh.model.getEntities(2)
+    straight = gmsh.option.getNumber("Mesh.SecondOrderLinear") != 0
+    return bool(surfaces) and not straight and not any(gmsh.model.getType(*s).startswith("Discrete") for s in surfaces)
+
+
+def _solid(gmsh: Any, path: Path, degrees: tuple[int, ...]) -> tuple[str, int]:
+    """Kind and degree of the one type of solid element in the model."""
+    found = [gmsh.model.mesh.getElementProperties(t) for t in gmsh.model.mesh.getElementTypes(3)]
+    if not found:
+        raise MeshError(
+            f"{path}: no solid cells",
+            "Mesh the volume, not only its surface: tetrahedra or hexahedra are needed (gmsh: model.mesh.generate(3)).",
+        )
+    kinds = {gmsh_name: kind for kind, gmsh_name in GMSH_NAMES.items()}
+    name, _, _, size, *_ = found[0]
+    kind = kinds.get(name.split()[0])
+    if len(found) > 1 or kind is None:
+        raise MeshError(
+            f"{path}: cells are {' and '.join(sorted(name for name, *_ in found))}",
+            "One kind is supported in a mesh: all tetrahedra or all hexahedra, all of one degree.",
+        )
+    return kind, degree_of(path, kind, size, degrees)
+
+
+def _elements(gmsh: Any, path: Path, dim: int, element: ElementType) -> tuple[Ints, Ints, list[Group]]:
+    """Tags, node tags and groups of the elements of one dimension, by tag: all cells, but only facets in a group."""
+    label_of = _labels(gmsh, path, dim)
+    tags, nodes, labels = [np.zeros(0, dtype=np.int64)], [np.zeros((0, element.size), dtype=np.int64)], []
+    for _, entity in gmsh.model.getEntities(dim):
+        label = label_of.get(int(entity), 0)
+        if dim == 3 or label:
+            found, on = gmsh.model.mesh.getElementsByType(element.code, entity)
+            tags.append(found.astype(np.int64))
+            nodes.append(on.astype(np.int64).reshape(-1, element.size)[:, element.order])
+            labels += [label] * len(found)
+    tag = np.concatenate(tags)
+    by_tag = np.argsort(tag, kind="stable")
+    label_by_tag = np.array(labels, dtype=np.int64)[by_tag]
+    groups = [
+        Group(_group_name(gmsh, dim, t), dim, int(t), np.flatnonzero(label_by_tag == t))
+        for _, t in gmsh.model.getPhysicalGroups(dim)
+    ]
+    return tag[by_tag], np.concatenate(nodes)[by_tag], groups
+
+
+def _labels(gmsh: Any, path: Path, dim: int) -> dict[int, int]:
+    """The physical group of each entity that is in one."""
+    groups_of: dict[int, list[int]] = defaultdict(list)
+    for _, group in gmsh.model.getPhysicalGroups(dim):
+        for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, group):
+            groups_of[int(entity)].append(int(group))
+    several = sorted({tuple(tags) for tags in groups_of.values() if len(tags) > 1})
+    if several:
+        names = [" and ".join(f"'{_group_name(gmsh, dim, t)}'" for t in tags) for tags in several]
+        raise MeshError(
+            f"{path}: one {DIMENSION_NAMES[dim]} is in several physical groups: {'; '.join(names)}",
+            "Keep one group on it and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
+        )
+    return {entity: tags[0] for entity, tags in groups_of.items()}
+
+
+def _group_name(gmsh: Any, dim: int, tag: int) -> str:
+    """Name of a physical group; one without a name is called after its dimension and number, as in ``surface-3``."""
+    return gmsh.model.getPhysicalName(dim, tag) or f"{DIMENSION_NAMES[dim]}-{tag}"
+
+
+def save_msh(path: Path, source: MeshSource, points: Floats) -> None:
+    """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) as binary MSH 4.1; not collective.
+
+    The points are in ``source.unit``.
+    """
+    with session(path.stem) as gmsh:
+        _lay(gmsh, source, points)
+        state_in_model(gmsh, source.unit or 1.0)
+        for option, value in (("Binary", 1), ("MshFileVersion", 4.1), ("SaveAll", 1)):
+            gmsh.option.setNumber(f"Mesh.{option}", value)
+        gmsh.write(str(path))
+        write_views(gmsh, path, source)
+
+
+def _lay(gmsh: Any, source: MeshSource, points: Floats) -> None:
+    """Lay the topology, tags and groups of ``source`` at ``points`` (n, 3) into gmsh's current model."""
+    model = gmsh.model
+    facet_tags = source.cell_tags.max() + 1 + np.arange(len(source.facets))
+    home = 0
+    for dim, kind, tags, nodes in (
+        (3, source.kind, source.cell_tags, source.cells),
+        (2, FACET_KIND[source.kind], facet_tags, source.facets),
+    ):
+        element = ElementType.of(gmsh, kind, source.degree)
+        grouped = np.zeros(len(nodes), dtype=bool)
+        groups = [g for g in source.groups if g.dim == dim]
+        for group in groups:
+            grouped[group.members] = True
+        for group in [*groups, Group("", dim, 0, np.flatnonzero(~grouped))]:
+            if not len(group.members):
+                continue
+            entity = model.addDiscreteEntity(dim)
+            if not home:  # all nodes live on one entity; elements of the others refer to them by tag
+                home = entity
+                model.mesh.addNodes(dim, home, source.node_tags, points.ravel())
+            on = source.node_tags[nodes[group.members][:, element.back]]
+            model.mesh.addElementsByType(entity, element.code, tags[group.members], on.ravel())
+            if group.tag:
+                model.addPhysicalGroup(dim, [entity], group.tag, group.name)
+
+
+def metis(corners: Ints, kind: str, parts: int) -> Ints:
+    """Part of each cell (m,), 0 ≤ part < ``parts``, by METIS on the dual graph of cells given by their ``corners``."""
+    if parts == 1:
+        return np.zeros(len(corners), dtype=np.int64)
+    with session("partition") as gmsh:
+        for what in ("Topology", "GhostCells", "Physicals"):
+            gmsh.option.setNumber(f"Mesh.PartitionCreate{what}", 0)
+        gmsh.option.setNumber("Mesh.MetisAlgorithm", 1)  # recursive bisection: parts equal to within a cell or so
+        mesh = gmsh.model.mesh
+        nodes = int(corners.max()) + 1
+        element = ElementType.of(gmsh, kind, 1)
+        entity = gmsh.model.addDiscreteEntity(3)
+        mesh.addNodes(3, entity, np.arange(1, nodes + 1), np.zeros(3 * nodes))  # METIS asks for no coordinates
+        mesh.addElementsByType(
+            entity, element.code, np.arange(1, len(corners) + 1), corners[:, element.back].ravel() + 1
+        )
+        mesh.partition(parts)
+        part = np.full(len(corners), -1, dtype=np.int64)
+        for dim, piece in gmsh.model.getEntities(3):
+            owner = gmsh.model.getPartitions(dim, piece)
+            if len(owner):
+                cells, _ = mesh.getElementsByType(element.code, piece)
+                part[cells.astype(np.int64) - 1] = owner[0] - 1
+    return part

@@ -1,0 +1,170 @@
+"""XDMF meshes as DOLFINx writes them: one grid of cells, a grid for each set of mesh tags, and functions as data."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.errors import MeshError
+from hpcinv.files.names import is_file
+from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
+from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place, data_arrays
+from hpcinv.mesh.topology import find_rows
+
+KIND_OF = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "qua": "quadrilateral"}
+MOST_COMPRESSED = 1100  # times that compression makes zeros smaller, zlib's limit being 1032
+PLACES: dict[str, Place] = {"Node": "nodes", "Cell": "cells"}
+
+
+def read_xdmf(path: Path) -> MeshSource:
+    """Read the first mesh of the file; tags called NAME with a value V become the physical group ``NAME-V``.
+
+    Tags are the first attribute on the cells of a grid, and in that of the mesh the first one of integers. The other
+    attributes of the mesh, and functions on it, are data; functions of time at their last time.
+    """
+    try:
+        root = ET.parse(path).getroot()
+        grids = [g for g in root.findall("Domain/Grid") if g.find("Topology") is not None]
+    except (ET.ParseError, ValueError, LookupError) as exc:  # the last two: an encoding that is none
+        raise MeshError(f"{path}: no XML: {exc}", "Is it a whole .xdmf file?") from exc
+    mesh = next((g for g in grids if g.find("Geometry/DataItem") is not None), None)
+    if mesh is None:
+        raise MeshError(f"{path}: no grid with a topology and a geometry", "Write one with dolfinx.io.XDMFFile.")
+    kind, cells = _topology(path, mesh)
+    if kind not in FACET_KIND:
+        raise MeshError(f"{path}: cells are {kind}s", "A body of tetrahedra or hexahedra is needed.")
+    points = _data(path, mesh.find("Geometry/DataItem")).astype(np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(f"{path}: the coordinates are not three to a node", "A body in three dimensions is needed.")
+
+    degree = degree_of(path, kind, cells.shape[1])
+    facets = [no_cells(FACET_KIND[kind], degree)]
+    groups: list[Group] = []
+    whole = next((a for a in mesh.findall("Attribute[@Center='Cell']") if _is_tags(path, a, len(cells))), None)
+    for grid in grids:
+        marker = whole if grid is mesh else grid.find("Attribute[@Center='Cell']")
+        values = None if marker is None else marker.find("DataItem")
+        on, entities = _topology(path, grid)
+        if values is None or on not in (kind, FACET_KIND[kind]):
+            continue
+        if degree_of(path, on, entities.shape[1]) != degree:
+            raise MeshError(
+                f"{path}: tags and mesh are of different degree", "Write the tags with the mesh's geometry."
+            )
+        if on == kind:
+            rows = find_rows(np.sort(entities, axis=1), np.sort(cells, axis=1))
+        else:
+            rows = np.arange(len(entities)) + sum(map(len, facets))
+            facets.append(entities)
+        tags = _data(path, values).ravel()
+        if not np.isfinite(tags.astype(np.float64)).all() or np.abs(tags.astype(np.float64)).max(initial=0.0) > 2.0**53:
+            raise MeshError(f"{path}: '{grid.get('Name', 'tags')}' has tags that are no numbers", "Correct the tags.")
+        if len(tags) != len(entities):
+            name = grid.get("Name", "tags")
+            raise MeshError(f"{path}: '{name}' has {len(tags)} tags of {len(entities)} entities", "Is the file whole?")
+        if on == kind and (rows < 0).any():
+            name = grid.get("Name", "tags")
+            raise MeshError(f"{path}: '{name}' has cells that the mesh has not", "Write the tags with this mesh.")
+        for value in np.unique(tags):
+            name = f"{grid.get('Name', 'tags')}-{int(value)}"
+            groups.append(Group(name, 3 if on == kind else 2, len(groups) + 1, rows[tags == value]))
+    cell_tags, node_tags = np.arange(1, len(cells) + 1), np.arange(1, len(points) + 1)
+    of_functions = [g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None]
+    attributes = [a for g in (mesh, *of_functions) for a in g.findall("Attribute") if a is not whole]
+    return MeshSource(
+        path,
+        kind,
+        degree,
+        points,
+        node_tags,
+        cells,
+        cell_tags,
+        np.concatenate(facets),
+        tuple(groups),
+        data=_arrays(path, attributes, {"nodes": len(points), "cells": len(cells)}),
+    )
+
+
+def _is_tags(path: Path, attribute: ET.Element, cells: int) -> bool:
+    values = _data(path, attribute.find("DataItem"))
+    return values.dtype.kind in "iu" and values.size == cells
+
+
+def _arrays(path: Path, attributes: list[ET.Element], sizes: Mapping[Place, int]) -> dict[str, DataArray]:
+    """The attributes that have a row for each node or cell."""
+    found = {
+        (a.get("Name", ""), PLACES[center]): a.find("DataItem")
+        for a in attributes
+        if (center := a.get("Center", "Node")) in PLACES
+    }
+    values = ((name, on, _data(path, item)) for (name, on), item in found.items())
+    return data_arrays((name, on, rows) for name, on, rows in values if rows.ndim and len(rows) == sizes[on])
+
+
+def _topology(path: Path, grid: ET.Element) -> tuple[str, Ints]:
+    """Kind of the grid's cells, and their nodes in DOLFINx order."""
+    topology = grid.find("Topology")
+    assert topology is not None
+    name = topology.get("TopologyType") or topology.get("Type") or ""
+    kind = KIND_OF.get(name[:3].lower())
+    if kind is None:
+        raise MeshError(f"{path}: cells are '{name}'", "One kind is supported in a mesh: tetrahedra or hexahedra.")
+    nodes = _data(path, topology.find("DataItem"))
+    if nodes.ndim != 2 or nodes.dtype.kind not in "iu":
+        raise MeshError(f"{path}: the topology is no table of nodes, a row for each cell", "Write the mesh anew.")
+    rows = nodes.astype(np.int64)
+    return kind, rows[:, vtk_order(kind, degree_of(path, kind, rows.shape[1]))]
+
+
+def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
+    """Values of a data item, inline or in an HDF5 file beside the XDMF file."""
+    text = "" if item is None else (item.text or "").strip()
+    form = "" if item is None else item.get("Format", "XML")
+    if form == "XML" and item is not None:
+        return _inline(path, item, text)
+    if form != "HDF":
+        raise MeshError(f"{path}: data in the format '{form}'", "HDF and XML are supported.")
+    match = re.fullmatch(r"(.+?):(/.+)", text)
+    if match is None:
+        raise MeshError(f"{path}: '{text[:80]}' is no FILE:/DATASET", "Write the mesh anew.")
+    file_of, dataset = path.parent / match[1], match[2]
+    if not is_file(file_of):
+        raise MeshError(f"{path}: there is no file '{file_of}'", "Keep the .h5 file beside the .xdmf file.")
+    try:
+        import h5py  # where it is needed, so that not all ranks of all runs read it
+
+        with h5py.File(file_of) as file:
+            found = file[dataset]
+            if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf":
+                raise MeshError(f"{path}: {text[:80]} is no array of numbers", "Write the mesh anew.")
+            if found.size * found.dtype.itemsize > MOST_COMPRESSED * file_of.stat().st_size:
+                raise MeshError(f"{path}: {text[:80]} has a shape that the file cannot hold", "Write the mesh anew.")
+            return np.asarray(found)
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as exc:
+        reason = str(exc).partition(", flags =")[0]
+        raise MeshError(f"{path}: {text[:80]} cannot be read: {reason}", "Is the .h5 file whole?") from exc
+
+
+def _inline(path: Path, item: ET.Element, text: str) -> npt.NDArray[np.generic]:
+    """The numbers in the text of a data item."""
+    dimensions = item.get("Dimensions", "")
+    declared = item.get("NumberType", item.get("DataType", "Float"))
+    kind = np.dtype(np.int64 if declared in ("Int", "UInt") else np.float64)
+    numbers = text.split()
+    try:
+        shape = tuple(int(n) for n in dimensions.split())
+        if min(shape, default=0) < 0 or math.prod(shape) != len(numbers):
+            text = f"has {len(numbers)} numbers, but its Dimensions are '{dimensions[:40]}'"
+            raise MeshError(f"{path}: a DataItem {text}", "Is the file whole?")
+        return np.array(numbers, dtype=kind).reshape(shape)
+    except (ValueError, OverflowError) as exc:
+        what = "whole numbers" if kind.kind == "i" else "numbers"
+        raise MeshError(
+            f"{path}: a DataItem does not hold {what} only: {str(exc)[:100]}", "Is the file whole?"
+        ) from exc

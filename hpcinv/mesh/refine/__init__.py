@@ -1,0 +1,1 @@
+"""Finer meshes and geometries of higher degree of the same body."""

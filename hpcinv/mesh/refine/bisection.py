@@ -1,0 +1,103 @@
+"""Tetrahedra and triangles bisected at their longest edges, in such a way that neighbours still fit; numpy alone.
+
+Source: Plaza & Carey, *Local refinement of simplicial grids based on the skeleton*, Appl. Numer. Math. 32 (2000),
+doi:10.1016/S0168-9274(99)00022-7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.mesh.cells import scalar_element, sub_entities
+from hpcinv.mesh.refine.subdivision import Pieces
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.mesh.topology import find_rows, unique_rows, vertex_sets
+
+SIMPLICES = {3: "triangle", 4: "tetrahedron"}  # by the number of vertices
+
+
+@cache
+def _edges_of_faces() -> list[list[int]]:
+    """The local edges of each face of a tetrahedron."""
+    edges, faces = (sub_entities("tetrahedron", dim).tolist() for dim in (1, 2))
+    return [[i for i, edge in enumerate(edges) if set(edge) <= set(face)] for face in faces]
+
+
+@dataclass(frozen=True)
+class CutEdges:
+    """The edges of a mesh that are bisected: sorted ``vertices`` (e, 2), the ``middle`` node of each, and its ``rank``.
+
+    The longer an edge, the higher its rank; no two have the same. A longer edge is cut before a shorter one, in every
+    cell that has both: that is why the pieces of neighbours fit.
+    """
+
+    vertices: Ints
+    middle: Ints
+    rank: Ints
+
+
+def edges_to_cut(points: Floats, cells: Ints, middles: Ints, marked: npt.NDArray[np.bool_]) -> CutEdges:
+    """All edges of the ``marked`` tetrahedra, and those that have to be cut with them.
+
+    Where an edge is cut, so is the longest one of every face and of every tetrahedron that has it. ``cells`` (c, 4) are
+    the vertices, and ``middles`` (c, 6) the nodes in the middle of their edges.
+    """
+    vertices, of_cell = unique_rows(vertex_sets(cells, sub_entities("tetrahedron", 1)))
+    of_cell = of_cell.reshape(-1, 6)
+    middle = np.empty(len(vertices), dtype=np.int64)
+    middle[of_cell] = middles
+    lengths = np.linalg.norm(points[vertices[:, 1]] - points[vertices[:, 0]], axis=1)
+    rank = np.empty(len(vertices), dtype=np.int64)
+    rank[np.argsort(lengths, kind="stable")] = np.arange(len(vertices))
+    # Faces and cells alike are sets of edges.
+    sets = [of_cell, *(of_cell[:, edges] for edges in _edges_of_faces())]
+    longest = [np.take_along_axis(s, rank[s].argmax(axis=1)[:, None], axis=1)[:, 0] for s in sets]
+    cut = np.zeros(len(vertices), dtype=bool)
+    cut[of_cell[marked]] = True
+    count = -1
+    while count != (count := int(np.count_nonzero(cut))):
+        for edges, last in zip(sets, longest, strict=True):
+            cut[last[cut[edges].any(axis=1)]] = True
+    return CutEdges(vertices[cut], middle[cut], rank[cut])
+
+
+def bisected(simplices: Ints, edges: CutEdges) -> Pieces:
+    """Simplices (s, k) cut at those ``edges``, the longest first; pieces of one simplex follow each other."""
+    kind = SIMPLICES[simplices.shape[1]]
+    at: Floats = scalar_element(kind, 1).points
+    pieces = Pieces(simplices, np.arange(len(simplices)), np.broadcast_to(at, (len(simplices), *at.shape)))
+    local, ranks = sub_entities(kind, 1), np.append(edges.rank, -1)
+    done = [_select(pieces, np.zeros(0, dtype=np.int64))]
+    while len(pieces.of):
+        found = find_rows(vertex_sets(pieces.vertices, local), edges.vertices).reshape(-1, len(local))
+        longest = ranks[found].argmax(axis=1)
+        cut = np.take_along_axis(found, longest[:, None], axis=1)[:, 0]
+        done.append(_select(pieces, cut < 0))
+        pieces = _halves(_select(pieces, cut >= 0), local[longest[cut >= 0]], edges.middle[cut[cut >= 0]])
+    joined = Pieces(
+        np.concatenate([p.vertices for p in done]),
+        np.concatenate([p.of for p in done]),
+        np.concatenate([p.at for p in done]),
+    )
+    return _select(joined, np.argsort(joined.of, kind="stable"))
+
+
+def _halves(pieces: Pieces, ends: Ints, middle: Ints) -> Pieces:
+    """Two of each: one end (local vertices (s, 2)) of an edge or the other gives way to its middle."""
+    rows = np.arange(len(pieces.of))
+    vertices, at = [], []
+    half = (pieces.at[rows, ends[:, 0]] + pieces.at[rows, ends[:, 1]]) / 2
+    for end in ends.T:
+        vertices.append(pieces.vertices.copy())
+        vertices[-1][rows, end] = middle
+        at.append(pieces.at.copy())
+        at[-1][rows, end] = half
+    return Pieces(np.concatenate(vertices), np.concatenate([pieces.of] * 2), np.concatenate(at))
+
+
+def _select(pieces: Pieces, chosen: npt.NDArray[np.bool_] | Ints) -> Pieces:
+    return Pieces(pieces.vertices[chosen], pieces.of[chosen], pieces.at[chosen])

@@ -1,0 +1,200 @@
+"""The geometry of a body beyond that of its mesh: the same cells with a geometry of a higher degree.
+
+A generator has the body's CAD and can put the nodes of a higher degree on it; a mesh file of degree 2 that a job reads
+as degree 1 has them too. Of any other mesh nothing more is known than its cells.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix
+import basix.cell
+import dolfinx
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.cells import coordinate_element, jacobians, scalar_element, vertex_count
+from hpcinv.mesh.checks import CHUNK, determinants
+from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.topology import FacetTable
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.body import Body
+    from hpcinv.mesh.regions import Mesh
+    from hpcinv.mesh.source import Floats, Ints, MeshSource
+
+SAME = 1e-6  # distance of nodes, relative to the size of their cell, that is only the generator's rounding
+NO_CAD = "the mesh file has no more of the body's shape than its cells"
+EDGE = 0.0025  # share of the second direction of normals from which they meet in an edge: 0.1 between them
+OTHER_CELLS = "its generator or file gives other cells"
+
+
+@dataclass(frozen=True)
+class FinerGeometry:
+    """The same cells with a geometry of a higher degree.
+
+    Attributes:
+        unknown: why there is none that is known; empty where it is.
+        source: the cells; ``None`` where the geometry of the mesh is the same, or nothing is known.
+    """
+
+    unknown: str = ""
+    source: MeshSource | None = None
+
+
+def of_file(source: MeshSource, read: Callable[[], MeshSource]) -> FinerGeometry:
+    """What a mesh file that can be ``read`` has beyond a mesh that was made of it; not collective."""
+    try:
+        whole = read()
+    except MeshError as error:
+        return FinerGeometry(f"the mesh file could not be read again: {error}")
+    if whole.degree <= source.degree:
+        return FinerGeometry(NO_CAD)
+    return _compared(source, whole, lambda: whole)
+
+
+def of_generator(source: MeshSource, generate: Callable[[int], MeshSource]) -> FinerGeometry:
+    """What the CAD of a generator has beyond a mesh that was made by it, or refined from such a one; not collective.
+
+    Straight cells become cells of degree 2, and those of degree 2 cells of degree 4.
+
+    Args:
+        generate: makes the cells with a geometry of this degree.
+    """
+    try:
+        finer = generate(2 * source.degree)
+    except MeshError as error:
+        return FinerGeometry(f"the mesh could not be made with a geometry of degree {2 * source.degree}: {error}")
+    if not finer.on_cad or finer.kind != source.kind:
+        return FinerGeometry(NO_CAD)
+    return _compared(source, finer, lambda: finer if source.degree == 1 else _along_normals(source, finer))
+
+
+def _compared(source: MeshSource, finer: MeshSource, take: Callable[[], MeshSource]) -> FinerGeometry:
+    """What to ``take`` if the ``finer`` one has the same cells at other places.
+
+    A mesh that was refined has other cells; it has the body's geometry where all faces of the body are flat.
+    """
+    corners = [s.points[s.cells[:, : vertex_count(s.kind)]] for s in (source, finer)]
+    alike = corners[0].shape == corners[1].shape
+    if not alike or np.abs(corners[0] - corners[1]).max() > SAME * _sizes(corners[0]).min():
+        return FinerGeometry("" if _agrees(1, corners[1], finer) else OTHER_CELLS)
+    if _agrees(source.degree, source.points[source.cells], finer):
+        return FinerGeometry()
+    taken = take()
+    least, most = determinants(taken)
+    if least.min() <= 0 <= most.max():
+        return FinerGeometry(f"cells with a geometry of degree {taken.degree} would be inverted")
+    return FinerGeometry(source=taken)
+
+
+def _agrees(degree: int, nodes: Floats, finer: MeshSource) -> bool:
+    """Whether the nodes of a finer geometry are where cells of this ``degree``, with ``nodes`` (c, n, 3), have them."""
+    shapes = _shapes(finer.kind, degree, scalar_element(finer.kind, finer.degree).points)
+    for start in range(0, len(nodes), CHUNK):
+        part = slice(start, start + CHUNK)
+        offsets = finer.points[finer.cells[part]] - shapes @ nodes[part]
+        if (np.linalg.norm(offsets, axis=2).max(axis=1) > SAME * _sizes(nodes[part])).any():
+            return False
+    return True
+
+
+def _sizes(nodes: Floats) -> Floats:
+    """Diagonal of the bounding box of each cell by its nodes (c, n, 3)."""
+    return np.asarray(np.linalg.norm(np.ptp(nodes, axis=1), axis=1))
+
+
+def _shapes(kind: str, degree: int, at: Floats) -> Floats:
+    """The coordinate element's shape functions (points, nodes) at points of the reference cell."""
+    return np.asarray(scalar_element(kind, degree).tabulate(0, at)[0, :, :, 0])
+
+
+def _along_normals(quadratic: MeshSource, quartic: MeshSource) -> MeshSource:
+    """The cells of degree 2, made degree 4: nodes of the surface go along its normals to where ``quartic`` has it.
+
+    Surfaces of degree 3 would be no better than those of degree 2: interpolation at equidistant nodes is more exact by
+    an order than an even degree promises. Nodes do not go along the surface, and those inside stay where cells of
+    degree 2 have them: else finite-element spaces would approximate what is smooth on those cells less well.
+    """
+    kind, nodes = quadratic.kind, scalar_element(quadratic.kind, 4)
+    before = np.empty_like(quartic.points)
+    shapes = _shapes(kind, 2, nodes.points)
+    for part in _chunks(np.arange(len(quartic.cells))):
+        before[quartic.cells[part]] = shapes @ quadratic.points[quadratic.cells[part]]
+    normals = np.zeros((len(before), 3, 3))
+    outward = basix.cell.facet_outward_normals(basix.CellType[kind])
+    for facet, cells in enumerate(_surface(quadratic)):
+        dofs = nodes.entity_closure_dofs[2][facet]
+        for part in _chunks(cells):
+            gradients = jacobians(kind, 4, quartic.points[quartic.cells[part]], nodes.points[dofs])
+            normal = np.linalg.solve(gradients.swapaxes(2, 3), outward[facet][:, None])[..., 0]
+            normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+            np.add.at(normals, quartic.cells[part][:, dofs], normal[..., :, None] * normal[..., None, :])
+    return dataclasses.replace(quartic, points=before + _along(normals, quartic.points - before))
+
+
+def _chunks(cells: Ints) -> list[Ints]:
+    return np.array_split(cells, 1 + len(cells) // CHUNK)
+
+
+def _surface(source: MeshSource) -> Iterator[Ints]:
+    """For each facet of the reference cell the cells that have it on the boundary or between two volume groups."""
+    table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
+    label = source.labels(3)
+    of_facet = [np.full(len(table.sharing), fill, dtype=np.int64) for fill in (np.iinfo(np.int64).max, -2)]
+    for facets in table.of_cell.T:
+        np.minimum.at(of_facet[0], facets, label)
+        np.maximum.at(of_facet[1], facets, label)
+    there = (table.sharing == 1) | (of_facet[0] != of_facet[1])
+    for facets in table.of_cell.T:
+        yield np.flatnonzero(there[facets])
+
+
+def _along(normals: Floats, offset: Floats) -> Floats:
+    """The part of each ``offset`` (n, 3) along the normals that meet there, given the sums of their dyads (n, 3, 3)."""
+    share, directions = np.linalg.eigh(normals)
+    used = share > EDGE * np.maximum(share[:, -1:], 1e-300)
+    components = np.einsum("nji,nj->ni", directions, offset) * used
+    return np.asarray(np.einsum("nij,nj->ni", directions, components))
+
+
+def with_geometry(body: Body, source: MeshSource) -> Body:
+    """The body on the same cells, of the same ranks and numbers, with the geometry of another source; collective.
+
+    Functions of the one are functions of the other: spaces on both meshes have the same numbers of unknowns.
+    """
+    mesh, comm = body.mesh, body.mesh.comm
+    element = coordinate_element(source.kind, source.degree)
+    dofmap = fem.functionspace(mesh, element).dofmap
+    nodes = np.empty(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.int64)
+    here = np.asarray(mesh.topology.original_cell_index)
+    nodes[dofmap.list] = Rows.of(comm, len(source.cells)).fetch(source.cells, here)
+    points = Rows.of(comm, len(source.points)).fetch(source.points, nodes)
+    geometry = dolfinx.mesh.create_geometry(
+        dofmap.index_map, dofmap.list, fem.coordinate_element(element.basix_element), points / body.length_scale, nodes
+    )
+    topology = mesh.topology._cpp_object
+    curved = dolfinx.cpp.mesh.Mesh_float64(comm, topology, geometry._cpp_object)
+    return dataclasses.replace(
+        body, mesh=dolfinx.mesh.Mesh(curved, ufl.Mesh(element)), source=source, read_finer_geometry=None
+    )
+
+
+def on_mesh(mesh: Mesh, function: fem.Function) -> fem.Function:
+    """A function taken by reference coordinates to another mesh of the same cells, as `with_geometry` makes it."""
+    given = function.function_space
+    if given.mesh is mesh:
+        return function
+    taken = fem.Function(fem.functionspace(mesh, given.ufl_element()), name=function.name)
+    here, there = taken.function_space.dofmap, given.dofmap
+    taken.x.array.reshape(-1, here.bs)[here.list] = function.x.array.reshape(-1, there.bs)[there.list]
+    return taken

@@ -1,0 +1,121 @@
+"""A few cells of a mesh that stand for all of it: one of each kind that a job tells apart, each by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.mesh.body import Body
+from hpcinv.mesh.cells import coordinate_element, vertex_count
+from hpcinv.mesh.distributed.partition import measure
+from hpcinv.mesh.refine.finer_geometry import FinerGeometry
+from hpcinv.mesh.regions import Region, build_regions, evaluate
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.mesh.topology import FacetTable
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.nondimensional import power_of_two
+
+if TYPE_CHECKING:
+    from hpcinv.quantity.expressions import Expression
+
+HELD = "one facet of each cell"
+"""A region of every specimen."""
+
+
+def specimen(
+    source: MeshSource,
+    conditions: Mapping[str, Expression],
+    points: Iterable[Floats],
+    finer: FinerGeometry | None = None,
+) -> Body:
+    """A body of a few cells on this process alone, with the regions of the whole one, and `HELD`.
+
+    Cells are alike if they, and their facets, are in the same regions; those next to one of the ``points`` (m) are all
+    there. They share no nodes: what holds one of them does not hold another. ``finer`` is what is known of the geometry
+    of the whole mesh.
+    """
+    chosen = np.unique([*_first_of_each(source, conditions), *_around(source, points)])
+    part = _apart(source, chosen)
+    if finer is not None and finer.source is not None:
+        finer = replace(finer, source=_apart(finer.source, chosen))
+    length_scale = power_of_two(float(np.linalg.norm(np.ptp(part.points, axis=0))))
+    comm = MPI.COMM_SELF
+    element = coordinate_element(part.kind, part.degree)
+    mesh = dolfinx.mesh.create_mesh(comm, part.cells, element, part.points / length_scale)
+    regions = build_regions(mesh, part, conditions, length_scale)
+    mesh.topology.create_connectivity(3, 2)
+    first = np.sort(mesh.topology.connectivity(3, 2).array.reshape(len(chosen), -1)[:, 0])
+    held = Region(HELD, "built in", first, np.zeros(0, dtype=np.int32), len(first), 0)
+    read = None if finer is None else lambda: finer
+    return Body(mesh, length_scale, regions | {HELD: held}, measure(mesh, "none"), part, read)
+
+
+def _first_of_each(source: MeshSource, conditions: Mapping[str, Expression]) -> Ints:
+    """The first of the cells that are alike."""
+    table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
+    marks = np.stack([np.zeros(len(source.cells), dtype=bool), *_memberships(source, table, conditions)], axis=1)
+    return np.asarray(np.unique(marks, axis=0, return_index=True)[1], dtype=np.int64)
+
+
+def _memberships(
+    source: MeshSource, table: FacetTable, conditions: Mapping[str, Expression]
+) -> Iterator[npt.NDArray[np.bool_]]:
+    """For each region two flags of each cell: whether it is in there, and whether a facet of it is."""
+    on_facets = table.find(source.facets[:, : table.vertices.shape[1]])
+    for group in source.groups:
+        if group.dim == 3:
+            yield np.isin(np.arange(len(source.cells)), group.members)
+        else:
+            yield np.asarray(np.isin(table.of_cell, on_facets[group.members]).any(axis=1))
+    exterior = table.sharing == 1
+    yield exterior[table.of_cell].any(axis=1)
+    for name, condition in conditions.items():
+        inside = evaluate(name, condition, source.points)
+        yield np.asarray(inside[source.cells[:, : vertex_count(source.kind)]].all(axis=1))
+        yield (exterior & inside[table.vertices].all(axis=1))[table.of_cell].any(axis=1)
+
+
+def _around(source: MeshSource, points: Iterable[Floats]) -> Iterator[int]:
+    """The cells into whose bounding boxes the points fall, which are taken a quarter larger than they are."""
+    nodes = source.points[source.cells]
+    low, high = nodes.min(axis=1), nodes.max(axis=1)
+    margin = 0.25 * (high - low).max(axis=1, keepdims=True)
+    for point in points:
+        yield from np.flatnonzero(((low - margin <= point) & (point <= high + margin)).all(axis=1)).tolist()
+
+
+def _apart(source: MeshSource, chosen: Ints) -> MeshSource:
+    """These cells of a mesh, each with nodes of its own, in their groups and with their data."""
+    nodes = source.cells[chosen]
+    new = np.arange(nodes.size).reshape(nodes.shape)
+    facets, groups = list[list[int]](), list[Group]()
+    for group in source.groups:
+        if group.dim == 3:
+            groups.append(replace(group, members=np.flatnonzero(np.isin(chosen, group.members))))
+            continue
+        of_group, before = source.facets[group.members], len(facets)
+        for cell, cell_nodes in zip(new, nodes, strict=True):
+            mine = np.isin(of_group, cell_nodes).all(axis=1)
+            place = {int(node): int(own) for node, own in zip(cell_nodes, cell, strict=True)}
+            facets += [[place[int(node)] for node in facet] for facet in of_group[mine]]
+        groups.append(replace(group, members=np.arange(before, len(facets))))
+    data = source.nodal_data(lambda values: values[nodes.ravel()])
+    return replace(
+        source,
+        points=source.points[nodes.ravel()],
+        node_tags=new.ravel() + 1,
+        cells=new,
+        cell_tags=source.cell_tags[chosen],
+        facets=np.array(facets, dtype=np.int64).reshape(len(facets), source.facets.shape[1]),
+        groups=tuple(groups),
+        data={n: replace(a, values=a.values[chosen]) if a.on == "cells" else a for n, a in data.items()},
+        parts=(),
+    )

@@ -1,0 +1,1 @@
+"""The model of a scene: its spaces, supports, parameters and virtual work."""

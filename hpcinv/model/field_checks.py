@@ -1,0 +1,103 @@
+"""What only the mesh can tell: whether regions are there, parameters admissible everywhere, directions not zero."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+
+from hpcinv.errors import MeshError, told_with
+from hpcinv.model.fields import law_cells
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.quantity import quantities_of, quantity_of
+from hpcinv.quantity.spatial_fields import is_uniform
+
+if TYPE_CHECKING:
+    from hpcinv.job.job import Job
+    from hpcinv.materials import MaterialLaw
+    from hpcinv.model.fields import BodyFields, Floats
+    from hpcinv.quantity.component import Ingredient
+
+
+def check_fields(job: Job, fields: BodyFields) -> None:
+    """Check the regions of laws and effects, and fields at points inside of every cell; collective.
+
+    Raises:
+        MeshError: on all ranks, for the first region or field that is not as it must be.
+    """
+    law_cells(fields.body, job.laws)
+    for where, effect in job.named_effects:
+        for region, field in effect.surfaces.items():
+            with told_with(f"{where}.{field}"):
+                fields.body.boundary_facets(region)
+    for where, ingredient in [*job.laws.items(), *job.named_effects]:
+        for name in quantities_of(type(ingredient)):
+            value = getattr(ingredient, name)
+            if value is None or is_uniform(value):
+                continue
+            expected = quantity_of(type(ingredient), name)
+            for entry in value if isinstance(value, tuple) else (value,):
+                samples = fields.samples(entry, f"{where}.{name}")
+                _require(
+                    fields, samples, np.vectorize(expected.admits, otypes=[bool]), f"{where}.{name}", expected.bounds
+                )
+    for where, law in job.laws.items():
+        if any(not is_uniform(value) for value, _ in law.quantities().values()):
+            par = _samples(fields, where, law)
+            finite = (law.shear_modulus,) if law.is_incompressible else (law.shear_modulus, law.bulk_modulus)
+            for modulus in finite:
+                name = modulus.__name__.replace("_", " ")
+                _require(
+                    fields, np.atleast_1d(modulus(par)), lambda values: values > 0, f"{where}: the {name}", "positive"
+                )
+    for where, family in job.families.items():
+        ((direction, _),) = family.quantities().values()
+        length = np.linalg.norm(fields.vector_samples(direction, where), axis=-1)
+        _require(fields, length, lambda values: values > 0, f"{where}: the length of the direction", "positive")
+
+
+def shear_modulus(job: Job, fields: BodyFields) -> float:
+    """A shear modulus (Pa) in the middle of those in the body: the geometric mean of the extremes; collective."""
+    comm = fields.body.mesh.comm
+    values = [np.atleast_1d(law.shear_modulus(_samples(fields, where, law))) for where, law in job.laws.items()]
+    least = comm.allreduce(min(float(v.min(initial=math.inf)) for v in values), op=MPI.MIN)
+    most = comm.allreduce(max(float(v.max(initial=0.0)) for v in values), op=MPI.MAX)
+    return math.sqrt(least) * math.sqrt(most)
+
+
+def young_moduli(job: Job, fields: BodyFields) -> tuple[float, float]:
+    """Least and largest Young's modulus (Pa) in the undeformed body, without what fibres add; collective."""
+    comm, values = fields.body.mesh.comm, []
+    for where, law in job.laws.items():
+        par = _samples(fields, where, law)
+        mu = np.atleast_1d(law.shear_modulus(par))
+        values.append(3 * mu if law.is_incompressible else 9 * mu / (3 + mu / np.atleast_1d(law.bulk_modulus(par))))
+    least = comm.allreduce(min(float(v.min(initial=math.inf)) for v in values), op=MPI.MIN)
+    return least, comm.allreduce(max(float(v.max(initial=0.0)) for v in values), op=MPI.MAX)
+
+
+def _samples(fields: BodyFields, where: str, law: MaterialLaw | Ingredient) -> Any:
+    def sampled(name: str, value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(sampled(name, entry) for entry in value)
+        return value if value is None or is_uniform(value) else fields.samples(value, f"{where}.{name}")
+
+    return SimpleNamespace(**{name: sampled(name, value) for name, (value, _) in law.quantities().items()})
+
+
+def _require(fields: BodyFields, values: Floats, admits: Callable[[Floats], Any], what: str, wanted: str) -> None:
+    finite = np.isfinite(values)
+    bad = values[~finite] if not finite.all() else values[~np.asarray(admits(values), dtype=bool)]
+    worst = fields.body.mesh.comm.allgather(float(bad.flat[0]) if bad.size else None)
+    if (found := next((w for w in worst if w is not None), None)) is not None:
+        must = f"must be {wanted}" if math.isfinite(found) and wanted else "must be finite"
+        raise MeshError(
+            f"{fields.body.source.path}: {what} {must}, but is {found:g} in some cell",
+            "Correct the formula or the data, or give these cells another value by their region.",
+        )

@@ -1,0 +1,178 @@
+"""Quantities that vary over a body: as functions for forms, and as samples for checks before anything is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from hpcinv.errors import MeshError, told_with
+from hpcinv.mesh.distributed.data import as_function, distribute
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion
+
+if TYPE_CHECKING:
+    from hpcinv.mesh import Body
+    from hpcinv.mesh.source import DataArray
+    from hpcinv.quantity.spatial_fields import Varying
+
+type Floats = npt.NDArray[np.float64]
+
+_KINDS = {"physical": "groups of the mesh", "geometric": "regions of the job"}
+_INWARDS = 0.8  # samples lie this far from a cell's midpoint towards its nodes: formulas may be singular on the surface
+
+
+class BodyFields:
+    """Values of fields on one body, in the position that its mesh has when they are first asked for."""
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+
+    def function(self, value: ByRegion | ByData, scale: float, where: str) -> fem.Function:
+        """Values in units of ``scale`` (SI): constant in each cell, or nodal; collective.
+
+        Raises:
+            MeshError: on all ranks, if regions leave gaps or overlap, or if there is no such array.
+        """
+        if isinstance(value, ByData):
+            function = as_function(self.body, self._array(value))
+            function.x.array[:] *= value.factor / scale
+            return function
+        function = self._by_region(value, where)
+        function.x.array[:] /= scale
+        return function
+
+    def samples(self, value: float | Varying, where: str) -> Floats:
+        """Values (SI) at some points inside of each local cell, to be broadcast to (cells, points); collective."""
+        match value:
+            case ByRegion():
+                function = self._by_region(value, where)
+                return np.asarray(function.x.array[function.function_space.dofmap.list])
+            case ByData():
+                return self._data(value)[..., 0] * value.factor
+            case ByFormula():
+                return self._formula(value)
+            case _:
+                return np.full((1, 1), float(value))
+
+    def vector_samples(self, value: ByData | tuple[ByFormula, ...], where: str) -> Floats:
+        """Vectors, as `samples`: (cells, points, 3) once broadcast; collective."""
+        if isinstance(value, ByData):
+            return self._data(value)
+        stacked: Floats = np.stack(np.broadcast_arrays(*(self.samples(v, where) for v in value)), axis=2)
+        return stacked
+
+    def _formula(self, value: ByFormula) -> Floats:
+        """The body is taken as undeformed."""
+        x, y, z = np.moveaxis(self._points, 2, 0)
+        known = {"x": x, "y": y, "z": z, "X": x, "Y": y, "Z": z} | dict(value.constants)
+        values = value.formula.evaluate(**{n: known[n] for n in value.formula.names})
+        return np.broadcast_to(values, x.shape)
+
+    def _array(self, value: ByData) -> DataArray:
+        array = distribute(self.body, value.array)
+        if (found := array.values.shape[1]) != value.components:
+            raise MeshError(
+                f"{self.body.source.path}: the array '{value.array}' has {found} components, not {value.components}",
+                "A parameter is an array of one component, a direction one of three.",
+            )
+        return array
+
+    def _data(self, value: ByData) -> Floats:
+        array = self._array(value)
+        if array.on == "cells":
+            return array.values[:, None, :]
+        return _inwards(array.values[self._nodes])
+
+    @property
+    def _nodes(self) -> npt.NDArray[np.int32]:
+        return np.asarray(self.body.mesh.geometry.dofmaps[0])
+
+    @cached_property
+    def _points(self) -> Floats:
+        return _inwards(self.body.mesh.geometry.x[self._nodes]) * self.body.length_scale
+
+    def _by_region(self, value: ByRegion, where: str) -> fem.Function:
+        """Values (SI), constant in each cell."""
+        number = parts(self.body, value.values, where)
+        function = fem.Function(fem.functionspace(self.body.mesh, ("DG", 0)))
+        function.x.array[function.function_space.dofmap.list[:, 0]] = np.array([*value.values.values(), np.nan])[number]
+        function.x.scatter_forward()  # a ghost's region is known for certain to its owner alone
+        return function
+
+
+def law_cells(body: Body, laws: Mapping[str, Any]) -> tuple[npt.NDArray[np.int32], ...]:
+    """Owned cells of each law's region, the laws by their place in the job; nothing if one holds for the whole body.
+
+    Raises:
+        MeshError: on all ranks, if a cell is in no region or in two.
+    """
+    if "material" in laws:
+        return ()
+    number = parts(body, [name.removeprefix("material.") for name in laws], "material")
+    owned = number[: body.mesh.topology.index_map(3).size_local]
+    return tuple(np.flatnonzero(owned == i).astype(np.int32) for i in range(len(laws)))
+
+
+def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> npt.NDArray[np.int64]:
+    """Place in ``names`` of the region that each local cell is in (right for owned cells); collective.
+
+    A region of the job's own ('regions') takes its cells from the groups of the mesh; ``elsewhere`` stands for the
+    cells in none of the others.
+
+    Raises:
+        MeshError: on all ranks, if a cell is in no region, in two groups of the mesh or in two regions of the job, or
+            if no cell is left to a group.
+    """
+    cells = body.mesh.topology.index_map(3)
+    owned = cells.size_local
+    number = np.full(owned + cells.num_ghosts, -1)
+    groups: dict[str, list[tuple[int, str]]] = {"physical": [], "geometric": []}
+    for i, name in enumerate(names):
+        if name != ELSEWHERE:
+            with told_with(where):
+                body.cells(name)  # there is such a region, and it has cells
+            groups[body.regions[name].origin].append((i, name))
+    for origin, members in groups.items():
+        of_these = np.full_like(number, -1)
+        for i, name in members:
+            mine = body.cells(name)
+            taken = of_these[mine[mine < owned]]
+            if body.mesh.comm.allreduce(bool((taken >= 0).any()), op=MPI.LOR):
+                other = body.mesh.comm.allreduce(int(taken.max(initial=-1)), op=MPI.MAX)
+                raise MeshError(
+                    f"{body.source.path}: {where}: some cells are in '{name}' and in '{list(names)[other]}',"
+                    f" which are both {_KINDS[origin]}",
+                    "Let every cell be in one of these only. A region of the job takes its cells from groups of the"
+                    " mesh.",
+                )
+            of_these[mine] = i
+        number = np.where(of_these >= 0, of_these, number)
+    for i, name in groups["physical"]:
+        if not body.mesh.comm.allreduce(int(np.count_nonzero(number[:owned] == i)), op=MPI.SUM):
+            raise MeshError(
+                f"{body.source.path}: {where}: the regions of the job leave no cell of the group '{name}'",
+                "Remove the group here, or let the conditions in 'regions' hold in fewer cells.",
+            )
+    rest = list(names).index(ELSEWHERE) if ELSEWHERE in names else -1
+    number[number < 0] = rest
+    if missing := body.mesh.comm.allreduce(int(np.count_nonzero(number[:owned] < 0)), op=MPI.SUM):
+        raise MeshError(
+            f"{body.source.path}: {where}: {missing} cells are in none of its regions ({', '.join(names)})",
+            f"Name their region too, or say what holds '{ELSEWHERE}'.",
+        )
+    return number
+
+
+def _inwards(nodal: Floats) -> Floats:
+    """Values at points inside of cells from those at their nodes, (cells, nodes, components)."""
+    middle = nodal.mean(axis=1, keepdims=True)
+    inside: Floats = middle + _INWARDS * (nodal - middle)
+    return inside

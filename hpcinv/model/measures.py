@@ -1,0 +1,55 @@
+"""Measures of integration over the mesh: the whole body, regions of cells, regions of the boundary."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+if TYPE_CHECKING:
+    from hpcinv.mesh import Body
+
+
+class Integration:
+    """Measures with one quadrature degree.
+
+    Args:
+        parts: local cells of each part into which the volume is cut, without gaps or overlaps; none leaves it whole.
+    """
+
+    def __init__(self, body: Body, degree: int, parts: tuple[npt.NDArray[np.int32], ...] = ()) -> None:
+        self._body, self._degree = body, degree
+        # Both lists are shared by all measures of their kind, as DOLFINx wants it; the second grows with the regions.
+        self._cells = list(enumerate(parts, start=1)) or None
+        self._facets: list[tuple[int, npt.NDArray[np.int32]]] = []
+        self._known: dict[str, int] = {}
+
+    @property
+    def volume(self) -> Any:
+        """The whole body."""
+        return ufl.Measure("dx", self._body.mesh, subdomain_data=self._cells, metadata=self._rule)
+
+    def part(self, number: int) -> Any:
+        """One of the parts, from 0; the whole body if it is not cut."""
+        return self.volume if self._cells is None else self.volume(number + 1)
+
+    def surface(self, region: str) -> Any:
+        """A region of the boundary; raises ``MeshError`` on all ranks if it is none."""
+        if region not in self._known:
+            topology = self._body.mesh.topology
+            facets = self._body.boundary_facets(region)
+            entities = fem.compute_integration_domains(fem.IntegralType.exterior_facet, topology, facets)
+            self._known[region] = len(self._known) + 1
+            self._facets.append((self._known[region], entities))
+        measure = ufl.Measure("ds", self._body.mesh, subdomain_data=self._facets, metadata=self._rule)
+        return measure(self._known[region])
+
+    @property
+    def _rule(self) -> dict[str, int]:
+        return {"quadrature_degree": self._degree}

@@ -1,0 +1,53 @@
+"""``∂R/∂θ``: how the residual of a scene changes with its parameters while its unknowns stay."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix.ufl
+import dolfinx.fem.petsc as fem_petsc
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from hpcinv.parallel.jit import JIT_OPTIONS
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from hpcinv.model.parameters import Direction
+    from hpcinv.model.scene import Scene
+
+
+class ParameterDerivative:
+    """The derivative of a scene's residual in any direction of its parameters: one form, compiled once.
+
+    UFL differentiates by coefficients, not by constants: one stands in for the constant of all parameters, and goes
+    when its work is done. Parameters and their rates are then two halves of one constant (see `Parameters`).
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._parameters = par = scene.parameters
+        mesh, count = scene.unknowns.mesh, par.constant.value.size
+        self._point_and_way = both = fem.Constant(mesh, np.zeros(2 * count))
+        space = ufl.FunctionSpace(mesh.ufl_domain(), basix.ufl.element("DG", mesh.basix_cell(), 0, shape=(count,)))
+        point, way = ufl.Coefficient(space), ufl.Coefficient(space)
+        self._functions, self._rates = par.functions, [fem.Function(f.function_space) for f in par.functions]
+        residual = ufl.replace(scene.residual, {par.constant: point})
+        derivative = ufl.derivative(residual, (point, *self._functions), (way, *self._rates))
+        halves = (ufl.as_vector([both[i] for i in part]) for part in (range(count), range(count, 2 * count)))
+        form = ufl.replace(derivative, dict(zip((point, way), halves, strict=True)))
+        self._form = fem.form(form, jit_options=JIT_OPTIONS)
+
+    def assemble(self, along: Direction, b: PETSc.Vec) -> None:
+        """Put the derivative at the present state and load in ``b``, in the rows of this rank's cells."""
+        self._point_and_way.value[:] = np.concatenate([self._parameters.constant.value, along.entries])
+        for function, rate in zip(self._functions, self._rates, strict=True):
+            given = [found for known, found in along.functions if known is function]
+            rate.x.array[:] = given[0].x.array if given else 0.0
+        with b.localForm() as local:
+            local.set(0.0)
+            fem_petsc.assemble_vector(b, self._form)

@@ -1,0 +1,215 @@
+"""The parameters of a scene, scaled: numbers are entries of one constant of its forms, so that changing one recompiles
+nothing; fields are functions or formulas of position.
+
+One constant and not many, since UFL orders constants by the text of their running numbers: several would change places
+between the 9th and the 10th, and the same form would be compiled anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from hpcinv.kinematics.ufl_formulas import at_position
+from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics.kinematics import Kinematics
+    from hpcinv.model.fields import BodyFields
+    from hpcinv.quantity.component import Ingredient
+    from hpcinv.quantity.expressions import Expression
+    from hpcinv.quantity.nondimensional import Scales
+    from hpcinv.quantity.units import Dimension
+
+
+class Parameters:
+    """The load factors of the load cases, and the finite quantities of laws, effects and families of fibres.
+
+    Args:
+        ingredients: what the scene is made of, by the name that messages call it, and where its formulas are evaluated.
+        cases: number of load cases.
+
+    Raises:
+        MeshError: on all ranks, if the mesh lacks what a field needs.
+    """
+
+    def __init__(
+        self,
+        ingredients: Sequence[tuple[str, Ingredient, Kinematics]],
+        fields: BodyFields,
+        scales: Scales,
+        cases: int,
+    ) -> None:
+        self._fields, self._scales, self._cases = fields, scales, cases
+        self._values = [0.0] * cases
+        self._metre: int | None = None
+        self._functions: dict[str, tuple[fem.Function, Dimension]] = {}
+        places = [(self._take_in(where, ingredient), k) for where, ingredient, k in ingredients]
+        self._places = [found for found, _ in places]
+        self._numbers = {where: number for number, (where, _, _) in enumerate(ingredients)}
+        self._constant = fem.Constant(fields.body.mesh, self._values)
+        self._namespaces = [SimpleNamespace(**{n: self._entry(p, k) for n, p in found.items()}) for found, k in places]
+
+    def load(self, case: int) -> Any:
+        """Load factor of a case, from 0 to 1, as UFL sees it."""
+        return self._constant[case]
+
+    def set_load(self, value: float) -> None:
+        """Set the load factors for the share ``value`` of the whole way, on which the cases follow each other."""
+        self._constant.value[: self._cases] = [load_factor(value, case, self._cases) for case in range(self._cases)]
+
+    def of(self, index: int) -> Any:
+        """The quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
+        return self._namespaces[index]
+
+    def adopt(self, ingredients: Sequence[tuple[str, Ingredient]], scales: Scales) -> None:
+        """Take the numbers of other ingredients, of a job of the same structure, in scales of their own."""
+        for function, dimension in self._functions.values():
+            function.x.array[:] *= self._scales.of(dimension) / scales.of(dimension)
+        self._scales, count = scales, len(self._values)
+        self._values, self._metre = [0.0] * self._cases, None
+        for where, ingredient in ingredients:
+            self._take_in(where, ingredient)
+        assert len(self._values) == count
+        self._constant.value[:] = self._values
+
+    def scale(self, index: int, name: str, factor: float) -> None:
+        """Make a quantity of the ``index``-th ingredient, one number everywhere, ``factor`` times what the job gives.
+
+        Raises:
+            TypeError: if it varies over the body.
+        """
+        place = self._places[index][name]
+        if not isinstance(place, int):
+            raise TypeError(f"{name} is not one number")
+        self._constant.value[place] = factor * self._values[place]
+
+    @property
+    def constant(self) -> fem.Constant:
+        """The one constant of the forms, whose first entries are the load factors."""
+        return self._constant
+
+    @property
+    def functions(self) -> tuple[fem.Function, ...]:
+        """The functions of the forms that are quantities."""
+        return tuple(function for function, _ in self._functions.values())
+
+    def direction(self, rates: Mapping[str, Mapping[str, tuple[Any, Dimension]]]) -> Direction:
+        """How the parameters change where quantities do, at rates (SI) of the form that they have.
+
+        Args:
+            rates: by ingredient and by name of the quantity, with its dimension.
+        """
+        entries = np.zeros(len(self._values))
+        functions: list[tuple[fem.Function, fem.Function]] = []
+
+        def follow(place: Any, rate: Any, dimension: Dimension, name: str) -> None:
+            match place:
+                case int():
+                    entries[place] = rate / self._scales.of(dimension)
+                case list():
+                    for i, (p, r) in enumerate(zip(place, rate, strict=True)):
+                        follow(p, r, dimension, f"{name}[{i}]")
+                case _Formula():
+                    for name, slope in rate.constants.items():
+                        entries[place.constants[name]] = slope
+                case fem.Function() if isinstance(rate, ByRegion):
+                    functions.append((place, self._fields.function(rate, self._scales.of(dimension), name)))
+
+        for where, of_ingredient in rates.items():
+            places = self._places[self._numbers[where]]
+            for name, (rate, dimension) in of_ingredient.items():
+                follow(places[name], rate, dimension, f"{where}.{name}")
+        return Direction(entries, tuple(functions))
+
+    @contextmanager
+    def moved(self, along: Direction, step: float) -> Iterator[None]:
+        """The parameters a step along a direction, and back to the last bit."""
+        vectors = [(self._constant.value, along.entries), *((f.x.array, rate.x.array) for f, rate in along.functions)]
+        before = [values.copy() for values, _ in vectors]
+        for values, rate in vectors:
+            values += step * rate
+        try:
+            yield
+        finally:
+            for (values, _), kept in zip(vectors, before, strict=True):
+                values[:] = kept
+
+    def _take_in(self, where: str, ingredient: Ingredient) -> dict[str, Any]:
+        return {
+            name: self._place(value, dimension, f"{where}.{name}")
+            for name, (value, dimension) in ingredient.quantities().items()
+            if value is not None and value != math.inf
+        }
+
+    def _place(self, value: Any, dimension: Dimension, where: str) -> Any:
+        """Where a quantity is to be found: a place in the constant, a function, or a formula and what it needs."""
+        if isinstance(value, tuple):
+            return [self._place(v, dimension, f"{where}[{i}]") for i, v in enumerate(value)]
+        scale = self._scales.of(dimension)
+        if isinstance(value, ByFormula):
+            if self._metre is None:
+                self._metre = self._append(self._scales.length)
+            constants = {name: self._append(constant) for name, constant in value.constants.items()}
+            return _Formula(value.formula, self._append(1 / scale), constants)
+        if isinstance(value, ByRegion | ByData):
+            if where not in self._functions:
+                self._functions[where] = self._fields.function(value, scale, where), dimension
+            return self._functions[where][0]
+        return self._append(value / scale)
+
+    def _append(self, value: float) -> int:
+        self._values.append(value)
+        return len(self._values) - 1
+
+    def _entry(self, place: Any, k: Kinematics) -> Any:
+        match place:
+            case int():
+                return self._constant[place]
+            case list():
+                return ufl.as_vector([self._entry(p, k) for p in place])
+            case _Formula(formula, scale, constants):
+                named = {name: self._constant[i] for name, i in constants.items()}
+                assert self._metre is not None
+                return self._constant[scale] * at_position(formula, k, self._constant[self._metre], named)
+            case _:
+                return place
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Rates of change of the scaled parameters: of the entries of the constant, and of functions, beside each."""
+
+    entries: npt.NDArray[np.float64]
+    functions: tuple[tuple[fem.Function, fem.Function], ...]
+
+
+@dataclass(frozen=True)
+class _Formula:
+    """A formula, and the places of its unit and of its constants."""
+
+    formula: Expression
+    scale: int
+    constants: Mapping[str, int]
+
+
+def load_factor(value: float, case: int, cases: int) -> float:
+    """Load factor of one of ``cases`` load cases that follow each other, for the share ``value`` of the whole way.
+
+    Below 0 and above 1, where a path may go between turning points, the first and the last case go on.
+    """
+    low = 0.0 if case > 0 else -math.inf
+    high = 1.0 if case < cases - 1 else math.inf
+    return min(max(cases * value - case, low), high)

@@ -1,0 +1,87 @@
+"""Values at quadrature points, and what becomes of them: the mean over each cell, the range over the body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.regions import Mesh
+
+type Cells = npt.NDArray[np.int32]
+
+_CHUNK = 10_000  # cells at a time, so that values at quadrature points take little memory
+
+
+class CellMeans:
+    """Means ``∫ e dV / ∫ dV`` over the volume of each cell of what UFL expressions give there.
+
+    Args:
+        expressions: scalars, vectors or tensors ``e`` of one shape, each with the cells it holds in (``None`` for all).
+        mesh: the mesh that it lives on.
+        quadrature_degree: of the rule; the mean of a polynomial of this degree on straight cells is exact.
+    """
+
+    def __init__(self, expressions: Sequence[tuple[Any, Cells | None]], mesh: Mesh, quadrature_degree: int) -> None:
+        self._shape = shape = expressions[0][0].ufl_shape
+        self._space = fem.functionspace(mesh, ("DG", 0, shape) if shape else ("DG", 0))
+        volume = abs(ufl.JacobianDeterminant(mesh))
+        _, self._weights = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
+        self._values = []
+        for expression, of in expressions:
+            parts = [expression[i] for i in np.ndindex(shape)] if shape else [expression]
+            weighted = volume * ufl.as_vector([*parts, 1])
+            self._values.append(QuadratureValues(weighted, mesh, quadrature_degree, of))
+
+    def __call__(self) -> fem.Function:
+        """The means as they now are, piecewise constant."""
+        means = fem.Function(self._space)
+        values = means.x.array.reshape(-1, int(np.prod(self._shape)))
+        dofs = means.function_space.dofmap.list[:, 0]
+        for of_part in self._values:
+            for cells, at_points in of_part:
+                sums = np.einsum("q,cqi->ci", self._weights, at_points)
+                values[dofs[cells]] = sums[:, :-1] / sums[:, -1:]
+        means.x.scatter_forward()
+        return means
+
+
+class QuadratureValues:
+    """A UFL expression compiled for the quadrature points of a mesh, to be evaluated as often as needed.
+
+    Iterating gives the owned cells, or those of them in ``cells``, some at a time, and the values in them:
+    (cells, points, …).
+    """
+
+    def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: Cells | None = None) -> None:
+        points, _ = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
+        self._compiled = fem.Expression(without_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._mesh = mesh
+        owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+        self._cells = owned if cells is None else cells
+
+    def __iter__(self) -> Iterator[tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]]:
+        for start in range(0, len(self._cells), _CHUNK):
+            cells = self._cells[start : start + _CHUNK]
+            yield cells, self._compiled.eval(self._mesh, cells)
+
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value at any point of any rank; collective."""
+        low, high = np.inf, -np.inf
+        for _, values in self:
+            low, high = np.minimum(low, values.min()), np.maximum(high, values.max())
+        comm = self._mesh.comm
+        return float(comm.allreduce(low, op=MPI.MIN)), float(comm.allreduce(high, op=MPI.MAX))

@@ -1,0 +1,103 @@
+"""Rigid motions of a body: which of them supports leave free, and their names.
+
+A small rigid motion is ``u(x) = t + ω × (x - c)/ℓ``, six numbers ``(t, ω)`` in a frame of centre ``c`` and size ``ℓ``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.job.sections import AXES
+
+type Floats = npt.NDArray[np.float64]
+
+_FREE = (
+    1e-7  # share of the best held motion below which one is free: over round-off, under any clamp that can be meshed
+)
+_SOFT = 1e-9  # the same for the stiffness of springs
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where the six motions are measured: ``centre`` (3,) and ``size``, in the lengths of the points."""
+
+    centre: Floats
+    size: float
+
+    def motions(self, points: Floats) -> Floats:
+        """Displacements of ``points`` (n, 3) by the six motions: (n, 3, 6)."""
+        r = (points - self.centre) / self.size
+        motions = np.zeros((len(points), 3, 6))
+        motions[:, range(3), range(3)] = 1.0
+        motions[:, :, 3:] = np.stack([np.cross(axis, r) for axis in np.eye(3)], axis=2)
+        return motions
+
+
+def free_motions(constraints: Floats, stiffness: Floats | None = None) -> Floats:
+    """A basis (6, k) of the motions that do no work on supports: their null space.
+
+    Args:
+        constraints: rows (n, 6), each a displacement that is prescribed, by the six motions.
+        stiffness: (6, 6) of the springs that hold the body besides.
+    """
+    _, singular, rows = np.linalg.svd(np.vstack([constraints, np.zeros((6, 6))]))
+    held = singular > _FREE * max(singular[0], np.finfo(float).tiny)
+    free: Floats = rows[~held].T
+    if stiffness is not None and free.size:
+        stiffest = np.abs(np.linalg.eigvalsh(stiffness)).max()
+        values, vectors = np.linalg.eigh(free.T @ stiffness @ free)
+        free = free @ vectors[:, np.abs(values) <= _SOFT * stiffest]
+    return free
+
+
+def names(free: Floats, frame: Frame, length: float) -> list[str]:
+    """What the motions of a basis (6, k) are, in words, for a frame whose lengths are in units of ``length`` (m)."""
+    if free.shape[1] == 6:
+        return ["move and turn in every way"]
+    slides, turns = [], []
+    for motion in _reduced(free):
+        t, w = motion[:3], motion[3:] / frame.size
+        if not w.any():
+            slides.append(_direction(t))
+            continue
+        # Where the motion is along its own axis, and of these points the one next to the origin.
+        axis = w / np.linalg.norm(w)
+        point = frame.centre + np.cross(w, t) / (w @ w)
+        point = (point - (point @ axis) * axis) * length
+        point[np.abs(point) < 1e-9 * length * (frame.size + np.abs(frame.centre).max())] = 0.0
+        about = f"about the axis through {_triple(point)} m along {_direction(w)}"
+        is_screw = abs(t @ axis) > 1e-6
+        turns.append(f"screw {about}" if is_screw else f"turn {about}")
+    return [*([f"move along {' and '.join(slides)}"] if slides else []), *turns]
+
+
+def _reduced(free: Floats) -> Floats:
+    """The same motions by a basis in reduced echelon form, rotations first: along the axes where that is possible."""
+    rows = free.T.copy()
+    done = 0
+    for column in (3, 4, 5, 0, 1, 2):
+        if done == len(rows):
+            break
+        pivot = done + int(np.argmax(np.abs(rows[done:, column])))
+        if abs(rows[pivot, column]) < 1e-6:
+            continue
+        rows[[done, pivot]] = rows[[pivot, done]]
+        rows[done] /= rows[done, column]
+        others = np.arange(len(rows)) != done
+        rows[others] -= np.outer(rows[others, column], rows[done])
+        done += 1
+    rows[np.abs(rows) < 1e-6] = 0.0
+    return rows
+
+
+def _direction(vector: Floats) -> str:
+    unit = vector / np.linalg.norm(vector)
+    along = int(np.abs(unit).argmax())
+    return AXES[along] if abs(unit[along]) > 1 - 1e-9 else _triple(unit)
+
+
+def _triple(vector: Floats) -> str:
+    return f"({', '.join(f'{c:.6g}' for c in vector + 0.0)})"

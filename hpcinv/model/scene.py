@@ -1,0 +1,229 @@
+"""The scene: virtual work of one body under its material laws and the effects that the job lists, in either direction.
+
+Equilibrium is stated once, on the reference body,
+
+    ∫ P : Grad δu dV  =  Σ external virtual work,            P = ∂ψ/∂F,
+
+and, where the law is nearly or fully incompressible, with the pressure as an unknown of its own,
+
+    ψ = W(F) - p θ(F) - p²/2Λ,      ∫ (θ(F) + p/Λ) δp dV = 0,
+
+where ``U = Λ/2 θ²`` is the law's volumetric energy (``Λ → ∞`` drops the last term). Effects that strain the body
+without stress leave the law the elastic part of the deformation, ``F_e = F F_g⁻¹`` and ``ψ = J_g ψ(F_e)``. `Kinematics`
+carries this to the mesh, so that the inverse problem is the exact discrete inverse of the forward one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+import numpy.typing as npt
+import ufl
+from ufl.classes import Label, Variable
+
+from hpcinv.effects import Effect
+from hpcinv.kinematics.kinematics import Deformation, Kinematics
+from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.model.cell_fields import SceneMeans
+from hpcinv.model.fields import law_cells
+from hpcinv.model.measures import Integration
+from hpcinv.model.parameter_derivative import ParameterDerivative
+from hpcinv.model.parameters import Parameters
+
+if TYPE_CHECKING:
+    from dolfinx import fem
+
+    from hpcinv.job.job import Job
+    from hpcinv.materials import MaterialLaw
+    from hpcinv.model.fields import BodyFields
+    from hpcinv.model.spaces import Unknowns
+    from hpcinv.quantity.component import Ingredient
+    from hpcinv.quantity.nondimensional import Scales
+
+LABEL = Label(1_000_000)
+"""Of ``H``, by which laws are derived. UFL's running number would make the kernels of each scene's expressions new
+ones, and a small number of our own might be that of a variable in somebody's law."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one law gives in its cells (``None`` for all): energy stored per reference volume, and stress, scaled.
+
+    ``constraint`` belongs to the pressure, and is ``None`` without; ``domain`` are the scalars that must stay positive
+    for the law to be defined; ``fixed_volume`` is the elastic volume ratio where the law does not let it change, else
+    ``None``. ``pressure`` is -∂ψ/∂θ per reference volume, an unknown or not, and ``dilatation`` θ. ``shear_modulus`` is
+    μ of the undeformed material, ``dilatation_modulus`` Λ (``None`` if it is infinite), and ``inelastic_volume`` J_g.
+    """
+
+    cells: npt.NDArray[np.int32] | None
+    energy: Any
+    P: Any
+    constraint: Any
+    domain: tuple[Any, ...]
+    fixed_volume: Any
+    pressure: Any
+    dilatation: Any
+    shear_modulus: Any
+    dilatation_modulus: Any
+    inelastic_volume: Any
+
+    @property
+    def compliance(self) -> Any:
+        """``1/μ + 1/Λ`` of the undeformed material."""
+        return 1 / self.shear_modulus + (0 if self.dilatation_modulus is None else 1 / self.dilatation_modulus)
+
+
+class Scene:
+    """Material, effects and kinematics composed into one residual.
+
+    Args:
+        known: displacement (scaled) by which what is known of the material on the current body is carried back to the
+            reference body, once and for all; left out, the unknown one.
+
+    Attributes:
+        residual: UFL form, linear in the test functions of ``unknowns``.
+        parameters: the load factors, and the parameters of laws, effects and fibres.
+        strain_energy: UFL form of the energy stored in the body (scaled stress × length³).
+        J: volume ratio; mesh_J: the determinant that must stay positive at every point.
+        H: displacement gradient, of which everything in `parts` is made.
+
+    Raises:
+        MeshError: on all ranks, if the mesh lacks a region or an array that the job names.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        fields: BodyFields,
+        unknowns: Unknowns,
+        kinematics: type[Kinematics],
+        quadrature_degree: int,
+        scales: Scales,
+        known: fem.Function | None = None,
+    ) -> None:
+        self.unknowns = unknowns
+        self.quadrature_degree = quadrature_degree
+        cells = law_cells(fields.body, job.laws)
+        integration = Integration(fields.body, quadrature_degree, cells)
+        self.kinematics = kin = kinematics(unknowns.u, integration)
+        material = kin if known is None else kinematics(known, integration)
+        ingredients = [(n, part, kin if isinstance(part, Effect) else material) for n, part in _ingredients(job)]
+        self.parameters = par = Parameters(ingredients, fields, scales, job.case_count)
+        count = len(job.laws)
+        of_effects = [
+            (effect, par.load(job.case_of(effect)), par.of(count + i)) for i, effect in enumerate(job.effects)
+        ]
+        directions = {
+            name.removeprefix("fibres."): _unit(material, family.given_on, par.of(i).direction)
+            for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))
+        }
+        self.H = H = Variable(kin.H, LABEL)
+        total = Deformation(H, directions)
+        elastic, J_g = _elastic(total, of_effects)
+        potentials = [e.potential(total, load, p) for e, load, p in of_effects]
+
+        def part(number: int, law: MaterialLaw) -> Part:
+            p, theta = par.of(number), law.dilatation(elastic)
+            modulus = None if law.is_incompressible else law.dilatation_modulus(p)
+            psi = energy = law.distortion(elastic, p)
+            constraint = None
+            if unknowns.p is None:
+                psi = energy = psi + modulus * theta**2 / 2
+                pressure = -J_g * modulus * theta
+            else:
+                psi = psi - unknowns.p * theta
+                pressure = J_g * unknowns.p
+                constraint = J_g * (theta if modulus is None else theta + unknowns.p / modulus)
+                energy = energy if modulus is None else energy + unknowns.p**2 / (2 * modulus)
+            psi = sum((w for w in potentials if w is not None), J_g * psi)
+            where = cells[number] if cells else None
+            volume = elastic.J if law.is_incompressible else None
+            return Part(
+                where,
+                J_g * energy,
+                gradient(psi, H),
+                constraint,
+                law.domain(elastic, p),
+                volume,
+                pressure,
+                theta,
+                law.shear_modulus(p),
+                modulus,
+                J_g,
+            )
+
+        self.parts = tuple(part(number, law) for number, law in enumerate(job.laws.values()))
+        residual: Any = 0
+        energy: Any = 0
+        for number, one in enumerate(self.parts):
+            dx = integration.part(number)
+            residual += kin.dV(ufl.inner(one.P, kin.Grad(unknowns.v)), dx)
+            if one.constraint is not None:
+                residual -= kin.dV(one.constraint * unknowns.q, dx)
+            energy += kin.dV(one.energy, dx)
+        for effect, load, p in of_effects:
+            work = effect.virtual_work(kin, unknowns.v, load, p)
+            if work is not None:
+                residual -= work
+        self.residual = residual
+        self.strain_energy = energy
+        self.J = total.J
+        self.mesh_J = kin.mesh_J
+
+    def adopt(self, job: Job, scales: Scales) -> None:
+        """Take the numbers of another job of the same structure."""
+        self.parameters.adopt(_ingredients(job), scales)
+
+    def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
+        """``∫ (1/μ + 1/Λ) p q`` over the mesh: like what couples the pressures once displacements are eliminated.
+
+        Source: Wathen & Silvester, SIAM J. Numer. Anal. 30, 630–649, 1993, doi:10.1137/0730031.
+        """
+        p, q = ufl.TrialFunction(pressures), ufl.TestFunction(pressures)
+        dx = self.kinematics.integration.part
+        return sum(part.compliance * p * q * dx(number) for number, part in enumerate(self.parts))
+
+    @cached_property
+    def means(self) -> SceneMeans:
+        """What a leg reports of the scene."""
+        return SceneMeans(self)
+
+    @cached_property
+    def parameter_derivative(self) -> ParameterDerivative:
+        """How the residual changes with the parameters."""
+        return ParameterDerivative(self)
+
+    @property
+    def cauchy_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
+        """``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3), of each part and the cells of that part (``None`` for all)."""
+        F = ufl.Identity(3) + self.kinematics.H
+        return [(without_stages(part.P * F.T / self.J), part.cells) for part in self.parts]
+
+
+def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
+    """Laws, effects and families of fibres by their places in the job, in the order in which a scene knows them."""
+    return [*job.laws.items(), *job.named_effects, *job.families.items()]
+
+
+def _elastic(total: Deformation, effects: list[Any]) -> tuple[Deformation, Any]:
+    """The deformation without what effects strain free of stress, and the volume ratio of that."""
+    elastic, J_g = total, 1
+    for effect, load, p in effects:
+        H_g = effect.inelastic_strain(total, load, p)
+        if H_g is not None:
+            stretch = Deformation(H_g)
+            elastic = Deformation((elastic.H - H_g) * ufl.inv(stretch.F), total.fibres)
+            J_g = J_g * stretch.J
+    return elastic, J_g
+
+
+def _unit(kin: Kinematics, given_on: str, direction: Any) -> Any:
+    """Unit vector in the reference body."""
+    a = direction if given_on == "reference" else kin.F_inverse * direction
+    return a / ufl.sqrt(ufl.inner(a, a))

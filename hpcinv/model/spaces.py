@@ -1,0 +1,160 @@
+"""The unknown fields of a scene: displacement, and pressure where the mixed form asks for it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+
+from hpcinv.parallel.runtime import MPI
+
+
+class Unknowns:
+    """Finite-element spaces on one mesh, and the state that a solve works on.
+
+    Args:
+        mesh: mesh with its coordinates in scaled lengths.
+        displacement: polynomial degree of the displacement.
+        pressure: polynomial degree of the pressure, or ``None`` for the displacement form.
+
+    Attributes:
+        state: every unknown in one function, ``u`` alone or ``(u, p)``.
+        scalar_elements: of a component of the displacement, and of the pressure if there is one.
+        displacement_space, pressure_space: of the parts alone; there is no latter in the displacement form.
+        u, p: its parts as UFL expressions; ``p`` is ``None`` in the displacement form.
+        test: the test function of the whole space.
+        v, q: its parts, which belong to ``u`` and ``p``.
+    """
+
+    def __init__(self, mesh: Mesh, displacement: int, pressure: int | None) -> None:
+        self.mesh = mesh
+        cell = mesh.basix_cell()
+        vector = basix.ufl.element("Lagrange", cell, displacement, shape=(3,))
+        degrees = (displacement,) if pressure is None else (displacement, pressure)
+        self.scalar_elements = tuple(basix.ufl.element("Lagrange", cell, degree) for degree in degrees)
+        self.q: Any
+        self.p: Any
+        if pressure is None:
+            self.space = fem.functionspace(mesh, vector)
+            self.state = fem.Function(self.space, name="u")
+            self.u, self.p = self.state, None
+            self.test = ufl.TestFunction(self.space)
+            self.v, self.q = self.test, None
+            self.displacement_space = self.space
+            self._displacement_dofs = np.arange(self.state.x.array.size, dtype=np.int32)
+        else:
+            scalar = self.scalar_elements[1]
+            self.space = fem.functionspace(mesh, basix.ufl.mixed_element([vector, scalar]))
+            self.state = fem.Function(self.space, name="up")
+            self.u, self.p = ufl.split(self.state)
+            self.test = ufl.TestFunction(self.space)
+            self.v, self.q = ufl.split(self.test)
+            self.displacement_space = fem.functionspace(mesh, vector)
+            self._displacement_dofs = _dofs_in(self.space, 0, self.displacement_space)
+            self.pressure_space = fem.functionspace(mesh, scalar)
+            self._pressure_dofs = _dofs_in(self.space, 1, self.pressure_space)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns over all ranks."""
+        return int(self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs)
+
+    @property
+    def pressure_size(self) -> int:
+        """Number of pressures over all ranks; 0 in the displacement form."""
+        return 0 if self.p is None else int(self.pressure_space.dofmap.index_map.size_global)
+
+    @cached_property
+    def has_whole_nodes(self) -> bool:
+        """Whether the displacements of each node follow each other, which DOLFINx does not promise; collective."""
+        dofmap = self.space.dofmap
+        if dofmap.index_map_bs == 3:
+            return True
+        dofs = dofmap.list[:, : 3 * self.scalar_elements[0].dim].reshape(-1, 3)
+        here = bool((np.diff(dofs, axis=1) == 1).all())
+        return bool(self.mesh.comm.allreduce(here, op=MPI.LAND))
+
+    @property
+    def owned_displacement_dofs(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the displacements in the state, without ghosts; the three of a node follow each other."""
+        return np.extract(self._is_owned(self._displacement_dofs), self._displacement_dofs)
+
+    @property
+    def owned_pressure_dofs(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the pressures in the state, without ghosts."""
+        return np.extract(self._is_owned(self._pressure_dofs), self._pressure_dofs)
+
+    def owned_displacement_points(self) -> npt.NDArray[np.float64]:
+        """Where the nodes of `owned_displacement_dofs` are as the mesh now lies, (nodes, 3) in scaled lengths."""
+        points: npt.NDArray[np.float64] = self.displacement_space.tabulate_dof_coordinates()
+        return points[self._is_owned(self._displacement_dofs[::3])]
+
+    def _is_owned(self, dofs: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+        dofmap = self.space.dofmap
+        return np.asarray(dofs < dofmap.index_map.size_local * dofmap.index_map_bs)
+
+    def displacement_component(self, i: int) -> fem.FunctionSpace:
+        """The ``i``-th displacement component as a subspace of the whole, for supports."""
+        space = self.space if self.p is None else self.space.sub(0)
+        return space.sub(i)
+
+    def displacement(self) -> fem.Function:
+        """A copy of the displacement alone, in scaled lengths."""
+        u = fem.Function(self.displacement_space, name="displacement")
+        u.x.array[:] = self.state.x.array[self._displacement_dofs]
+        return u
+
+    def set_displacement(self, u: fem.Function) -> None:
+        """Put ``u``, a function of ``displacement_space``, in the state; what else is in it stays."""
+        self.state.x.array[self._displacement_dofs] = u.x.array
+
+    def pressure(self) -> fem.Function | None:
+        """A copy of the pressure alone, in scaled stresses; ``None`` in the displacement form."""
+        if self.p is None:
+            return None
+        p = fem.Function(self.pressure_space, name="pressure")
+        p.x.array[:] = self.state.x.array[self._pressure_dofs]
+        return p
+
+    def set_pressure(self, p: fem.Function) -> None:
+        """Put ``p`` in the state, as ``set_displacement`` does."""
+        self.state.x.array[self._pressure_dofs] = p.x.array
+
+    def at_nodes(self, u: fem.Function) -> npt.NDArray[np.float64]:
+        """Values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3)."""
+        x = self.mesh.geometry
+        nodal = fem.Function(self._nodal_space)
+        nodal.interpolate(u)
+        values = np.empty((x.x.shape[0], 3))
+        dofmap = nodal.function_space.dofmap.list
+        values[x.dofmaps[0]] = nodal.x.array.reshape(-1, 3)[dofmap]
+        return values
+
+    @cached_property
+    def _nodal_space(self) -> fem.FunctionSpace:
+        # The element of the coordinates: from degree 3 on nodes of the default Lagrange element lie elsewhere.
+        return fem.functionspace(self.mesh, self.mesh.ufl_domain().ufl_coordinate_element())
+
+
+def _dofs_in(mixed: fem.FunctionSpace, part: int, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """For each local dof of ``space`` the one of a part of a ``mixed`` space that is the same.
+
+    Functions of a collapsed subspace are not continuous on tetrahedra from degree 3 on (DOLFINx 0.11): the dofs on an
+    edge are then in the order of the mixed space, which forms on the collapsed one do not know.
+    """
+    numbers, there = fem.Function(space), fem.Function(mixed)
+    numbers.x.array[:] = np.arange(1.0, len(numbers.x.array) + 1)
+    there.sub(part).interpolate(numbers)  # values at the nodes of both
+    place = np.flatnonzero(there.x.array)
+    dofs = np.empty(len(place), dtype=np.int32)
+    dofs[np.rint(there.x.array[place]).astype(np.int64) - 1] = place
+    return dofs

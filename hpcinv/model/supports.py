@@ -1,0 +1,134 @@
+"""Supports: components of the displacement that are fixed or prescribed on regions of the boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from hpcinv.errors import MeshError, told_with
+from hpcinv.job.sections import AXES
+from hpcinv.model.parameters import load_factor
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.parameter_paths import POINTS, central_difference, step_at
+
+if TYPE_CHECKING:
+    from hpcinv.job.job import Job
+    from hpcinv.job.sections import Support
+    from hpcinv.mesh import Body
+    from hpcinv.model.spaces import Unknowns
+    from hpcinv.quantity.expressions import Expression
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """One component of the displacement on one support, as this rank knows it.
+
+    Attributes:
+        field: what prescribes it in the job, such as ``supports[2].fix``.
+        support: number of that support.
+        axis: number of the component.
+        dofs: its degrees of freedom among all unknowns.
+        nodes: the same in the space of ``now``, which holds that component alone.
+        full: values at full load (scaled lengths), at every node of that space, zero where nothing is prescribed.
+        now: values at the present load.
+    """
+
+    field: str
+    support: int
+    region: str
+    axis: int
+    case: int
+    dofs: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int32]
+    full: npt.NDArray[np.float64]
+    now: fem.Function
+
+    @property
+    def points(self) -> npt.NDArray[np.float64]:
+        """Positions of ``nodes`` in the mesh as it now lies, (n, 3) in scaled lengths."""
+        points: npt.NDArray[np.float64] = self.now.function_space.tabulate_dof_coordinates()[self.nodes]
+        return points
+
+
+class Supports:
+    """Dirichlet conditions ``u_i = λ ū_i``, with the load factor λ of each support's load case.
+
+    ``ū`` is evaluated once, at the coordinates of the mesh as the job gives it (m): in a round trip the second leg
+    prescribes the same displacement of the same material points.
+    """
+
+    def __init__(self, job: Job, body: Body, unknowns: Unknowns) -> None:
+        self.conditions: list[fem.DirichletBC] = []
+        self.prescribed: list[Prescribed] = []
+        self._case_count, self._length, self._comm = job.case_count, body.length_scale, body.mesh.comm
+        for number, spec in enumerate(job.supports):
+            with told_with(f"supports[{number}].region"):
+                facets = body.facets(spec.region)
+            for axis, name in enumerate(AXES):
+                if name not in spec.held:
+                    continue
+                part = unknowns.displacement_component(axis)
+                scalar, _ = part.collapse()
+                dofs = fem.locate_dofs_topological((part, scalar), body.mesh.topology.dim - 1, facets)
+                now = fem.Function(scalar)
+                full = np.zeros_like(now.x.array)
+                self.conditions.append(fem.dirichletbc(now, dofs, part))
+                field = f"supports[{number}].{'displacement' if spec.displacement else 'fix'}"
+                self.prescribed.append(
+                    Prescribed(field, number, spec.region, axis, job.case_of(spec), dofs[0], dofs[1], full, now)
+                )
+        self.adopt(job)
+
+    def adopt(self, job: Job) -> None:
+        """Prescribe what a job says, whose supports are on the same regions; the mesh must lie as it is given.
+
+        Raises:
+            MeshError: on all ranks, if a formula has no finite value somewhere.
+        """
+        for one in self.prescribed:
+            spec = job.supports[one.support]
+            if spec.displacement and (formula := spec.displacement[one.axis]) is not None:
+                one.full[one.nodes] = _values(spec, formula, one.points * self._length) / self._length
+                if not self._comm.allreduce(bool(np.isfinite(one.full).all()), op=MPI.LAND):
+                    raise MeshError(
+                        f"{one.field}: '{formula}' is not finite somewhere on '{spec.region}'",
+                        "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
+                    )
+        moves = any(bool(one.full.any()) for one in self.prescribed)
+        self.prescribe_motion: bool = self._comm.allreduce(moves, op=MPI.LOR)
+
+    def prescribe_rates(self, number: int, variant: Callable[[float], Support], at: float) -> None:
+        """Prescribe derivatives of the displacements at full load, until `scale` is called.
+
+        Args:
+            variant: the support of this number as a function of what is differentiated by, at the value ``at``.
+        """
+        step = step_at(at)
+        specs = [variant(at + k * step) for k in POINTS]
+        for one in self.prescribed:
+            one.now.x.array[:] = 0.0
+            formulas = [spec.displacement and spec.displacement[one.axis] for spec in specs]
+            if one.support == number and formulas[0] is not None:
+                points = one.points * self._length
+                values = [_values(spec, f, points) for spec, f in zip(specs, formulas, strict=True) if f is not None]
+                one.now.x.array[one.nodes] = central_difference(values, step) / self._length
+
+    def scale(self, load: float) -> None:
+        """Prescribe the displacements that belong to a share of the whole load."""
+        for one in self.prescribed:
+            one.now.x.array[:] = load_factor(load, one.case, self._case_count) * one.full
+
+
+def _values(spec: Support, formula: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """What a formula of the support prescribes at ``points`` (n, 3) m, in m."""
+    x, y, z = points.T
+    with np.errstate(all="ignore"):  # what is not finite is told by the caller, once
+        return np.asarray(formula.evaluate(x=x, y=y, z=z, **spec.constants))

@@ -1,0 +1,222 @@
+"""Checkpoints: converged states of a run, from which it goes on with any number of ranks.
+
+A checkpoint is a directory with the functions (ADIOS2, in the cell order of the mesh's source, so that neither the
+partition nor the number of ranks matters) and ``state.json``: where the run stood, which problem it was, and a digest
+of it all. It is written under another name and renamed when all ranks are done, so that what is there is whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import adios4dolfinx
+
+from hpcinv.errors import CheckpointError
+from hpcinv.job.fingerprint import difference
+from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.newton import NewtonIteration, Outcome
+
+if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
+    from hpcinv.mesh import Body
+
+_FORMAT = 3
+_NAME = re.compile(r"\d{4,}")
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where a run stands: the leg, the load factor reached in it, and what each leg has solved so far."""
+
+    leg: int
+    load: float
+    solves: tuple[tuple[Solve, ...], ...]
+
+    def as_json(self) -> dict[str, Any]:
+        legs = [[asdict(s) | {"outcome": s.outcome.name} for s in solves] for solves in self.solves]
+        return {"leg": self.leg, "load": self.load, "solves": legs}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Position:
+        def solve(s: Mapping[str, Any]) -> Solve:
+            iterations = tuple(NewtonIteration(**i) for i in s["iterations"])
+            read = {"outcome": Outcome[s["outcome"]], "iterations": iterations, "signs": tuple(s["signs"])}
+            return Solve(**(dict(s) | read))
+
+        return cls(data["leg"], data["load"], tuple(tuple(map(solve, leg)) for leg in data["solves"]))
+
+
+class Checkpoints:
+    """The checkpoints of one run, oldest first, in ``directory``.
+
+    Args:
+        problem: the job's fingerprint; only checkpoints of the same problem are read.
+        keep: how many are kept.
+    """
+
+    def __init__(self, directory: Path, comm: MPI.Intracomm, problem: Mapping[str, Any], keep: int) -> None:
+        self.directory, self.comm, self.problem, self.keep = directory, comm, problem, keep
+        self._damaged: list[Path] = []
+
+    def write(self, position: Position, functions: Mapping[str, Function]) -> None:
+        """Save a converged state; collective.
+
+        Raises:
+            CheckpointError: on each rank that cannot write it; earlier ones are then still there.
+        """
+        number = on_root(self.comm, lambda: max((int(p.name) for p in self._all()), default=0) + 1)
+        partial = self.directory / f".partial-{number:04}"
+        on_root(self.comm, lambda: _create(partial))
+        try:
+            for name, function in functions.items():
+                adios4dolfinx.write_function_on_input_mesh(partial / "functions.bp", function, name=name)
+        except RuntimeError as exc:  # ADIOS2 knows no other
+            raise _unwritable(partial, exc) from exc
+        self.comm.Barrier()
+
+        def finish() -> None:
+            state = {
+                "format": _FORMAT,
+                "position": position.as_json(),
+                "functions": sorted(functions),
+                "problem": self.problem,
+            }
+            try:
+                state["digest"] = _digest(state, partial / "functions.bp")
+                _write_durably(partial / "state.json", json.dumps(state, indent=1))
+                partial.replace(self.directory / f"{number:04}")
+            except OSError as exc:
+                raise _unwritable(partial, exc) from exc
+            # A damaged one must not push out one that is whole.
+            for old in [*self._damaged, *[p for p in self._all() if p not in self._damaged][: -self.keep]]:
+                shutil.rmtree(old, ignore_errors=True)
+
+        on_root(self.comm, finish)
+
+    def latest(self) -> Restart | None:
+        """The last checkpoint that is whole, ``None`` if the run has none yet; collective.
+
+        Raises:
+            CheckpointError: on every rank, if all are damaged, or if they are of another problem.
+        """
+
+        def search() -> Restart | None:
+            complaints: list[str] = []
+            for path in reversed(self._all()):
+                try:
+                    return self._open(path, tuple(complaints))
+                except _Damaged as exc:
+                    self._damaged.append(path)
+                    complaints.append(f"{path}: {exc}")
+            if complaints:
+                raise CheckpointError(
+                    "\n".join(["no checkpoint can be used:", *complaints]),
+                    "Restore one from a copy, or start the job anew with 'run'.",
+                )
+            return None
+
+        restart = on_root(self.comm, search)
+        on_root(self.comm, lambda: _remove_partial(self.directory))  # only now: one that is refused touches nothing
+        return restart
+
+    def _all(self) -> list[Path]:
+        if not self.directory.is_dir():
+            return []
+        return sorted((p for p in self.directory.iterdir() if _NAME.fullmatch(p.name)), key=lambda p: int(p.name))
+
+    def _open(self, path: Path, complaints: tuple[str, ...]) -> Restart:
+        try:
+            state = json.loads((path / "state.json").read_text())
+            version, digest, problem = state["format"], state.pop("digest"), state["problem"]
+            position, functions = Position.from_json(state["position"]), tuple(state["functions"])
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as exc:
+            raise _Damaged(f"state.json is missing or damaged ({type(exc).__name__})") from exc
+        if version != _FORMAT:
+            raise CheckpointError(
+                f"{path}: has format {version}, but this version of hpcinv reads {_FORMAT}",
+                "Resume with the version that wrote it.",
+            )
+        if digest != _digest(state, path / "functions.bp"):
+            raise _Damaged("functions.bp or state.json is damaged: the digest is not the one written down")
+        if changes := difference(problem, self.problem):
+            raise CheckpointError(
+                "\n".join([f"{path}: belongs to another problem:", *(f"  {line}" for line in changes)]),
+                "Solver, output and checkpoint settings may change in a resume, the physics may not; use 'run' for it.",
+            )
+        return Restart(path, position, functions, complaints)
+
+
+@dataclass(frozen=True)
+class Restart:
+    """A checkpoint to go on from; ``complaints`` tells which later ones were damaged."""
+
+    path: Path
+    position: Position
+    functions: tuple[str, ...]
+    complaints: tuple[str, ...]
+
+    def read(self, name: str, function: Function) -> None:
+        """Fill a function that was saved under ``name``; collective."""
+        adios4dolfinx.read_function(self.path / "functions.bp", function, name=name)
+        function.x.scatter_forward()
+
+
+def cells_digest(body: Body) -> str:
+    """Checksum of the cells of a body's mesh, in whose order functions are saved; collective."""
+    cells = body.source.cells
+    return Rows.of(body.mesh.comm, len(cells)).checksum(cells)
+
+
+class _Damaged(Exception):
+    pass
+
+
+def _remove_partial(directory: Path) -> None:
+    """Remove what a run left that was killed while it wrote."""
+    for partial in directory.glob(".partial-*"):
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _create(partial: Path) -> None:
+    _remove_partial(partial.parent)
+    try:
+        partial.parent.mkdir(exist_ok=True)  # but not the run's directory, which may have been removed
+        partial.mkdir()
+    except OSError as exc:
+        raise CheckpointError(f"{partial}: cannot be created: {exc.strerror}", "Is the directory writable?") from exc
+
+
+def _unwritable(partial: Path, exc: OSError | RuntimeError) -> CheckpointError:
+    reason = exc.strerror if isinstance(exc, OSError) else str(exc).strip().splitlines()[-1]
+    return CheckpointError(f"{partial}: cannot be written: {reason}", "Is there space left?")
+
+
+def _write_durably(path: Path, text: str) -> None:
+    with path.open("w") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _digest(state: Mapping[str, Any], functions: Path) -> str:
+    """SHA-256 of all that a checkpoint holds but the digest itself."""
+    digest = hashlib.sha256(json.dumps(state, sort_keys=True).encode())
+    for file in sorted(p for p in functions.rglob("*") if p.is_file()):
+        digest.update(str(file.relative_to(functions)).encode())
+        with file.open("rb") as content:
+            digest.update(hashlib.file_digest(content, "sha256").digest())
+    return digest.hexdigest()

@@ -1,0 +1,396 @@
+"""What a run says while it goes on, on rank 0: phases, steps, a live bar on a terminal, and a report; and its log."""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from enum import IntEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TextIO
+
+from hpcinv.errors import HpcinvError
+from hpcinv.job.sections import REACTIONS
+from hpcinv.output.run_log import RunLog
+from hpcinv.output.terminal import width_through_mpirun
+from hpcinv.quantity.units import readable
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+    from rich.console import Console
+    from rich.progress import Progress as LiveBar
+
+    from hpcinv.job.job import Job
+    from hpcinv.mesh import Body
+    from hpcinv.output.checkpoint import Restart
+    from hpcinv.results.totals import Totals
+    from hpcinv.solver.equilibrium import Solve
+    from hpcinv.solver.linear.selection import Used
+    from hpcinv.solver.newton import NewtonIteration
+
+_ERRORS = {
+    "round_trip": "round trip: closes to {max:.3g} m ({relative:.1g} of the body's length)",
+    "expected_shape": "recovered shape: {max:.3g} m from the expected one ({relative:.1g} of its length)",
+}
+
+
+class Level(IntEnum):
+    """How much is printed; the log has all of it."""
+
+    QUIET = 0
+    """warnings, findings of the certificate that do not pass, and how it ended"""
+    NORMAL = 1
+    """a line for each phase and step, and the report"""
+    VERBOSE = 2
+    """a line for each Newton iteration and each check"""
+
+
+class Progress:
+    """Messages of a run; silent without a stream, and on every rank but 0.
+
+    Use it as a context, which takes the live bar off the terminal whatever happens, and ends the log.
+    """
+
+    def __init__(self, comm: Intracomm, stream: TextIO | None, level: Level = Level.NORMAL) -> None:
+        self.level = level
+        self._console: Console | None = None
+        if stream is not None and comm.rank == 0:
+            self._console = _console(stream)
+        self._log = RunLog() if comm.rank == 0 else None
+        self._ranks = comm.size
+        self._bar: LiveBar | None = None
+        self._direction = ""
+        self._directory = ""
+        self._phase: _Phase | None = None
+        self._last = time.perf_counter()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, _kind: type[BaseException] | None, error: BaseException | None, _trace: object) -> None:
+        self._break_line()
+        self.close()
+        if self._log is not None:
+            if error is not None:
+                said = str(error) if isinstance(error, HpcinvError) else "".join(traceback.format_exception(error))
+                self._log.write(f"ended by an error: {said}")
+            self._log.close()
+
+    def note(self, text: str, level: Level = Level.NORMAL) -> None:
+        """One line of text."""
+        if self._console is not None and level <= self.level:
+            self._break_line()
+            self._console.print(text)
+        if self._log is not None:
+            self._log.write(text)
+
+    def warn(self, text: str) -> None:
+        """One line that is printed in any case."""
+        self.note(f"warning: {text}", Level.QUIET)
+
+    def open_log(self, comm: Intracomm, directory: Path, about: str) -> None:
+        """Log from now on, and what was said before, in a run's directory; collective.
+
+        Args:
+            about: versions of the programs.
+        """
+        hosts = comm.gather(socket.gethostname())
+        if self._log is None:
+            return
+        self._log.open(directory)
+        self._log.write(f"{about}; {_count(self._ranks, 'rank')} on {', '.join(sorted(set(hosts or ())))}")
+        if self._log.fault:
+            self.warn(self._log.fault)
+
+    @contextmanager
+    def phase(self, name: str, about: str = "", *, announced: bool = True) -> Iterator[None]:
+        """A part of a run: one line that begins with it, grows with each `detail`, and ends with its time.
+
+        Args:
+            announced: whether to say that it begins; if not, other lines have.
+        """
+        begun = time.perf_counter()
+        title = f"{name} {about}".rstrip()
+        self._break_line()
+        outer, self._phase = self._phase, _Phase(title, broken=not announced)
+        if announced:
+            if self._log is not None:
+                self._log.write(f"{title} ...")
+            if self._is_terminal:
+                self._show(title)
+            elif self._console is not None and self.level >= Level.NORMAL:
+                self._console.print(f"{title}:", end="")
+        try:
+            yield
+            self._end_phase(self._phase, name, time.perf_counter() - begun)
+        finally:
+            self._break_line()
+            self._phase = outer
+
+    def detail(self, text: str) -> None:
+        """Something about the present phase."""
+        if self._phase is None:
+            return
+        if self._log is not None:
+            self._log.write(f"  {text}")
+        first, self._phase.details = not self._phase.details, [*self._phase.details, text]
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], description=f"{self._phase.title}: {text}")
+        elif self._console is not None and self.level >= Level.NORMAL and not self._is_terminal:
+            if self._phase.broken:
+                self._console.print(f"  {text}")
+            else:
+                self._console.print(f"{'' if first else ','} {text}", end="")
+
+    def iteration(self, iteration: NewtonIteration) -> None:
+        """One iteration of Newton's method."""
+        tangent = ", new tangent" if iteration.new_tangent else ""
+        sizes = f"correction {iteration.correction:.3g} of {iteration.state:.3g}, residual {iteration.residual:.3g}"
+        self.note(f"    iteration: {sizes}{tangent}", Level.VERBOSE)
+
+    def _end_phase(self, phase: _Phase, name: str, seconds: float) -> None:
+        told = f"{', '.join(phase.details)}; {seconds:.1f} s" if phase.details else f"{seconds:.1f} s"
+        if self._log is not None:
+            self._log.write(f"{phase.title}: {told}")
+        if self._console is None or self.level < Level.NORMAL:
+            return
+        if self._is_terminal:
+            self.close()
+            self._console.print(f"  {name}: {seconds:.1f} s" if phase.broken else f"{phase.title}: {told}")
+        elif phase.broken:
+            self._console.print(f"  {name}: {seconds:.1f} s")
+        else:
+            self._console.print(f"{';' if phase.details else ''} {seconds:.1f} s")
+            phase.broken = True
+
+    def _break_line(self) -> None:
+        """End the line of a phase that is not complete, so that others can follow."""
+        if self._phase is not None and not self._phase.broken:
+            self._phase.broken = not self._is_terminal
+            if self._console is not None and self.level >= Level.NORMAL and not self._is_terminal:
+                self._console.print()
+
+    @property
+    def _is_terminal(self) -> bool:
+        return self._console is not None and self._console.is_terminal and self.level >= Level.NORMAL
+
+    def _show(self, title: str, total: float | None = None) -> None:
+        """A live bar; without a total it only shows that something goes on."""
+        if not self._is_terminal or self._bar is not None:
+            return
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as LiveBar
+
+        text = TextColumn("  {task.description}", markup=False)
+        columns = (text, BarColumn(), TextColumn("{task.completed:.3f}" if total else ""), TimeElapsedColumn())
+        self._bar = LiveBar(*columns, console=self._console, transient=True, refresh_per_second=2)
+        self._bar.add_task(title, total=total)
+        self._bar.start()
+
+    def begin(self, job: Job, body: Body, unknowns: int, directory: Path, restart: Restart | None) -> None:
+        """What is about to be solved, and where results go."""
+        cells = sum(body.partition.cells)
+        ranks = f"{self._ranks} rank{'s' if self._ranks > 1 else ''}"
+        self._directory = str(directory)
+        self.note(f"{job.job}: {job.analysis}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
+        if restart is not None:
+            for complaint in restart.complaints:
+                self.note(f"  not used: {complaint}")
+            self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}")
+
+    def body(self, totals: Totals) -> None:
+        """What the job describes, in figures that show a mistake in a unit."""
+        sides = " x ".join(readable(side, "m") for side in totals.size)
+        told = [sides, f"volume {readable(totals.volume, 'm^3')}"]
+        if totals.mass is not None:
+            told.append(f"mass {readable(totals.mass, 'kg')}")
+        if totals.load is not None:
+            size = math.hypot(*totals.load)
+            along = ", ".join(f"{part / size:.3g}" for part in totals.load) if size else ""
+            told.append(f"resultant of the loads {readable(size, 'N')}{along and f' along ({along})'}")
+        self.note(f"  meshed part: {', '.join(told)}")
+        for text in totals.warnings:
+            self.warn(text)
+
+    def leg(self, direction: str, linear: Used) -> None:
+        """A direction begins, with a linear solver."""
+        self.close()
+        self._direction, self._last = direction, time.perf_counter()
+        self.note(f"{direction}:")
+        self.note(f"  {linear.preset} linear solver: {linear.why}")
+        if linear.note:
+            self.note(f"  {linear.note}")
+        self._show("load", total=1.0)
+
+    def solve(self, solve: Solve, largest_displacement: float, min_mesh_J: float) -> None:
+        """A step was solved, or not: the state is then that of the last one that was."""
+        now = time.perf_counter()
+        seconds, self._last = now - self._last, now
+        effort = f"{_count(len(solve.iterations), 'iteration')}, {_count(solve.factorizations, 'factorization')}"
+        if solve.linear_iterations:
+            effort = f"{effort.replace('factorization', 'tangent')}, {solve.linear_iterations} Krylov iterations"
+        if solve.outcome.accepted:
+            F = {"forward": "det F", "inverse": "det F^-1"}[self._direction]
+            state = f"largest displacement {largest_displacement:.4g} m, {F} > {min_mesh_J:.4g}"
+            gap = "" if solve.gap is None else f" {solve.gap:.3g} m from the given shape,"
+            self.note(f"  load {solve.load:.4g}: {effort},{gap} {state}, {seconds:.1f} s")
+        else:
+            self.note(f"  load {solve.load:.4g} not reached: {solve.outcome.text}; {effort}, {seconds:.1f} s")
+        if self._bar is not None and solve.outcome.accepted:
+            self._bar.update(self._bar.task_ids[0], completed=solve.load)
+
+    def finish(self, statistics: Mapping[str, Any]) -> None:
+        """How it ended; how far it is from what was expected stands last."""
+        self.close()
+        for line in report(statistics):
+            self.note(line)
+        if self.level == Level.QUIET:
+            for line in _in_short(statistics, self._directory):
+                self.note(line, Level.QUIET)
+
+    def close(self) -> None:
+        """Take the live bar off the terminal, and give that its cursor back."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+
+
+class Listener(Progress):
+    """Says nothing, and hears the statistics of a run, also of one that fails in the end."""
+
+    def __init__(self, comm: Intracomm) -> None:
+        super().__init__(comm, None)
+        self.statistics: Mapping[str, Any] = {}
+
+    def finish(self, statistics: Mapping[str, Any]) -> None:
+        self.statistics = statistics
+
+    def open_log(self, comm: Intracomm, directory: Path, about: str) -> None:
+        """Many small runs leave no logs."""
+
+
+@dataclass
+class _Phase:
+    """The line of a phase: whether it was broken off, so that the time must stand in another."""
+
+    title: str
+    broken: bool
+    details: list[str] = field(default_factory=list)
+
+
+def _console(stream: TextIO) -> Console:
+    """With a live bar where a terminal is behind the stream, also through mpirun."""
+    from hpcinv.output.console import (  # a tenth of the files of a start; others need not read it
+        ForwardedConsole,
+        RunConsole,
+    )
+
+    settings: dict[str, Any] = {"highlight": False, "markup": False, "soft_wrap": True}
+    if not stream.isatty() and (width := width_through_mpirun(stream)):
+        return ForwardedConsole(file=stream, force_terminal=True, width=width, **settings)
+    return RunConsole(file=stream, **settings)
+
+
+def _in_short(statistics: Mapping[str, Any], directory: str) -> list[str]:
+    """What a quiet run says at its end: findings that do not pass, and one line."""
+    certificate, seconds = statistics["certificate"], statistics["timings"]["total"]
+    open_questions = [line for line in _certificate(certificate)[1:] if line.lstrip().startswith(("warning", "fail"))]
+    where = f"; results in {directory}" if directory else ""
+    return [*open_questions, f"{statistics['status']}, certificate {certificate['verdict']}, {seconds:.1f} s{where}"]
+
+
+def report(statistics: Mapping[str, Any]) -> list[str]:
+    """Lines of text on the statistics of a run."""
+    timings, legs = statistics["timings"], statistics["legs"]
+    total = sum(leg["factorizations"] for leg in legs)
+    lines = [f"{statistics['status']}, {_count(total, 'factorization')}, {timings['total']:.1f} s"]
+    slowest = sorted(((p["max"], phase) for phase, p in timings["phases"].items()), reverse=True)
+    lines.append("  seconds: " + ", ".join(f"{phase} {seconds:.1f}" for seconds, phase in slowest if seconds >= 0.05))
+    lines.append(f"  outside kernels, PETSc and MPI: {100 * timings['overhead']:.0f} %")
+    memory = statistics["peak_memory"]
+    most = max(memory["phases"], key=lambda phase: memory["phases"][phase]["max"])
+    lines.append(f"  memory: {max(memory['ranks']) / 1e6:.0f} MB on the fullest rank; most in {most}")
+    for leg in legs:
+        if leg["linear"] and leg["linear"]["fallback"]:
+            lines.append(f"  {leg['direction']}: {leg['linear']['fallback']}")
+        lines.append(
+            f"  {leg['direction']}: J from {_number(leg['J']['min'])} to {_number(leg['J']['max'])}, "
+            f"strain energy {_number(leg['strain_energy'])} J"
+        )
+    if unused := statistics["unused_petsc_options"]:
+        lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
+    lines += _certificate(statistics["certificate"])
+    estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
+    promised = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
+    without = ", without that of the geometry" if estimated.get("without_geometry") else ""
+    slopes = statistics["sensitivities"] or {"quantities": {}}
+    reactions = _reactions(statistics)
+    for name, value in statistics["quantities"].items():
+        notes = []
+        if name in promised:  # an output has one figure for the error of a quantity
+            notes.append(f"error at most {_number(promised[name], 3)}{without}")
+        elif name in estimated["quantities"]:
+            notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{without}")
+        elif name in reactions and statistics["certificate"]["estimate"] is not None:
+            notes.append("no error estimate for reactions")
+        if (deviation := slopes["quantities"].get(name, {"sd": None})["sd"]) is not None:
+            notes.append(f"standard deviation {_value(deviation, digits=2)}")
+        elif name in reactions and statistics["sensitivities"] is not None:
+            notes.append("no sensitivities of reactions")
+        lines.append(
+            f"{name}: {_value(value, unit=reactions.get(name, 'm'))}{f' ({", ".join(notes)})' if notes else ''}"
+        )
+    lines += _sensitivities(statistics["sensitivities"])
+    lines += [
+        text.format(**statistics["errors"][name]) for name, text in _ERRORS.items() if name in statistics["errors"]
+    ]
+    return lines
+
+
+def _certificate(certificate: Mapping[str, Any]) -> list[str]:
+    """The verdict, and each finding under it."""
+    lines = [f"certificate: {certificate['verdict']}"]
+    for line in certificate["lines"]:
+        found = "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"
+        note = f" ({line['note']})" if line["note"] else ""
+        lines.append(f"  {line['verdict']}: {line['name']}{found}{note}")
+    return lines
+
+
+def _sensitivities(found: Mapping[str, Any] | None) -> list[str]:
+    """What changes with each parameter, and how uncertain the shape is."""
+    if found is None:
+        return []
+    lines = ["per SI unit of"]
+    for key in found["parameters"]:
+        slopes = [f"{name} {_value(of['slopes'][key], digits=4)}" for name, of in found["quantities"].items()]
+        lines.append(f"  {key}: {', '.join([*slopes, f'shape up to {_number(found["shape"]["largest"][key], 4)} m'])}")
+    shape = found["shape"]
+    if shape["sd"] is not None:
+        lines.append(f"shape: standard deviation up to {_number(shape['sd'], 2)} m, at {_value(shape['sd_at'], 4)}")
+    return lines
+
+
+def _reactions(statistics: Mapping[str, Any]) -> dict[str, str]:
+    """The quantities that are reactions, with their units."""
+    asked = {q["name"]: q["of"].strip() for q in statistics.get("job", {}).get("quantities", ())}
+    return {name: REACTIONS[of] for name, of in asked.items() if of in REACTIONS}
+
+
+def _value(value: float | list[float | None] | None, digits: int = 6, unit: str = "m") -> str:
+    """A number, or a vector with its unit."""
+    if isinstance(value, list):
+        return f"({', '.join(_number(v, digits) for v in value)}) {unit}"
+    return _number(value, digits)
+
+
+def _number(value: float | None, digits: int = 6) -> str:
+    return "not finite" if value is None else f"{value:.{digits}g}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

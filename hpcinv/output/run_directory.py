@@ -1,0 +1,242 @@
+"""The directory of one run: the job as it was run, checkpoints, and results."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hpcinv.errors import JobError, OutputError
+from hpcinv.files.atomic import create, replace
+from hpcinv.files.directory_lock import NAME as LOCK
+from hpcinv.files.directory_lock import DirectoryLock, check_unlocked
+from hpcinv.files.names import check_output
+from hpcinv.job.job import Job, load, parse
+from hpcinv.job.yaml_reader import read_yaml
+
+_JOB, _ORIGIN = "job.yaml", "origin.json"
+_CONTENT = (_JOB, "checkpoints", "fields", "shape.*", "summary.*", "run.log", ".*.partial")
+
+
+@dataclass(frozen=True)
+class RunDirectory:
+    """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``.
+
+    A run that is killed as it begins leaves nothing, ``.lock``, or ``origin.json`` without ``job.yaml``: never a file
+    that is not whole.
+
+    Attributes:
+        text: what stands in ``job.yaml``; left out, what is in the file that the job was read from.
+        claimed: whether a claim in the ledger of a sweep already keeps others out, so that no lock is needed.
+    """
+
+    path: Path
+    text: str | None = None
+    claimed: bool = False
+
+    @property
+    def checkpoints(self) -> Path:
+        return self.path / "checkpoints"
+
+    @property
+    def is_finished(self) -> bool:
+        try:
+            status = json.loads((self.path / "summary.json").read_text())["status"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return False
+        return bool(status == "converged")
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether job and origin are there and can be read, so that a run can go on here."""
+        try:
+            origin, _ = self._origin()
+            return origin is None or isinstance(read_yaml(self.path / _JOB), dict)
+        except (OSError, ValueError, JobError):
+            return False
+
+    def check_free(self, *, overwrite: bool) -> None:
+        """Raise ``OutputError`` if a run cannot have this directory for itself; nothing is touched."""
+        check_output(self.path)
+        if self.path.exists() and not self.path.is_dir():
+            raise OutputError(f"{self.path}: is a file", "Choose another --output.")
+        check_unlocked(self.path)
+        if not self.path.is_dir() or all(_is_remainder(entry) for entry in self.path.iterdir()):
+            return
+        if not (self.path / _ORIGIN).exists():
+            raise OutputError(f"{self.path}: holds files that are not of a run", "Choose another --output.")
+        if not overwrite:
+            raise OutputError(
+                f"{self.path}: holds the results of another run",
+                "Choose another place with --output, go on with it by 'resume', or give --overwrite.",
+            )
+
+    def lock(self) -> DirectoryLock | None:
+        """Keep other processes out, of a directory that is there.
+
+        Raises:
+            OutputError: one is at work there.
+        """
+        return None if self.claimed or not self.path.is_dir() else DirectoryLock(self.path)
+
+    def create(self, job: Job, *, overwrite: bool) -> DirectoryLock | None:
+        """Make the directory and put the job in it; what another run left there goes, other files stay.
+
+        Raises:
+            OutputError: there are other results, or it cannot be written.
+        """
+        self.check_free(overwrite=overwrite)
+        lock = None
+        try:
+            text = self._text(job)  # first: its file may be among what goes
+            self.path.mkdir(parents=True, exist_ok=True)
+            lock = self.lock()
+            # The origin stays until the new one is there: a directory without one is taken for somebody else's.
+            for old in (p for pattern in _CONTENT for p in self.path.glob(pattern)):
+                shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
+            self._write_origin(job, overwrite=overwrite)
+            if text is not None:
+                replace(self.path / _JOB, text.encode())
+        except OutputError:
+            if lock is not None:
+                lock.release()
+            raise
+        except OSError as exc:
+            if lock is not None:
+                lock.release()
+            raise OutputError(f"{self.path}: cannot be written: {exc.strerror}", "Choose another --output.") from exc
+        return lock
+
+    def _write_origin(self, job: Job, *, overwrite: bool) -> None:
+        path, content = self.path / _ORIGIN, _origin_of(job)
+        if overwrite and path.exists():
+            replace(path, content)
+        elif not create(path, content):  # of two runs that start together one gets it, where there are no locks either
+            raise OutputError(f"{self.path}: another run has just taken it", "Choose another --output.")
+
+    def check_in_place(self, lock: DirectoryLock | None) -> None:
+        """Raise ``OutputError`` if the directory of a run has gone since it began."""
+        if not (self.path / _ORIGIN).exists() or not (lock is None or lock.is_in_place):
+            raise OutputError(
+                f"{self.path}: was removed while the run was at work in it; what is computed cannot be saved",
+                "Start the run again, and leave its directory where it is until it has ended.",
+            )
+
+    def change(self, job: Job) -> None:
+        """Put a changed job in place of the one that was run, for the next resume.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        if job.path is None:
+            return
+        try:
+            replace(self.path / _JOB, (self._text(job) or "").encode())
+            replace(self.path / _ORIGIN, _origin_of(job))
+        except OSError as exc:
+            raise OutputError(f"{self.path}: cannot be written: {exc.strerror}") from exc
+
+    def _text(self, job: Job) -> str | None:
+        if self.text is not None or job.path is None:
+            return self.text
+        with contextlib.suppress(JobError):  # there is no file of a job that was made in Python
+            if read_yaml(job.path) == job.data:
+                return job.path.read_text(encoding="utf-8")
+        return yaml.safe_dump(_plain(job.data), sort_keys=False, allow_unicode=True)
+
+    def _origin(self) -> tuple[str | None, bool]:
+        """The file that the job was read from, and whether the job is untrusted.
+
+        Raises:
+            OSError, ValueError: that cannot be read.
+        """
+        try:
+            content = json.loads((self.path / _ORIGIN).read_text())
+            origin, untrusted = content["job"], bool(content.get("untrusted", False))
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError("it names no job") from error
+        return None if origin is None else str(origin), untrusted
+
+    def holds(self, job: Job) -> bool:
+        """Whether the job that was run here is this one."""
+        try:
+            return self.job(None) == job
+        except (OutputError, JobError):
+            return False
+
+    def job(self, changed: Path | None) -> Job:
+        """The job to resume: the one that was run, or a ``changed`` file.
+
+        Raises:
+            OutputError: this is no directory of a run.
+            JobError: the job is not valid (any more).
+        """
+        if not (self.path / _ORIGIN).exists():
+            raise OutputError(
+                f"{self.path}: is not the directory of a run",
+                "Give 'resume' the directory that 'run' named when it began, such as results/pdms-beam.",
+            )
+        try:
+            origin, untrusted = self._origin()
+        except (OSError, ValueError):
+            origin, untrusted = "", False
+        if changed is not None:
+            return load(changed, untrusted=untrusted)
+        if origin is None:
+            raise OutputError(f"{self.path}: was run from Python, without a job file", "Give one with --job.")
+        if not origin or not (self.path / _JOB).exists():
+            job = relative(Path(origin)) if origin else "JOB"
+            raise OutputError(
+                f"{self.path}: the run was interrupted as it began, before its job was saved",
+                f"Start it again: mpirun -n N python -m hpcinv run {job} --output {relative(self.path)} --overwrite",
+            )
+        # Relative paths in the job still start from where the job file was.
+        return parse(read_yaml(self.path / _JOB), Path(origin), untrusted=untrusted)
+
+
+def _plain(value: Any) -> Any:
+    """As YAML has it; what was given from Python may be of other types."""
+    match value:
+        case Mapping():
+            return {str(key): _plain(entry) for key, entry in value.items()}
+        case list() | tuple():
+            return [_plain(entry) for entry in value]
+        case None | bool():
+            return value
+    plain = next((kind for kind in (int, float, str) if isinstance(value, kind)), str)
+    return plain(value)
+
+
+def _origin_of(job: Job) -> bytes:
+    """Where a job is from, and whether it was refused to execute anything, which holds for a resume, too."""
+    origin = str(job.path.resolve()) if job.path else None
+    return json.dumps({"job": origin, "untrusted": job.is_untrusted}).encode()
+
+
+def _is_remainder(path: Path) -> bool:
+    """Whether a file is what a run leaves that was killed as it began."""
+    return path.name == LOCK or (path.name.startswith(".") and path.name.endswith(".partial"))
+
+
+def choose(output: Path | None, job: Job) -> RunDirectory:
+    """The directory asked for, or the first free one of ``results/JOB``, ``results/JOB-2``, …"""
+    if output is not None:
+        return RunDirectory(output)
+    base = Path("results")
+    number = 1
+    check_output(base / job.job)
+    while (path := base / (job.job if number == 1 else f"{job.job}-{number}")).exists():
+        number += 1
+    return RunDirectory(path)
+
+
+def relative(path: Path) -> str:
+    """A path as short as the working directory allows."""
+    return os.path.relpath(path)

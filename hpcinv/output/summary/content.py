@@ -1,0 +1,180 @@
+"""What is in the summary of a run, as plain data; docs/summary.md explains the keys."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx
+import numpy as np
+from petsc4py import PETSc
+
+from hpcinv import __version__
+from hpcinv.parallel.memory_use import Memory, peak
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.parallel.timings import WORK
+
+if TYPE_CHECKING:
+    from hpcinv.mesh import Body
+    from hpcinv.parallel.timings import Timings
+    from hpcinv.results.result import Leg, Result
+    from hpcinv.solver.equilibrium import Solve
+
+
+def statistics(
+    result: Result,
+    status: str,
+    unknowns: int,
+    unused_options: Sequence[str],
+    timings: Timings,
+    comm: MPI.Intracomm,
+) -> dict[str, Any]:
+    """The summary of a run as JSON data, its numbers finite or ``None``, the same on every rank; collective.
+
+    Args:
+        status: "converged", or what stopped the run.
+        unknowns: number of unknowns over all ranks.
+        unused_options: PETSc options of the job that nothing asked for.
+    """
+    job, body = result.job, result.body
+    found = {
+        "status": status,
+        "job": job.model_dump(mode="json"),
+        "fingerprint": on_root(comm, job.fingerprint),  # other ranks may not see the mesh file
+        "versions": versions(),
+        "machine": {"ranks": comm.size, "omp_threads": int(os.environ.get("OMP_NUM_THREADS", "1"))},
+        "mesh": _mesh(body) | {"file": job.mesh.file, "unknowns": unknowns},
+        "body": result.totals and result.totals.as_data(),
+        "partition": _partition(body),
+        "legs": [_leg(leg, job.discretisation.displacement) for leg in result.legs],
+        "unused_petsc_options": list(unused_options),
+        "quantities": dict(result.quantities),
+        "sensitivities": result.sensitivities and result.sensitivities.as_data(),
+        "errors": dict(result.errors),
+        "certificate": result.certificate.as_data() | {"estimate": result.estimate and result.estimate.as_data()},
+        "accuracy": comm.bcast(result.accuracy and result.accuracy.as_data()),  # with the seconds of rank 0
+        "timings": _timings(timings, comm),
+        "peak_memory": _memory(timings.memory, comm),
+    }
+    return _plain(found)  # type: ignore[no-any-return]  # a dict stays one
+
+
+def versions() -> dict[str, str | None]:
+    """What the run was made with; ``None`` for what has no version where it was installed."""
+    return {
+        "python": platform.python_version(),
+        "hpcinv": __version__,
+        "dolfinx": dolfinx.__version__,
+        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+        "mpi": " ".join(MPI.Get_library_version().split("\n")[0].split()),
+        **{name: _version_of(name) for name in ("gmsh", "adios2", "numpy")},
+    }
+
+
+def _version_of(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # a site's own build
+        return None
+
+
+def _mesh(body: Body) -> dict[str, Any]:
+    return {
+        "cells": body.mesh.topology.index_map(3).size_global,
+        "nodes": body.mesh.geometry.index_map().size_global,
+        "kind": body.source.kind,
+        "geometry_degree": body.source.degree,
+    }
+
+
+def _partition(body: Body) -> dict[str, Any]:
+    parts = body.partition
+    return {
+        "method": parts.method,
+        "cells": list(parts.cells),
+        "edge_cut": parts.edge_cut,
+        "imbalance": parts.imbalance,
+    }
+
+
+def _leg(leg: Leg, displacement: int) -> dict[str, Any]:
+    pressure = None if leg.pressure is None else leg.pressure.function_space.ufl_element().degree
+    return {
+        "direction": leg.direction,
+        "formulation": "displacement" if pressure is None else "mixed",
+        "degrees": {"displacement": displacement, "pressure": pressure},
+        "load": leg.load,
+        "factorizations": leg.factorizations,
+        "iterations": sum(s.gap is not None for s in leg.solves),
+        "newton_iterations": sum(len(s.iterations) for s in leg.solves),
+        "linear": leg.linear
+        and {
+            "preset": leg.linear.preset,
+            "why": leg.linear.why,
+            "iterations": sum(s.linear_iterations for s in leg.solves),
+            "fallback": leg.linear.fallback,
+            "note": leg.linear.note,
+        },
+        "largest_displacement": leg.largest_displacement,
+        "J": {"min": leg.J_range[0], "max": leg.J_range[1]},
+        "strain_energy": leg.strain_energy,
+        "solves": [_solve(s) for s in leg.solves],
+    }
+
+
+def _solve(solve: Solve) -> dict[str, Any]:
+    names = ("correction", "state", "residual", "new_tangent")
+    return {
+        "strategy": solve.strategy,
+        "load": solve.load,
+        "outcome": solve.outcome.name,
+        "factorizations": solve.factorizations,
+        "signs": list(solve.signs),
+        "linear_iterations": solve.linear_iterations,
+        "gap": solve.gap,
+        "iterations": [{name: getattr(i, name) for name in names} for i in solve.iterations],
+    }
+
+
+def _timings(timings: Timings, comm: MPI.Intracomm) -> dict[str, Any]:
+    """Seconds by phase over the ranks, and the share of the wall time that is not `WORK`, in the certificate or not."""
+    total, mine = timings.total, dict(timings.seconds)
+    mine["other"] = total - sum(mine.values())
+    work = sum(counted.get(phase, 0.0) for phase in WORK for counted in (mine, timings.within))
+    every = comm.allgather(mine)
+    phases = {phase: [seconds.get(phase, 0.0) for seconds in every] for phase in sorted(set().union(*every))}
+    return {
+        "total": comm.allreduce(total, op=MPI.MAX),
+        "phases": {phase: {"min": min(seconds), "max": max(seconds)} for phase, seconds in phases.items()},
+        "overhead": comm.allreduce(1 - work / total, op=MPI.MAX),
+    }
+
+
+def _memory(memory: Memory, comm: MPI.Intracomm) -> dict[str, Any]:
+    """Largest resident size in bytes of each rank, and of each phase over the ranks."""
+    phases = comm.allgather(memory.phases)
+    return {
+        # Linux counts a process's memory in two ways that differ by some pages: a phase may be seen above the peak.
+        "ranks": comm.allgather(max([peak(), *memory.phases.values()])),
+        "phases": {
+            phase: {"max": max(sizes.get(phase, 0) for sizes in phases)} for phase in sorted(set().union(*phases))
+        },
+    }
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it: no NumPy types, and no number that is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,105 @@
+"""The summary as files: ``summary.json``, and ``summary.h5`` with the same content for those who read HDF5."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hpcinv.errors import OutputError
+from hpcinv.parallel.runtime import on_root
+
+if TYPE_CHECKING:
+    import h5py
+    from mpi4py.MPI import Intracomm
+
+
+def write_summary(
+    directory: Path, statistics: Mapping[str, Any], comm: Intracomm, *, formats: Sequence[str] = ("json", "h5")
+) -> None:
+    """Write a summary on rank 0, as a file in each format, which appears whole or not at all; collective.
+
+    Raises:
+        OutputError: on every rank, if it cannot be written.
+    """
+
+    def on_rank_0() -> None:
+        for form in formats:
+            name = f"summary.{form}"
+            path, partial = directory / name, directory / f".{name}.partial"
+            try:
+                WRITERS[form](partial, statistics)
+                partial.replace(path)
+            except OSError as exc:
+                partial.unlink(missing_ok=True)
+                raise OutputError(f"{path}: cannot be written: {exc}", "Is the directory there, and space?") from exc
+
+    on_root(comm, on_rank_0)
+
+
+def _write_json(path: Path, statistics: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(statistics, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _write_hdf5(path: Path, statistics: Mapping[str, Any]) -> None:
+    import h5py  # on rank 0 alone
+
+    # In memory first: on a full disk h5py raises what is no OSError, and leaves a file that it cannot close.
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
+        _fill(file, statistics)
+    path.write_bytes(content.getvalue())
+
+
+WRITERS: Mapping[str, Callable[[Path, Mapping[str, Any]], None]] = {
+    "json": _write_json,
+    "h5": _write_hdf5,
+}
+
+
+def _fill(group: h5py.Group, content: Mapping[str, Any]) -> None:
+    """Put a mapping in a group.
+
+    Mappings become groups, single values attributes (``None`` an empty one), lists of numbers datasets. Lists of
+    mappings become a table where these have the same numbers, else groups 0, 1, …; any other list is JSON text.
+    """
+    import h5py
+
+    for key, value in content.items():
+        name = key.replace("/", "|")  # HDF5 reads it as a path
+        if isinstance(value, Mapping):
+            _fill(group.create_group(name), value)
+        elif value is None:
+            group.attrs[name] = h5py.Empty("f8")
+        elif not isinstance(value, list):
+            group.attrs[name] = value
+        elif value and all(isinstance(v, Mapping) for v in value):
+            table = _table(value)
+            if table is None:
+                _fill(group.create_group(name), {str(i): v for i, v in enumerate(value)})
+            else:
+                group[name] = table
+        elif all(_is_number(v) for v in value):
+            group[name] = np.array(value)
+        else:
+            group.attrs[name] = json.dumps(value, ensure_ascii=False)
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> np.ndarray | None:
+    """Rows of the same numbers and flags as a structured array; ``None`` if they are not that."""
+    columns = rows[0].keys()
+    if any(row.keys() != columns or not all(_is_number(v) or v is None for v in row.values()) for row in rows):
+        return None
+    kinds = {c: "?" if all(isinstance(row[c], bool) for row in rows) else "f8" for c in columns}
+    blank = {c: np.nan if kind == "f8" else False for c, kind in kinds.items()}
+    return np.array(
+        [tuple(blank[c] if row[c] is None else row[c] for c in columns) for row in rows], dtype=list(kinds.items())
+    )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, bool | int | float)

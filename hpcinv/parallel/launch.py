@@ -1,0 +1,57 @@
+"""What every command that runs under mpirun begins and ends with: signals, ranks, and failing together."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, NoReturn
+
+from hpcinv.errors import Interrupted
+from hpcinv.parallel.signals import STOPPED, StopRequest, end_on_interrupt, exit_code_of
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+@contextmanager
+def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intracomm, StopRequest]]:
+    """All ranks, and whether a signal has asked them to stop; an error that all of them share is told once.
+
+    Args:
+        ranks: number of ranks that there must be, ``None`` for any.
+        stack: whether PETSc and DOLFINx are needed, or MPI alone.
+    """
+    stop = StopRequest()
+    stop.install()
+
+    from hpcinv.parallel.ranks import MPI, abort, failing_together, require_ranks
+
+    world = MPI.COMM_WORLD
+
+    def end_in_library() -> NoReturn:
+        text = "stopped by a signal before there was anything to save"
+        print(f"{text}\n  The same command starts again.", file=sys.stderr)
+        abort(world, STOPPED)
+
+    def end_if_asked() -> None:
+        asked = [number for number in world.allgather(stop.signal) if number is not None]
+        if signal.SIGINT in asked:
+            abort(world, exit_code_of(signal.SIGINT))
+        if asked:
+            raise Interrupted("stopped by a signal before it began", "The same command starts again.")
+
+    with failing_together(world):
+        end_on_interrupt(lambda: abort(world, 130))
+        end_if_asked()
+        if stack:
+            import hpcinv.parallel.runtime  # noqa: F401
+        stop.install()
+        stop.ends_libraries_by(end_in_library)
+        require_ranks(world, ranks)
+        end_if_asked()
+        try:
+            yield world, stop
+        finally:
+            stop.ignore()

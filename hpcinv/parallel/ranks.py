@@ -1,0 +1,135 @@
+"""The ranks of a run: environment of MPI, agreement across ranks, and what one failing rank does.
+
+It loads MPI alone, in tenths of a second; `runtime` adds PETSc and DOLFINx.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, NoReturn
+
+from hpcinv.errors import HpcinvError, OutputError
+from hpcinv.parallel.malloc import keep_freed_memory
+from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+def _prepare_environment() -> None:
+    """Set what has to stand before MPI starts; a value that the user or site has set always wins."""
+    # Threaded BLAS under MPI makes the ranks fight for cores.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    # On one machine UCX would probe for a fabric that is not there; across machines it must be left to choose.
+    ranks, local = os.environ.get("PMI_SIZE"), os.environ.get("MPI_LOCALNRANKS")
+    nodes = os.environ.get("SLURM_STEP_NUM_NODES", os.environ.get("SLURM_JOB_NUM_NODES", "1"))
+    if ranks == local and nodes == "1":
+        os.environ.setdefault("UCX_TLS", "self,sm,tcp")
+    # PETSc's own handlers would end a run that a signal only asks to stop, in whatever thread it arrives.
+    if "-no_signal_handler" not in (options := os.environ.get("PETSC_OPTIONS", "")):
+        os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
+    keep_freed_memory()
+
+
+_prepare_environment()
+
+from mpi4py import MPI  # noqa: E402  (in that environment)
+
+
+class RootFailure(RuntimeError):
+    """Something other than a user's error went wrong on rank 0, which has printed it."""
+
+
+def on_root[T](comm: Intracomm, function: Callable[[], T]) -> T:
+    """Run ``function`` on rank 0 alone and give its result, or the exception that it raised, to every rank."""
+    result: T | None = None
+    error: Exception | None = None
+    if comm.rank == 0:
+        try:
+            result = function()
+        except (HpcinvError, BrokenPipeError) as exc:
+            error = exc
+        except BaseException as exc:  # whatever it is, SystemExit too, must reach the ranks that wait below
+            _print_traceback(comm, exc)
+            error = RootFailure(f"rank 0: {type(exc).__name__}: {exc}")
+    error = comm.bcast(error)
+    if error is not None:
+        raise error
+    shared: T = comm.bcast(result)
+    return shared
+
+
+def agree(comm: Intracomm, error: HpcinvError | None) -> None:
+    """Raise on every rank the error of the lowest rank that has one; collective."""
+    errors = [e for e in comm.allgather(error) if e is not None]
+    if errors:
+        raise errors[0]
+
+
+@contextmanager
+def failing_together(comm: Intracomm, patience: float = 5.0) -> Iterator[None]:
+    """Let no rank leave this block by an exception while others wait for it in vain.
+
+    A user's error that all ranks meet is printed once and goes on as ``SystemExit`` with its code; anything else, on
+    any rank, ends the run.
+
+    Args:
+        patience: seconds after which another rank will not meet the same error any more.
+    """
+    ending = comm.Dup()  # of its own: nothing else can take part in the agreement on how it ended
+    try:
+        yield
+    except HpcinvError as error:
+        everyone, deadline = ending.Ibarrier(), time.monotonic() + patience
+        while not everyone.Test():
+            if time.monotonic() > deadline:
+                print(f"[rank {comm.rank}] {error}", file=sys.stderr, flush=True)
+                abort(comm, error.exit_code)
+            time.sleep(0.01)
+        if comm.rank == 0:
+            print(error, file=sys.stderr, flush=True)
+        raise SystemExit(error.exit_code) from None
+    except BrokenPipeError:  # nobody reads what this rank prints
+        discard_output()
+        abort(comm, CLOSED_OUTPUT)
+    except BaseException as exc:  # SystemExit too: Python would wait in MPI_Finalize for ranks that wait for it
+        if not isinstance(exc, RootFailure):
+            _print_traceback(comm, exc)
+        if comm.rank != 0:
+            time.sleep(1.0)  # rank 0 often knows more: let it speak before all are ended
+        abort(comm, 1)
+
+
+def _print_traceback(comm: Intracomm, exc: BaseException) -> None:
+    sys.stderr.write(f"[rank {comm.rank}] " + "".join(traceback.format_exception(exc)))
+    sys.stderr.flush()
+
+
+def abort(comm: Intracomm, code: int) -> NoReturn:
+    """End every rank of a run that cannot go on together."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if comm.size > 1:
+        time.sleep(0.2)  # a launcher may drop what it has not passed on yet
+        comm.Abort(code)
+    os._exit(code)
+
+
+def require_ranks(comm: Intracomm, expected: int | None) -> None:
+    """Raise ``OutputError`` where the launcher did not give the number of ranks that was asked for.
+
+    ``srun`` without a matching ``--mpi`` starts N separate runs of one rank, which would all write to one place.
+    """
+    if expected is not None and comm.size != expected:
+        raise OutputError(
+            f"--ranks {expected} was asked for, but the launcher gave {comm.size}",
+            "With Slurm use 'srun --mpi=pmi2' or 'mpirun'; with mpirun check -n.",
+        )
+
+
+__all__ = ["MPI", "RootFailure", "abort", "agree", "failing_together", "on_root", "require_ranks"]

@@ -1,0 +1,78 @@
+"""The parallel run time: the compiled stack in its import order, and kernels that could not be compiled.
+
+Import this module before anything that loads PETSc or DOLFINx.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import re
+import shlex
+import shutil
+import sysconfig
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from hpcinv.errors import SystemPartMissing
+from hpcinv.parallel.ranks import MPI, abort, agree, failing_together, on_root, require_ranks
+from hpcinv.parallel.signals import handlers_kept
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+def _load_stack() -> None:
+    """Import the compiled stack in the one order in which it shares a single MPI, PETSc and ADIOS2."""
+    if importlib.util.find_spec("dolfinx_solver"):  # the wheel; a site's own DOLFINx has no such package
+        importlib.import_module("dolfinx_solver")
+    for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios4dolfinx"):
+        importlib.import_module(name)
+
+
+with handlers_kept():  # PETSc puts a handler of its own on SIGTERM, which kills
+    _load_stack()
+
+
+@contextmanager
+def compilation_explained(comm: Intracomm) -> Iterator[None]:
+    """Turn a kernel that could not be compiled into a ``SystemPartMissing`` on every rank.
+
+    Asking for a compiler beforehand would refuse runs whose kernels are all in DOLFINx's cache.
+    """
+    try:
+        yield
+    except Exception as exc:
+        modules = {frame.f_globals.get("__name__") for frame, _ in traceback.walk_tb(exc.__traceback__)}
+        if "dolfinx.jit" in modules:  # where a failure on rank 0 is raised on all ranks
+            text = str(exc)
+            on_root(comm, lambda: _explain_compilation(text))
+        raise
+
+
+def _explain_compilation(text: str) -> None:
+    packages = "On Debian and Ubuntu: apt-get install gcc libc6-dev python3-dev; elsewhere set CC to your compiler."
+    compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[0]
+    if shutil.which(compiler) is None:
+        raise SystemPartMissing(f"no C compiler '{compiler}', which DOLFINx compiles its kernels with", packages)
+    if unwritten := re.search(r"(kernels cannot be written|the compiler cannot write) to .*", text):
+        raise SystemPartMissing(
+            unwritten[0],
+            "Make room there, or name other directories: HPCINV_KERNELS for kernels, TMPDIR for the compiler's files.",
+        )
+    if "CompileError" in text or "LinkError" in text:
+        raise SystemPartMissing(f"the C compiler '{compiler}' could not compile a kernel: {text}", packages)
+
+
+__all__ = [
+    "MPI",
+    "abort",
+    "agree",
+    "compilation_explained",
+    "failing_together",
+    "on_root",
+    "require_ranks",
+]

@@ -1,0 +1,94 @@
+"""Arithmetic of dimensions: what a formula measures, found by evaluating it on `Measure` in place of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from hpcinv.quantity.units import Dimension
+
+
+class Condition:
+    """What a comparison gives; it takes part in no arithmetic."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """The dimension of a term, None where a plain number leaves it open; ``number`` if the term is a literal one."""
+
+    dimension: Dimension | None
+    number: float | None = None
+
+    def __add__(self, other: Measure) -> Measure:
+        return same(self, other)
+
+    __sub__ = __add__
+
+    def __mul__(self, other: Measure) -> Measure:
+        return self._combine(other, 1)
+
+    def __truediv__(self, other: Measure) -> Measure:
+        return self._combine(other, -1)
+
+    def __pow__(self, exponent: Measure) -> Measure:
+        pure(exponent)
+        if self.dimension is None or exponent.number is None:
+            return Measure(Dimension() if self.dimension == Dimension() else None)
+        powers = [n * exponent.number for n in self.dimension]
+        return Measure(Dimension(*map(int, powers)) if all(p.is_integer() for p in powers) else None)
+
+    def __neg__(self) -> Measure:
+        return Measure(self.dimension, None if self.number is None else -self.number)
+
+    def __pos__(self) -> Measure:
+        return self
+
+    def _combine(self, other: Measure, sign: int) -> Measure:
+        theirs = _measure(other).dimension
+        if self.dimension is None or theirs is None:
+            return Measure(None)
+        return Measure(Dimension(*(a + sign * b for a, b in zip(self.dimension, theirs, strict=True))))
+
+
+def same(*terms: Measure) -> Measure:
+    """Terms that are added or compared; ``ValueError`` if their dimensions differ."""
+    known = [_measure(t).dimension for t in terms if _measure(t).dimension is not None]
+    for dimension in known:
+        if dimension != known[0]:
+            raise ValueError(f"adds or compares {known[0]} and {dimension}")
+    return Measure(known[0] if known else None)
+
+
+def pure(argument: Measure) -> Measure:
+    """A function of a pure number; ``ValueError`` if it is given anything else."""
+    if _measure(argument).dimension not in (None, Dimension()):
+        raise ValueError(f"needs a pure number where it has {argument.dimension}")
+    return Measure(Dimension())
+
+
+def square_root(argument: Measure) -> Measure:
+    return _measure(argument) ** Measure(None, 0.5)
+
+
+def _measure(term: Any) -> Measure:
+    if not isinstance(term, Measure):
+        raise TypeError(term)
+    return term
+
+
+def _compare(left: Measure, right: Measure) -> Condition:
+    same(left, right)
+    return Condition()
+
+
+def _combine(*terms: Condition) -> Condition:
+    if not all(isinstance(t, Condition) for t in terms):
+        raise TypeError(terms)
+    return Condition()
+
+
+RELATIONS: dict[str, Callable[..., Condition]] = {
+    **dict.fromkeys(("less", "less_equal", "greater", "greater_equal"), _compare),
+    **dict.fromkeys(("logical_and", "logical_or", "logical_not"), _combine),
+}

@@ -1,0 +1,400 @@
+"""Formulas in job files, such as ``x < 1e-6 m`` or ``-k*y``: parsed and checked once, never executed as code."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+import re
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from dataclasses import dataclass
+from functools import cache, reduce
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+from pydantic_core import core_schema
+
+from hpcinv.quantity.dimensional_analysis import RELATIONS, Condition, Measure
+from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS, numpy_functions
+from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import Dimension, as_float, parse_quantity
+
+if TYPE_CHECKING:
+    import numpy as np
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo, ValidationInfo
+    from pydantic.json_schema import JsonSchemaValue
+
+    from hpcinv.quantity.schema import Location
+
+LET = "let"
+"""Section of a job with names for parts of its formulas, and its key in what the other sections are read with."""
+_LONGEST = 20_000  # characters: rules fitted to data have thousands, and the parser still takes milliseconds
+_DEEPEST = 200  # operations inside each other: what evaluates a formula calls itself for each
+_MANY = 32  # terms that are not added one after the other
+_SHOWN = 200  # characters of a formula that a message repeats
+_NUMBER_AND_UNIT = re.compile(
+    r"(?<![\w.])((?>(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?))\s*"
+    r"((?!(?:and|or|not)\b)[^\W\d_]\w*|%|°)(?!\w*\s*\()(\s*(?:\^|\*\*))?"
+)
+_ARITHMETIC: dict[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+_LOGIC: dict[type[ast.AST], str] = {
+    ast.Lt: "less",
+    ast.LtE: "less_equal",
+    ast.Gt: "greater",
+    ast.GtE: "greater_equal",
+    ast.And: "logical_and",
+    ast.Or: "logical_or",
+    ast.Not: "logical_not",
+}
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A formula of numbers, units, named variables and the functions in ``FUNCTIONS``; equal if the text is.
+
+    A number may carry one unit (``4.25 mm``); without one it is SI. Conditions are built with ``< <= > >= and or not``.
+
+    Args:
+        definitions: names in it that stand for other formulas, and what they stand for: each after those that it
+            uses itself. Each is evaluated once, however often it occurs.
+
+    Raises:
+        ValueError: the text is no formula; the message says why.
+    """
+
+    source: str
+    definitions: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        depths: dict[str, int] = {}
+        for name, text in (*self.definitions, ("", self.source)):
+            depths[name] = _depth(_parse(text)[0], depths)
+        if depths[""] > _DEEPEST:
+            raise ValueError(
+                f"{_quoted(self.source)} has more than {_DEEPEST} operations inside each other; write it in parts"
+            )
+
+    @classmethod
+    def using(cls, source: str, known: Mapping[str, Expression]) -> Expression:
+        """A formula that may use the names of others, which have their own definitions."""
+        definitions: dict[str, str] = {}
+        for name in sorted(_names(source) & known.keys()):
+            definitions |= dict(known[name].definitions)
+            definitions[name] = known[name].source
+        return cls(source, tuple(definitions.items()))
+
+    def __str__(self) -> str:
+        return self.source
+
+    @property
+    def whole(self) -> str:
+        """The formula and the definitions that it uses: equal texts are equal formulas."""
+        given = "; ".join(f"{name} = {text}" for name, text in self.definitions)
+        return f"{self.source} where {given}" if given else self.source
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The variables that need a value."""
+        texts = (self.source, *(text for _, text in self.definitions))
+        return frozenset().union(*map(_names, texts)) - {name for name, _ in self.definitions}
+
+    def check(self, known: dict[str, Dimension | None]) -> Dimension | bool | None:
+        """Dimension of the value, True for a condition, None where a plain number leaves it open.
+
+        Args:
+            known: variables and their dimension, None for one that may have any.
+
+        Raises:
+            ValueError: another variable occurs, or quantities of different dimension are added or compared.
+        """
+        defined: list[str] = []
+        for name, text in (*self.definitions, ("", self.source)):
+            place = f" ('{name}' of 'let')" if name else ""
+            for unknown in sorted(_names(text) - known.keys() - set(defined)):
+                hint = did_you_mean(unknown, (*known, *defined))
+                raise ValueError(f"unknown name '{unknown}' in {_quoted(text)}{place}.{hint}")
+            defined.append(name)
+        measures: dict[str, Any] = {name: Measure(d) for name, d in (known | dict.fromkeys(CONSTANTS)).items()}
+        functions = {name: f.measure for name, f in FUNCTIONS.items()} | RELATIONS
+        for name, text in (*self.definitions, ("", self.source)):
+            tree, literals = _parse(text)
+            place = f" ('{name}' of 'let')" if name else ""
+            own = measures | {literal: Measure(dimension) for literal, (_, dimension) in literals.items()}
+            try:
+                measures[name] = _walk(tree, own, functions, lambda number: Measure(None, number))
+            except TypeError:  # a condition where a number belongs, or the other way round
+                raise ValueError(f"{_quoted(text)}{place} mixes up conditions and numbers") from None
+            except ValueError as error:
+                raise ValueError(f"{_quoted(text)}{place} {error}") from None
+        value = measures[""]
+        return True if isinstance(value, Condition) else value.dimension
+
+    def expect(self, known: dict[str, Dimension | None], wanted: Dimension | bool | None) -> None:
+        """Raise ``ValueError`` unless the value is as ``wanted``, in the terms of `check`; None takes any number."""
+        found = self.check(known)
+        is_open = found is None or wanted is None
+        if found != wanted and (not is_open or True in (found, wanted)):
+            example = ", such as x < 1 mm" if wanted is True else ""
+            raise ValueError(f"must be {_kind(wanted)}{example}, but {_quoted(self.source)} is {_kind(found)}")
+
+    def apply(
+        self,
+        values: Mapping[str, Any],
+        functions: Mapping[str, Callable[..., Any]],
+        number: Callable[[float], Any] = float,
+    ) -> Any:
+        """Value of the formula in any algebra.
+
+        Args:
+            values: of the variables.
+            functions: those of ``FUNCTIONS`` by name, and the relations by their NumPy names, such as ``less``.
+            number: makes a number of that algebra.
+        """
+        found: dict[str, Any] = {name: number(constant) for name, constant in CONSTANTS.items()} | dict(values)
+        for name, text in (*self.definitions, ("", self.source)):
+            tree, literals = _parse(text)
+            own = found | {literal: number(si) for literal, (si, _) in literals.items()} if literals else found
+            found[name] = _walk(tree, own, functions, number)
+        return found[""]
+
+    def evaluate(self, **values: np.ndarray | float) -> np.ndarray:
+        """Value at many points at once, shaped as ``values`` broadcast together: floats, or bools for a condition.
+
+        Where the formula has no finite value it gives NaN or infinity: that one rank meets one must not stop it alone.
+        """
+        import numpy as np
+
+        arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
+        shape = np.broadcast_shapes(*(a.shape for a in arrays.values()))
+        with np.errstate(all="ignore"):
+            return np.broadcast_to(np.asarray(self.apply(arrays, numpy_functions(), np.float64)), shape)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.with_info_plain_validator_function(
+            cls._from_job,
+            serialization=core_schema.plain_serializer_function_ser_schema(cls._plain, info_arg=True),
+        )
+
+    def _plain(self, info: SerializationInfo) -> str:
+        return self.whole if with_definitions(info) else self.source
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return {"type": ["string", "number"]}
+
+    @classmethod
+    def _from_job(cls, value: object, info: ValidationInfo) -> Expression:
+        if isinstance(value, cls):
+            return value
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise ValueError(f"must be a formula or a number, not {value}")
+        return cls.using(str(value), definitions_in(info))
+
+
+def definitions_in(info: ValidationInfo) -> Mapping[str, Expression]:
+    """The section 'let' of the job that is being read."""
+    found: Mapping[str, Expression] = (info.context or {}).get(LET, {})
+    return found
+
+
+def with_definitions(info: SerializationInfo) -> bool:
+    """Whether formulas are written with the definitions that they use, as what tells two jobs apart needs them."""
+    return bool((info.context or {}).get(LET))
+
+
+def faults(
+    formulas: Iterable[tuple[Location, Expression]], known: dict[str, Dimension | None], wanted: Dimension | bool | None
+) -> Iterator[tuple[Location, str]]:
+    """Place and reason of each formula that is not as `Expression.expect` wants it."""
+    for where, formula in formulas:
+        try:
+            formula.expect(known, wanted)
+        except ValueError as error:
+            yield where, str(error)
+
+
+def faults_with_constants(
+    field: str,
+    formulas: Iterable[Expression | None],
+    constants: Iterable[str],
+    known: dict[str, Dimension | None],
+    wanted: Dimension | None,
+) -> list[tuple[Location, str]]:
+    """As `faults`, of the entries of a list ``field`` that may use the names in a field ``constants``."""
+    entries = [((field, i), f) for i, f in enumerate(formulas) if f is not None]
+    defined = {name for _, formula in entries for name, _ in formula.definitions}
+    taken = sorted({*known, *CONSTANTS, *defined} & set(constants))
+    if taken:
+        return [(("constants", name), f"is already the name of {_owner(name, defined)}") for name in taken]
+    return list(faults(entries, known | dict.fromkeys(constants), wanted))
+
+
+def _owner(name: str, defined: Set[str]) -> str:
+    return f"a formula (let.{name})" if name in defined else "something else"
+
+
+@cache
+def _names(source: str) -> frozenset[str]:
+    """The variables in a formula, whatever they stand for."""
+    tree, literals = _parse(source)
+    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called}
+    return frozenset(names - literals.keys() - CONSTANTS.keys())
+
+
+@cache
+def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
+    """Syntax tree, and value and dimension of the numbers with units in it, which it holds as names."""
+    if len(source) > _LONGEST:
+        raise ValueError(f"a formula may have {_LONGEST} characters, not {len(source)}")
+    literals: dict[str, tuple[float, Dimension]] = {}
+
+    def take_out(match: re.Match[str]) -> str:
+        number, unit, power = match.groups()
+        if power:
+            raise ValueError(f"'{match[0].strip()}…' is ambiguous in {_quoted(source)}: write ({number} {unit})**…")
+        name = f"_{len(literals)}"
+        try:
+            literals[name] = parse_quantity(f"{number} {unit}")
+        except ValueError as error:
+            raise ValueError(f"in {_quoted(source)}: {error} A product is written {number}*{unit}.") from None
+        return f"({name})"
+
+    text = _NUMBER_AND_UNIT.sub(take_out, source).replace("^", "**").strip()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # such as 1and 2
+            tree = ast.parse(text, mode="eval").body
+    except (RecursionError, MemoryError):
+        raise ValueError(f"{_quoted(source)} has too many operations; write it in parts (let)") from None
+    except (SyntaxError, ValueError):
+        raise ValueError(f"{_quoted(source)} is not a formula") from None
+    if _depth(tree) > _DEEPEST:
+        raise ValueError(f"{_quoted(source)} has more than {_DEEPEST} operations inside each other; write it in parts")
+    for node in ast.walk(tree):
+        _refuse_unless_known(node, source, literals)
+    return tree, literals
+
+
+def _depth(tree: ast.expr, of_names: Mapping[str, int] = MappingProxyType({})) -> int:
+    """Levels of a syntax tree, found without recursion; a sum of many terms is one.
+
+    Args:
+        of_names: levels of what names stand for.
+    """
+    deepest, depth, level = 0, 0, [tree]
+    while level:
+        depth += 1
+        inside: list[ast.expr] = []
+        for node in level:
+            if isinstance(node, ast.Name):
+                deepest = max(deepest, depth + of_names.get(node.id, 0))
+            elif _is_sum(node):
+                inside += [term for _, term in _terms(node)]
+            else:
+                inside += [child for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
+        level = inside
+    return max(deepest, depth)
+
+
+def _is_sum(node: ast.AST) -> TypeGuard[ast.BinOp]:
+    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+
+
+def _terms(node: ast.BinOp) -> list[tuple[bool, ast.expr]]:
+    """The terms of ``a + b - c`` in order, and whether each is added."""
+    first: ast.expr = node
+    terms = []
+    while _is_sum(first):
+        terms.append((isinstance(first.op, ast.Add), first.right))
+        first = first.left
+    return [(True, first), *reversed(terms)]
+
+
+def _sum(terms: list[tuple[bool, Any]]) -> Any:
+    """Their sum; many are added in pairs first, so that what comes of them is not as deep as there are terms."""
+    while len(terms) > _MANY:
+        pairs = zip(terms[::2], terms[1::2], strict=False)
+        odd = terms[-1:] if len(terms) % 2 else []
+        terms = [(sign, a + b if sign == other else a - b) for (sign, a), (other, b) in pairs] + odd
+    total = terms[0][1]
+    for is_added, term in terms[1:]:
+        total = total + term if is_added else total - term
+    return total
+
+
+def _quoted(source: str) -> str:
+    """A formula as a message repeats it."""
+    return f"'{source}'" if len(source) <= _SHOWN else f"'{source[: _SHOWN - 23]} … {source[-20:]}'"
+
+
+def _kind(found: Dimension | bool | None) -> str:
+    return "a condition" if found is True else "a number" if found is None else str(found)
+
+
+def _refuse_unless_known(node: ast.AST, source: str, literals: Mapping[str, Any]) -> None:
+    match node:
+        case ast.Constant(value=bool() | str() | bytes() | complex() | None):
+            raise ValueError(f"{_quoted(source)} may hold numbers, not {node.value!r}")
+        case ast.Constant(value=int() | float() as number) if not math.isfinite(as_float(number)):
+            raise ValueError(f"{_quoted(source)} holds a number that is too large")
+        case ast.Name(id=name) if name.startswith("_") and name not in literals:
+            raise ValueError(f"unknown name '{name}' in {_quoted(source)}; names begin with a letter")
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+            if name not in FUNCTIONS:
+                raise ValueError(f"unknown function '{name}' in {_quoted(source)}.{did_you_mean(name, FUNCTIONS)}")
+            wanted = FUNCTIONS[name].arguments
+            if len(arguments) != wanted if wanted else len(arguments) < 2:
+                raise ValueError(
+                    f"{name}() takes {wanted or 'two or more'} values, not {len(arguments)}, in {_quoted(source)}"
+                )
+        case ast.Constant() | ast.Name() | ast.Compare() | ast.BoolOp() | ast.BinOp() | ast.UnaryOp() | ast.Load():
+            pass
+        case _ if type(node) not in _ARITHMETIC and type(node) not in _LOGIC:
+            sign = "; write <= or >= with a tolerance for ==" if isinstance(node, ast.Eq | ast.NotEq) else ""
+            raise ValueError(f"{_quoted(source)} holds more than numbers, names, + - * / **, < > and functions{sign}")
+
+
+def _walk(
+    node: ast.AST,
+    values: Mapping[str, Any],
+    functions: Mapping[str, Callable[..., Any]],
+    number: Callable[[float], Any],
+) -> Any:
+    def value(inner: ast.AST) -> Any:
+        return _walk(inner, values, functions, number)
+
+    match node:
+        case ast.Constant(value=constant):
+            return number(float(constant))  # type: ignore[arg-type]
+        case ast.Name(id=name):
+            return values[name]
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            return functions[name](*map(value, arguments))
+        case ast.BinOp() if _is_sum(node):
+            return _sum([(is_added, value(term)) for is_added, term in _terms(node)])
+        case ast.BinOp(left=left, op=op, right=right):
+            return _ARITHMETIC[type(op)](value(left), value(right))
+        case ast.UnaryOp(op=ast.Not(), operand=operand):
+            return functions["logical_not"](value(operand))
+        case ast.UnaryOp(op=op, operand=operand):
+            return _ARITHMETIC[type(op)](value(operand))
+        case ast.BoolOp(op=op, values=operands):
+            return reduce(functions[_LOGIC[type(op)]], map(value, operands))
+        case ast.Compare(left=left, ops=ops, comparators=right):
+            terms = [value(left), *map(value, right)]
+            pairs = zip(ops, terms, terms[1:], strict=False)
+            return reduce(functions["logical_and"], (functions[_LOGIC[type(op)]](a, b) for op, a, b in pairs))
+    raise AssertionError(f"{ast.dump(node)} should have been refused")

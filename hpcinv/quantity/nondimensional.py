@@ -1,0 +1,30 @@
+"""The scales in which a problem is solved, so that its units change neither the answer nor the iteration count."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hpcinv.quantity.quantity import Dimension
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Units of length (m), stress (Pa) and time (s) of the scaled problem; powers of two, so that scaling is exact.
+
+    Temperatures (K) are not scaled.
+    """
+
+    length: float
+    stress: float
+    time: float = 1.0
+
+    def of(self, dimension: Dimension) -> float:
+        """SI value of one scaled unit of a quantity of this dimension."""
+        mass = self.stress * self.length * self.time**2
+        return float(self.length**dimension.length * mass**dimension.mass * self.time**dimension.time)
+
+
+def power_of_two(value: float) -> float:
+    """The power of two nearest to a positive value."""
+    return 2.0 ** round(math.log2(value))

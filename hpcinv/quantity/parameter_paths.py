@@ -1,0 +1,110 @@
+"""The single numbers that quantities of laws and effects are made of: where they are, and what follows from one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hpcinv.quantity.dimensioned import Measured
+from hpcinv.quantity.schema import Location
+from hpcinv.quantity.spatial_fields import VARYING, ByFormula, ByRegion
+from hpcinv.quantity.units import Dimension
+
+POINTS = (-2, -1, 1, 2)
+"""Places of `central_difference`, in steps."""
+_STEP = 2.0**-12  # relative: the fourth power of it is below rounding
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number in SI and its dimension, ``None`` where only its use tells that."""
+
+    value: float
+    dimension: Dimension | None
+
+
+def scalars(value: Any, place: Location) -> Iterator[tuple[Location, float | str]]:
+    """Every number of a quantity (SI) and its place; of what is no finite number, what it is instead."""
+    match value:
+        case None:
+            return
+        case tuple():
+            for i, entry in enumerate(value):
+                yield from scalars(entry, (*place, i))
+        case ByRegion():
+            for region, entry in value.values.items():
+                yield (*place, region), entry
+        case _ if isinstance(value, VARYING):
+            yield place, f"varies over the body ({value.plain()}), and is no number"
+        case _:
+            yield place, float(value) if math.isfinite(value) else "is infinite"
+
+
+def with_scalar(value: Any, place: Location, number: float) -> Any:
+    """A quantity with another number at a place in it."""
+    if not place:
+        return replace(value, value=number) if isinstance(value, Measured) else number
+    here, rest = place[0], place[1:]
+    match value:
+        case ByRegion():
+            return ByRegion({**value.values, str(here): number})
+        case Mapping():
+            return {**value, here: with_scalar(value[here], rest, number)}
+        case _:
+            return tuple(with_scalar(v, rest, number) if i == here else v for i, v in enumerate(value))
+
+
+def rate(of: Callable[[float], Any], at: float) -> Any:
+    """Derivative of quantities by a number they are made of, of the form that they have: 1 where they are the number.
+
+    A formula has those of its constants.
+
+    By central differences of fourth order: exact where the dependence is linear, to about 1e-12 elsewhere.
+    """
+    step = step_at(at)
+    points = [at + k * step for k in POINTS]
+    return _rate(points, [of(point) for point in points], step)
+
+
+def step_at(number: float) -> float:
+    """For the differences that derivatives by a number are taken from."""
+    return _STEP * abs(number) or _STEP
+
+
+def central_difference(values: Iterable[Any], step: float) -> Any:
+    """Derivative, of fourth order, of numbers or arrays that are known at `POINTS`."""
+    a, b, c, d = values
+    return (a - 8 * b + 8 * c - d) / (12 * step)
+
+
+def _rate(points: list[float], values: list[Any], step: float) -> Any:
+    first = values[0]
+    match first:
+        case tuple():
+            return tuple(_rate(points, list(entries), step) for entries in zip(*values, strict=True))
+        case dict():
+            return {name: _rate(points, [v[name] for v in values], step) for name in first}
+        case ByRegion():
+            return ByRegion(_rate(points, [dict(v.values) for v in values], step))
+        case ByFormula():
+            return ByFormula(first.formula, _rate(points, [dict(v.constants) for v in values], step))
+    if all(v == first for v in values):
+        return 0.0
+    if values == points:
+        return 1.0
+    return central_difference(values, step)
+
+
+def vanishes(found: Any) -> bool:
+    """Whether a rate is zero throughout."""
+    match found:
+        case tuple():
+            return all(map(vanishes, found))
+        case ByRegion():
+            return all(map(vanishes, found.values.values()))
+        case ByFormula():
+            return all(map(vanishes, found.constants.values()))
+        case _:
+            return bool(found == 0.0)

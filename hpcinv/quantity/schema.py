@@ -1,0 +1,288 @@
+"""What every part of a job file is built on: strict immutable specs, families of them, and errors in plain words."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_args
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
+
+from hpcinv.errors import JobError
+from hpcinv.quantity.docstrings import describe, meanings
+from hpcinv.quantity.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+    from pydantic.json_schema import JsonSchemaValue
+    from pydantic_core import ErrorDetails
+
+type Location = tuple[int | str, ...]
+
+T = TypeVar("T")
+ListOf = Annotated[tuple[T, ...], Field(strict=False)]  # YAML lists become tuples
+Triple = Annotated[tuple[T, T, T], Field(strict=False)]
+
+
+def _is_identifier(name: str) -> str:
+    if re.fullmatch(r"[A-Za-z_][\w-]*", name) is None:
+        raise ValueError(f"{shown(name)} is no name: use letters, digits, _ and -, beginning with a letter")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_is_identifier)]
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,99}$")]
+"""A name of results that is a directory's too: one in another place ('..', slashes) cannot be meant by it."""
+
+
+class Problems(ValueError):
+    """Faults found by one validator, each at its own place below the validated value."""
+
+    def __init__(self, *found: tuple[Location, str]) -> None:
+        super().__init__("; ".join(text for _, text in found))
+        self.found = found
+
+
+def raise_if_any(found: Iterable[tuple[Location, str]]) -> None:
+    """Raise `Problems` unless there are none."""
+    if problems := tuple(found):
+        raise Problems(*problems)
+
+
+def repeated(names: Sequence[str]) -> Iterator[int]:
+    """Places of the names that occur before."""
+    seen: set[str] = set()
+    for i, name in enumerate(names):
+        if name in seen:
+            yield i
+        seen.add(name)
+
+
+class Spec(BaseModel):
+    """A part of a job: immutable, without unknown keys, and strict about types (text is no number, nor is true)."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        validate_default=True,
+    )
+
+    @classmethod
+    def known_keys(cls) -> tuple[str, ...]:
+        """Every key that this part of a job may have."""
+        return tuple(cls.model_fields)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """With what the keys mean."""
+        found = handler(schema)
+        describe(handler.resolve_ref_schema(found), cls)
+        return found
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_plain_words(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Reword errors while it is known which keys a part has, and what they mean."""
+        try:
+            return handler(data)
+        except ValidationError as error:
+            lines: list[InitErrorDetails] = [
+                {"type": PydanticCustomError(_PLAIN, "{text}", {"text": text}), "loc": location, "input": None}
+                for location, text in problems_in(error, cls)
+            ]
+            raise ValidationError.from_exception_data(cls.__name__, lines) from None
+
+
+class OneOf:
+    """Annotation of a field that holds one member of a family of specs, told apart by the literal field ``tag``.
+
+    The family is the annotated type, unless it is given.
+
+    Members are looked up when a value is validated, so that defining a subclass is all it takes to register one.
+    """
+
+    def __init__(self, tag: str, family: Any = None) -> None:
+        self.tag, self.family = tag, family
+
+    def choose(self, data: Any, info: core_schema.ValidationInfo[Any]) -> Any:
+        """The member that ``data`` describes."""
+        family = self.family
+        if isinstance(data, family):
+            return data
+        if not isinstance(data, Mapping):
+            raise ValueError(f"must be a mapping with the key '{self.tag}', not {shown(data)}")
+        members, name = members_of(family, self.tag), data.get(self.tag)
+        if not isinstance(name, str) or name not in members:
+            fault = "is needed." if name is None else f"unknown {self.tag} {shown(name)}."
+            raise Problems(((self.tag,), fault + did_you_mean(str(name), members)))
+        return members[name].model_validate(data, context=info.context)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        self.family = self.family or source
+        return core_schema.with_info_plain_validator_function(self.choose)
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        choices = []
+        for member in members_of(self.family, self.tag).values():
+            choice = handler.resolve_ref_schema(handler(member.__pydantic_core_schema__))
+            describe(choice, member)
+            choice["required"] = [self.tag, *choice.get("required", ())]
+            choices.append(choice)
+        return {"oneOf": choices}
+
+
+def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
+    """Concrete subclasses of ``family`` by the one value of their literal field ``tag``; sorted by name.
+
+    Raises:
+        ValueError: two of them have the same name.
+    """
+    members: dict[str, type[Spec]] = {}
+    pending = family.__subclasses__()
+    while pending:
+        kind = pending.pop()
+        pending += kind.__subclasses__()
+        for name in get_args(kind.model_fields[tag].annotation) if tag in kind.model_fields else ():
+            if name in members:
+                both = " and ".join(f"{k.__qualname__} ({_file_of(k)})" for k in (members[name], kind))
+                raise ValueError(f"{both} have the same {tag} '{name}'; rename one of them")
+            members[name] = kind
+    return dict(sorted(members.items()))
+
+
+def _file_of(kind: type[Any]) -> str:
+    """Where a class is defined."""
+    return getattr(sys.modules.get(kind.__module__), "__file__", None) or kind.__module__
+
+
+def metadata_in[M](kind: type[M], *annotations: Any) -> M | None:
+    """The first instance of ``kind`` in nested annotations such as ``tuple[Annotated[float, M()], …] | None``."""
+    for annotation in annotations:
+        if isinstance(annotation, kind):
+            return annotation
+        if (found := metadata_in(kind, *get_args(annotation))) is not None:
+            return found
+    return None
+
+
+def import_modules(package: str, path: Iterable[str]) -> None:
+    """Import every module of a package, so that the classes in it are registered."""
+    for module in pkgutil.iter_modules(path):
+        importlib.import_module(f"{package}.{module.name}")
+
+
+def at(location: Location) -> str:
+    """``("effects", 0, "density")`` as ``effects[0].density``."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
+
+
+def shown(value: object) -> str:
+    """A wrong value as a message repeats it."""
+    text = "nothing" if value is None else repr(value) if isinstance(value, str) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+_PLAIN = "plain"  # the type of errors that have been reworded
+
+
+_MOST_PROBLEMS = 50  # of one file: nobody reads more
+_LONGEST_PROBLEM = 1000  # characters of one, which may repeat a long formula
+
+
+def job_error(path: Path, error: ValidationError, spec: type[Spec]) -> JobError:
+    """What is wrong with a file that holds a ``spec``: a line for each problem, the first 50."""
+    problems = problems_in(error, spec)
+    lines = [f"{path}: {at(where)}: {what}" for where, what in problems[:_MOST_PROBLEMS]]
+    if (more := len(problems) - _MOST_PROBLEMS) > 0:
+        lines.append(f"{path}: and {more:,} more problems like these")
+    return JobError(lines)
+
+
+def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[tuple[Location, str]]:
+    """Every error in words of the job file; ``spec`` is the model whose keys the locations begin with.
+
+    From the 51st on, the words are left out: to find them takes time.
+    """
+    found: list[tuple[Location, str]] = []
+    for line in error.errors(include_url=False):
+        cause = line.get("ctx", {}).get("error")
+        if isinstance(cause, Problems):
+            found += [((*line["loc"], *place), _shortened(text)) for place, text in cause.found]
+        else:
+            text = _shortened(_reworded(line, spec)) if len(found) < _MOST_PROBLEMS else ""
+            found.append((tuple(part for part in line["loc"] if part != "[key]"), text))
+    return found
+
+
+def _shortened(text: str) -> str:
+    """A message without the middle of what it repeats, where that is very long."""
+    half = _LONGEST_PROBLEM // 2
+    return text if len(text) <= _LONGEST_PROBLEM else f"{text[:half]} [...] {text[-half:]}"
+
+
+def _reworded(line: ErrorDetails, spec: type[Spec] | None) -> str:
+    fields = spec.known_keys() if spec and len(line["loc"]) == 1 else ()
+    key = str(line["loc"][-1]) if line["loc"] else ""
+    if line["type"] == "extra_forbidden":
+        return f"unknown key.{did_you_mean(key, fields)}"
+    text = _WORDS[line["type"]](line) if line["type"] in _WORDS else line["msg"]
+    meaning = meanings(spec).get(key) if spec and key in fields else None
+    return f"{text}: {meaning}" if meaning and line["type"] in _EXPLAINED else text
+
+
+_EXPLAINED = ("missing", "string_pattern_mismatch")  # errors that the meaning of the key explains
+
+
+def _must_be(kind: str) -> Callable[[ErrorDetails], str]:
+    return lambda line: f"must be {kind}, not {shown(line['input'])}"
+
+
+def _bound(relation: str, key: str) -> Callable[[ErrorDetails], str]:
+    return lambda line: f"must be {relation} {line['ctx'][key]:g}, not {shown(line['input'])}"
+
+
+def _choice(line: ErrorDetails) -> str:
+    expected, value = line["ctx"]["expected"], line["input"]
+    hint = did_you_mean(value, re.findall(r"'([^']*)'", expected), list_all=False) if isinstance(value, str) else ""
+    return f"must be {expected}, not {shown(value)}" + (f".{hint}" if hint else "")
+
+
+_WORDS: dict[str, Callable[[ErrorDetails], str]] = {
+    _PLAIN: lambda line: line["ctx"]["text"],
+    "value_error": lambda line: str(line["ctx"]["error"]),
+    "missing": lambda line: "is needed",
+    "too_long": lambda line: f"must have {line['ctx']['max_length']} entries, not {line['ctx']['actual_length']}",
+    "string_pattern_mismatch": lambda line: f"{shown(line['input'])} is not allowed",
+    "literal_error": _choice,
+    "model_type": _must_be("a mapping of keys to values"),
+    "dict_type": _must_be("a mapping of names to values"),
+    "tuple_type": _must_be("a list"),
+    "string_type": _must_be("text"),
+    "bool_type": _must_be("true or false"),
+    "int_type": _must_be("a whole number"),
+    "float_type": _must_be("a number"),
+    "finite_number": _must_be("a finite number"),
+    "greater_than": _bound("greater than", "gt"),
+    "greater_than_equal": _bound("at least", "ge"),
+    "less_than": _bound("less than", "lt"),
+    "less_than_equal": _bound("at most", "le"),
+}

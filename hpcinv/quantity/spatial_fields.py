@@ -1,0 +1,178 @@
+"""Quantities that may vary over the body: one number, one for each region, a formula of position, or mesh data.
+
+A formula knows the reference position ``X, Y, Z`` and the current position ``x, y, z``, whichever of them the mesh is.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic_core import core_schema
+
+from hpcinv.quantity.expressions import Expression, definitions_in, with_definitions
+from hpcinv.quantity.quantity import Quantity
+from hpcinv.quantity.schema import shown
+from hpcinv.quantity.units import Dimension, as_float, parse_unit
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo, ValidationInfo
+    from pydantic.json_schema import JsonSchemaValue
+
+ELSEWHERE = "elsewhere"
+POSITIONS: dict[str, Dimension | None] = dict.fromkeys("XYZxyz", Dimension(length=1))
+
+
+@dataclass(frozen=True)
+class ByRegion:
+    """A value (SI) for each region of cells; ``elsewhere`` for the cells in none of them."""
+
+    values: Mapping[str, float]
+
+    def at(self, region: str) -> float | None:
+        """The value in a region, ``None`` if it has none."""
+        return self.values.get(region, self.values.get(ELSEWHERE))
+
+    def plain(self) -> dict[str, Any]:
+        return dict(self.values)
+
+
+@dataclass(frozen=True)
+class ByFormula:
+    """A formula of position and of named constants, in SI."""
+
+    formula: Expression
+    constants: Mapping[str, float] = field(default_factory=dict)
+
+    def plain(self) -> str:
+        return str(self.formula)
+
+    @property
+    def whole(self) -> str:
+        return self.formula.whole
+
+
+@dataclass(frozen=True)
+class ByData:
+    """A data array of the mesh file, in units of ``factor`` (SI)."""
+
+    array: str
+    unit: str = ""
+    components: int = 1
+
+    @property
+    def factor(self) -> float:
+        return as_float(parse_unit(self.unit)[0])
+
+    def plain(self) -> dict[str, str]:
+        return {"data": self.array} | ({"unit": self.unit} if self.unit else {})
+
+
+type Varying = ByRegion | ByFormula | ByData
+VARYING = (ByRegion, ByFormula, ByData)
+
+
+@dataclass(frozen=True)
+class VaryingQuantity(Quantity):
+    """What a field of a law or an effect expects, if it may vary over the body."""
+
+    def read(self, value: object, definitions: Mapping[str, Expression] = MappingProxyType({})) -> float | Varying:
+        """A number in SI, or what gives it at each point; ``ValueError`` tells what is wrong.
+
+        Args:
+            definitions: what names in a formula stand for.
+        """
+        if isinstance(value, VARYING):
+            return value
+        if isinstance(value, Mapping):
+            return self._data(value) if "data" in value else self._by_region(value)
+        try:
+            return self.parse(value)
+        except ValueError:
+            if not isinstance(value, str):
+                raise
+            if not _LIKE_A_FORMULA.search(value) and definitions.keys().isdisjoint(_WORD.findall(value)):
+                raise
+        formula = Expression.using(value, definitions)
+        formula.expect(POSITIONS, self.dimension)
+        if not formula.names:
+            return self.parse(float(formula.evaluate()))
+        return ByFormula(formula)
+
+    def _by_region(self, given: Mapping[Any, object]) -> ByRegion:
+        if not given:
+            raise ValueError("must name regions, such as {core: 1, elsewhere: 2}")
+        values = {}
+        for region, value in given.items():
+            try:
+                values[str(region)] = number = self.parse(value)
+                if math.isinf(number):
+                    raise ValueError(f"cannot be '{self.infinite}'; give that region a law of its own")
+            except ValueError as error:
+                raise ValueError(f"in region '{region}': {error}") from None
+        return ByRegion(values)
+
+    def _data(self, given: Mapping[Any, object]) -> ByData:
+        array, unit = given["data"], given.get("unit", "")
+        if given.keys() - {"data", "unit"} or not isinstance(array, str) or not isinstance(unit, str):
+            raise ValueError(f"must name an array of the mesh file, as {{data: NAME, unit: kPa}}, not {shown(given)}")
+        dimension = parse_unit(unit)[1]
+        if unit and dimension != self.dimension:
+            raise ValueError(f"must be {self._wanted}, but '{unit}' is a unit of {dimension}")
+        return ByData(array, unit)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        def plain(value: float | Varying, info: SerializationInfo) -> Any:
+            if isinstance(value, ByFormula) and with_definitions(info):
+                return value.whole
+            if isinstance(value, VARYING):
+                return value.plain()
+            return self.infinite if value == float("inf") else value
+
+        def read(value: object, info: ValidationInfo) -> float | Varying:
+            return self.read(value, definitions_in(info))
+
+        return core_schema.with_info_plain_validator_function(
+            read,
+            serialization=core_schema.plain_serializer_function_ser_schema(plain, info_arg=True, when_used="json"),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        one = super().__get_pydantic_json_schema__(schema, handler)
+        data = {
+            "type": "object",
+            "properties": {"data": {"type": "string"}, "unit": {"type": "string"}},
+            "required": ["data"],
+            "additionalProperties": False,
+        }
+        return {"anyOf": [*one["anyOf"], {"type": "string"}, data, {"type": "object", "additionalProperties": one}]}
+
+
+_WORD = re.compile(r"[A-Za-z]\w*")
+_LIKE_A_FORMULA = re.compile(r"[*()+]|\b[XYZxyz]\b")
+
+StressField = Annotated[Any, VaryingQuantity("Pa")]
+ModulusField = Annotated[Any, VaryingQuantity("Pa", above=0)]
+LameField = Annotated[Any, VaryingQuantity("Pa", infinite="incompressible")]
+BulkModulusField = Annotated[Any, VaryingQuantity("Pa", infinite="incompressible", above=0)]
+_UPWARD = "of a body that is lighter than the fluid around it, give the difference and turn the acceleration round"
+DensityField = Annotated[Any, VaryingQuantity("kg/m^3", at_least=0, remedy=_UPWARD)]
+NumberField = Annotated[Any, VaryingQuantity("")]
+PositiveField = Annotated[Any, VaryingQuantity("", above=0)]
+DispersionField = Annotated[Any, VaryingQuantity("", at_least=0, at_most=1 / 3)]
+StiffnessField = Annotated[Any, VaryingQuantity("N/m^3", at_least=0)]
+ExpansionField = Annotated[Any, VaryingQuantity("1/K")]
+TemperatureField = Annotated[Any, VaryingQuantity("K")]
+
+
+def is_uniform(value: object) -> bool:
+    """Whether a quantity, or each entry of a tuple of them, is one number everywhere."""
+    if isinstance(value, tuple):
+        return all(map(is_uniform, value))
+    return not isinstance(value, VARYING)

@@ -1,0 +1,219 @@
+"""Units of mechanics, exact: every factor is a fraction, so that a conversion rounds once, at its end.
+
+A general units package takes 0.4 s to import, which is more than all the rest of validating a job.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from fractions import Fraction
+from functools import cache, lru_cache
+from typing import NamedTuple
+
+from hpcinv.quantity.suggestions import did_you_mean
+
+
+class Dimension(NamedTuple):
+    """Exponents of length, mass, time and temperature; angles count as pure numbers."""
+
+    length: int = 0
+    mass: int = 0
+    time: int = 0
+    temperature: int = 0
+
+    def __str__(self) -> str:
+        """Such as ``a stress``, for messages."""
+        if name := _names().get(self):
+            return name
+        powers = zip(("m", "kg", "s", "K"), self, strict=True)
+        return "a quantity in " + " ".join(unit if n == 1 else f"{unit}^{n}" for unit, n in powers if n)
+
+
+BASE = {
+    "m": Dimension(length=1),
+    "kg": Dimension(mass=1),
+    "s": Dimension(time=1),
+    "K": Dimension(temperature=1),
+    "rad": Dimension(),
+}
+PREFIXES = {
+    "n": "1e-9",
+    "u": "1e-6",
+    "µ": "1e-6",  # the micro sign; below it, the Greek letter
+    "μ": "1e-6",
+    "m": "1e-3",
+    "c": "1e-2",
+    "d": "1e-1",
+    "h": "1e2",
+    "k": "1e3",
+    "M": "1e6",
+    "G": "1e9",
+}
+WITH_PREFIX = ("m", "g", "s", "K", "L", "Hz", "N", "Pa", "bar", "J", "W")
+DERIVED = {
+    "in": "0.0254 m",
+    "ft": "12 in",
+    "L": "1e-3 m^3",
+    "g": "1e-3 kg",
+    "t": "1e3 kg",
+    "lb": "0.45359237 kg",
+    "min": "60 s",
+    "h": "60 min",
+    "Hz": "1 s^-1",
+    "g_n": "9.80665 m/s^2",
+    "N": "1 kg m/s^2",
+    "dyn": "1e-5 N",
+    "kgf": "1 kg g_n",
+    "lbf": "1 lb g_n",
+    "Pa": "1 N/m^2",
+    "bar": "1e5 Pa",
+    "atm": "101325 Pa",
+    "mmHg": "133.322387415 Pa",
+    "cmH2O": "98.0665 Pa",
+    "psi": "1 lbf/in^2",
+    "J": "1 N m",
+    "W": "1 J/s",
+    "deg": "0.0174532925199432957692 rad",
+    "°": "1 deg",
+    "rpm": "6 deg/s",
+    "%": "1e-2",
+}
+NAMES = {
+    "": "a pure number",
+    "m": "a length",
+    "m^2": "an area",
+    "m^3": "a volume",
+    "s": "a time",
+    "1/s": "a frequency",
+    "m/s": "a velocity",
+    "m/s^2": "an acceleration",
+    "kg": "a mass",
+    "kg/m^3": "a density",
+    "N": "a force",
+    "N/m": "a force per length",
+    "N/m^3": "a force per volume",
+    "N m": "an energy or moment",
+    "Pa": "a stress",
+    "Pa s": "a viscosity",
+    "K": "a temperature difference",
+    "1/K": "a thermal expansion coefficient",
+}
+
+_LONGEST = 400  # characters of a quantity
+_READABLE = {
+    "m": ((1e-9, "nm"), (1e-6, "um"), (1e-3, "mm"), (1.0, "m"), (1e3, "km")),
+    "m^3": ((1e-18, "um^3"), (1e-9, "mm^3"), (1e-6, "ml"), (1e-3, "L"), (1.0, "m^3")),
+    "kg": ((1e-12, "ng"), (1e-9, "ug"), (1e-6, "mg"), (1e-3, "g"), (1.0, "kg"), (1e3, "t")),
+    "N": ((1e-9, "nN"), (1e-6, "uN"), (1e-3, "mN"), (1.0, "N"), (1e3, "kN"), (1e6, "MN")),
+    "Pa": ((1e-3, "mPa"), (1.0, "Pa"), (1e3, "kPa"), (1e6, "MPa"), (1e9, "GPa")),
+}
+LENGTH_UNITS = ("m", "mm", "um", "nm", "cm", "dm", "km", "in", "ft")
+
+NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
+_QUANTITY = re.compile(rf"\s*((?>{NUMBER}))\s*(.*?)\s*", re.DOTALL)
+_FACTOR = re.compile(r"\s*([*/·])?\s*(cmH2O|[A-Za-zµμ_]+|[%°])(?:(?:\^|\*\*)?([+-]?\d\b|⁻?[¹²³]))?\s*")
+_SUPERSCRIPTS = str.maketrans("⁻¹²³", "-123")
+
+
+TEMPERATURES = {
+    "°C": (Fraction(1), Fraction("273.15")),
+    "℃": (Fraction(1), Fraction("273.15")),
+    "degC": (Fraction(1), Fraction("273.15")),
+    "°F": (Fraction(5, 9), Fraction("459.67") * Fraction(5, 9)),
+    "degF": (Fraction(5, 9), Fraction("459.67") * Fraction(5, 9)),
+    "K": (Fraction(1), Fraction(0)),
+}
+"""Units of temperatures: kelvins of one degree, and of zero."""
+
+
+def parse_temperature(text: str) -> float:
+    """An absolute temperature in K from ``<number> <unit>``; ``ValueError`` tells what is wrong with it."""
+    match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
+    if match is None or match[2] not in TEMPERATURES:
+        raise ValueError(f"must be a temperature, such as 400 °C or 673.15 K, not '{text[:60]}'")
+    degree, zero = TEMPERATURES[match[2]]
+    kelvins = Fraction(match[1]) * degree + zero
+    if kelvins < 0:
+        raise ValueError(f"'{text}' is below absolute zero")
+    return as_float(kelvins)
+
+
+def parse_quantity(text: str) -> tuple[float, Dimension]:
+    """SI value and dimension of ``<number> <unit>``; ``ValueError`` tells what is wrong with it."""
+    value, dimension = _parse(text)
+    return as_float(value), dimension
+
+
+def as_float(number: Fraction | float) -> float:
+    """The nearest float, infinity beyond the largest."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
+
+
+@lru_cache(1024)  # sweeps read the same ones again and again
+def _parse(text: str) -> tuple[Fraction, Dimension]:
+    if len(text) > _LONGEST:
+        raise ValueError(f"'{text[:40]}...' is not a number, with or without a unit: it has {len(text):,} characters")
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise ValueError(f"'{text}' is not a number, with or without a unit")
+    if match[2] in TEMPERATURES and TEMPERATURES[match[2]][1]:
+        raise ValueError(
+            f"'{text}' is a temperature, and none is asked for here; a difference of temperatures is given in K (one "
+            "of 1 °C is 1 K), and thermal-expansion takes 'temperature' and 'reference_temperature' in place of one"
+        )
+    factor, dimension = parse_unit(match[2])
+    return Fraction(match[1]) * factor, dimension
+
+
+@cache
+def parse_unit(text: str) -> tuple[Fraction, Dimension]:
+    """SI factor and dimension of a unit such as ``kg/m^3`` or ``N mm``; of empty text, one and that of a number."""
+    if len(text) > _LONGEST:
+        raise ValueError(f"'{text[:40]}...' is not a unit; write one such as mm, kg/m^3 or m/s^2")
+    total, exponents = Fraction(1), Dimension()
+    rest = re.sub(r"^1\s*/", "/", text)
+    while rest:
+        match = _FACTOR.match(rest)
+        if match is None:
+            raise ValueError(f"'{text}' is not a unit; write one such as mm, kg/m^3 or m/s^2")
+        power = int((match[3] or "1").translate(_SUPERSCRIPTS)) * (-1 if match[1] == "/" else 1)
+        factor, dimension = _unit(match[2])
+        total *= factor**power
+        exponents = Dimension(*(a + power * b for a, b in zip(exponents, dimension, strict=True)))
+        rest = rest[match.end() :]
+    return total, exponents
+
+
+def readable(value: float, unit: str) -> str:
+    """A value with a prefix that makes it readable, such as ``182 mm`` or ``10.3 ml`` (units m, m^3, kg, N and Pa)."""
+    value, units = float(f"{value:.3g}"), _READABLE[unit]
+    size, name = next(((s, n) for s, n in reversed(units) if abs(value) >= s), units[0])
+    return f"{value / size:.3g} {name}" if value else f"0 {unit}"
+
+
+def length_symbol(unit: float) -> str:
+    """Symbol of a length unit (m), such as ``mm``, or its size where none is known, such as ``0.3 m``."""
+    return next((symbol for symbol in LENGTH_UNITS if parse_quantity(f"1 {symbol}")[0] == unit), f"{unit!r} m")
+
+
+@cache
+def _unit(symbol: str) -> tuple[Fraction, Dimension]:
+    if symbol in BASE:
+        return Fraction(1), BASE[symbol]
+    if symbol in DERIVED:
+        return _parse(DERIVED[symbol])
+    if symbol in (prefixed := {p + s: (p, s) for p in PREFIXES for s in WITH_PREFIX}):
+        prefix, plain = prefixed[symbol]
+        factor, dimension = _unit(plain)
+        return Fraction(PREFIXES[prefix]) * factor, dimension
+    hint = did_you_mean(symbol, [*BASE, *DERIVED, *prefixed], list_all=False)
+    raise ValueError(f"unknown unit '{symbol}'.{hint or ' Units are symbols such as mm, kg or kPa.'}")
+
+
+@cache
+def _names() -> dict[Dimension, str]:
+    return {parse_unit(unit)[1]: name for unit, name in NAMES.items()}

@@ -1,0 +1,158 @@
+"""What the fields of a solved scene are at points of the body: stress, stored energy, volume ratio, position."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix
+import numpy as np
+import ufl
+from dolfinx import fem
+from ufl.classes import FacetJacobianDeterminant
+
+from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.mesh.cells import FACET_KIND
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.mesh import Body
+    from hpcinv.mesh.distributed.location import Location
+    from hpcinv.mesh.regions import LocalIndices
+    from hpcinv.mesh.source import Floats
+    from hpcinv.model.scene import Scene
+    from hpcinv.quantity.nondimensional import Scales
+
+_POSITIONS = ("X", "Y", "Z", "x", "y", "z", "ux", "uy", "uz")
+_STRESSES = {"sxx": (0, 0), "syy": (1, 1), "szz": (2, 2), "sxy": (0, 1), "syz": (1, 2), "sxz": (0, 2)}
+_OF_STRESSES = {"p": ("sxx", "syy", "szz"), "von_mises": tuple(_STRESSES)}
+# FFCx takes shape functions within 1e-6 of 0 and ±1 for these numbers, which points of a user may happen to have.
+_EXACT = {"table_rtol": 1e-15, "table_atol": 1e-15}
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Values (SI) by name at the points of a quadrature on this rank, and what each point stands for.
+
+    ``reference`` and ``current`` are volumes (m³) of cells or areas (m²) of facets in the two bodies, (n,).
+    """
+
+    values: Mapping[str, Floats]
+    reference: Floats
+    current: Floats
+
+
+class SceneFields:
+    """The fields of a scene in its present state, on the mesh as it now lies.
+
+    These are ``X Y Z x y z ux uy uz`` (m), ``J``, the Cauchy stress ``sxx syy szz sxy syz sxz``, its ``p = -tr σ/3``
+    and ``von_mises = √(3/2 dev σ : dev σ)`` (Pa), and ``energy``, stored per reference volume (J/m³).
+
+    Args:
+        names: those of them that will be asked for; others are not compiled.
+    """
+
+    def __init__(self, body: Body, scene: Scene, scales: Scales, names: Collection[str]) -> None:
+        self._body, self._scene, self._scales = body, scene, scales
+        self._names = set(names).union(*(_OF_STRESSES.get(name, ()) for name in names))
+        self._of_laws = not self._names.isdisjoint({*_STRESSES, "energy"})
+        self._compiled: dict[tuple[str, int], fem.Expression] = {}
+
+    def in_cells(self, cells: LocalIndices) -> Samples:
+        """At quadrature points in a region's cells; collective."""
+        owned = cells[cells < self._body.mesh.topology.index_map(3).size_local]
+        return self._samples("cells", self._body.source.kind, owned, owned)
+
+    def on_facets(self, facets: LocalIndices) -> Samples:
+        """At quadrature points on a region's facets, all on the boundary; collective."""
+        topology = self._body.mesh.topology
+        entities = fem.compute_integration_domains(fem.IntegralType.exterior_facet, topology, facets).reshape(-1, 2)
+        return self._samples("facets", FACET_KIND[self._body.source.kind], entities, entities[:, 0])
+
+    def at_points(self, places: Sequence[Location]) -> list[dict[str, float]]:
+        """At single points, the same on all ranks; collective."""
+        if not places:
+            return []
+        comm = self._body.mesh.comm
+        mine = [i for i, place in enumerate(places) if place.rank == comm.rank]
+        cells = np.array([places[i].cell for i in mine], dtype=np.int32)
+        values = self._values("points", np.stack([place.xi for place in places]), cells, cells)
+        named = self._named(values[np.arange(len(mine)), mine])
+        found = {i: {name: float(v[row]) for name, v in named.items()} for row, i in enumerate(mine)}
+        everywhere = {i: at for part in comm.allgather(found) for i, at in part.items()}
+        return [everywhere[i] for i in range(len(places))]
+
+    @cached_property
+    def quadrature_degree(self) -> int:
+        """That of the scene, or what has the volumes of both bodies exactly, if that is more."""
+        element, kind = self._scene.unknowns.displacement_space.ufl_element(), self._body.source.kind
+        degree = max(self._body.source.degree, int(element.degree))
+        exact = 3 * degree - 1 if kind == "hexahedron" else 3 * (degree - 1)
+        return max(exact, self._scene.quadrature_degree)
+
+    def _samples(self, kind: str, shape: str, entities: LocalIndices, cells: LocalIndices) -> Samples:
+        points, weights = basix.make_quadrature(basix.CellType[shape], self.quadrature_degree)
+        values = self._values(kind, points, entities, cells)
+        values[..., -2:] *= weights[:, None] * self._scales.length ** (3 if kind == "cells" else 2)
+        flat = values.reshape(-1, values.shape[2])
+        return Samples(self._named(flat[:, :-2]), flat[:, -2], flat[:, -1])
+
+    def _values(self, kind: str, points: Floats, entities: LocalIndices, cells: LocalIndices) -> Floats:
+        """The fields and, of cells and facets, their sizes at reference points, (entities, points, …); collective."""
+        parts = [part.cells for part in self._scene.parts] if self._of_laws else [None]
+        comm, values = self._body.mesh.comm, np.zeros((len(cells), len(points), 0))
+        for number, of_part in enumerate(parts):
+            here = np.ones(len(cells), dtype=bool) if of_part is None else np.isin(cells, of_part)
+            if not comm.allreduce(bool(here.any()), op=MPI.LOR):
+                continue  # the law is nowhere here
+            if (kind, number) not in self._compiled:
+                expressions = [field for field, _ in self._fields(number).values()] + self._sizes(kind)
+                self._compiled[kind, number] = fem.Expression(
+                    without_stages(ufl.as_vector(expressions)),
+                    points,
+                    comm=comm,
+                    form_compiler_options=_EXACT,
+                    jit_options=JIT_OPTIONS,
+                )
+            found = self._compiled[kind, number].eval(self._body.mesh, entities[here])
+            if not values.shape[2]:
+                values = np.zeros((len(cells), *found.shape[1:]))
+            values[here] = found
+        return values
+
+    def _sizes(self, kind: str) -> list[Any]:
+        """Sizes of the reference and of the current body per size of the reference cell or facet; none of points."""
+        kin, mesh = self._scene.kinematics, self._body.mesh
+        if kind == "points":
+            return []
+        if kind == "facets":
+            return [abs(FacetJacobianDeterminant(mesh)) * ratio for ratio in kin.areas]
+        return [abs(ufl.JacobianDeterminant(mesh)) * ratio for ratio in kin.volumes]
+
+    def _fields(self, part: int) -> dict[str, tuple[Any, float]]:
+        """UFL scalar and SI value of its unit, by name, of what is asked for."""
+        scene, kin, scales = self._scene, self._scene.kinematics, self._scales
+        found = dict(zip(_POSITIONS, ((c, scales.length) for v in (kin.X, kin.x, kin.u) for c in v), strict=True))
+        found["J"] = (scene.J, 1.0)
+        if self._of_laws:
+            sigma, _ = scene.cauchy_stress[part]
+            found |= {name: (sigma[at], scales.stress) for name, at in _STRESSES.items()}
+            found["energy"] = (scene.parts[part].energy, scales.stress)
+        return {name: field for name, field in found.items() if name in self._names}
+
+    def _named(self, values: Floats) -> dict[str, Floats]:
+        """Fields (points, components) in SI by name."""
+        named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self._fields(0).items())}
+        if set(_OF_STRESSES["p"]) <= named.keys():
+            named["p"] = -(named["sxx"] + named["syy"] + named["szz"]) / 3
+        if set(_OF_STRESSES["von_mises"]) <= named.keys():
+            normal = sum((named[n] + named["p"]) ** 2 for n in ("sxx", "syy", "szz"))
+            shear = sum(named[n] ** 2 for n in ("sxy", "syz", "sxz"))
+            named["von_mises"] = np.sqrt(1.5 * normal + 3 * shear)
+        return named

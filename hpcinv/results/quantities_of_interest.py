@@ -1,0 +1,225 @@
+"""Quantities of interest: formulas at a point, or over a region, reduced to one number, and reactions of supports.
+
+Formulas of position and displacement alone are taken at a region's nodes; those of stress, energy and volume ratio, and
+integrals of any, at quadrature points in its cells, or on its facets if it has no cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la
+from dolfinx.mesh import entities_to_geometry
+
+from hpcinv.errors import JobError, MeshError, told_with
+from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.distributed.location import Location, locate
+from hpcinv.mesh.moved import placed
+from hpcinv.mesh.regions import find
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.point_fields import SceneFields
+from hpcinv.results.reactions import reactions
+
+if TYPE_CHECKING:
+    from hpcinv.job.sections import QuantityOfInterest
+    from hpcinv.mesh import Body
+    from hpcinv.mesh.source import Floats
+    from hpcinv.model.scene import Scene
+    from hpcinv.quantity.nondimensional import Scales
+    from hpcinv.results.result import Leg
+    from hpcinv.solver.problem import Model
+
+type Value = float | list[float]
+
+
+def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
+    """Check before the solve that the body has the quantities' points and regions, as these must be; collective.
+
+    Raises:
+        MeshError: on every rank, with all that is wrong.
+    """
+    problems = []
+    for quantity in quantities:
+        if quantity.on is not None:
+            with told_with(f"quantities: {quantity.name}"):
+                region = find(body.regions, quantity.on, body.source)
+                if quantity.by_quadrature and not region.cell_count:
+                    body.boundary_facets(quantity.on)
+        elif locate(body, np.array(quantity.at)) is None:
+            problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")
+    if problems:
+        low, high = extent(body.mesh.comm, body.mesh.geometry.x * body.length_scale)
+        raise MeshError(
+            "\n".join(f"{body.source.path}: {p}" for p in problems),
+            f"It extends from ({_triple(low)}) to ({_triple(high)}) m; points are in metres unless they have a unit.",
+        )
+
+
+def evaluate(
+    quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg, model: Model | None = None
+) -> dict[str, Value]:
+    """Values of the quantities in SI by name, displacements and reactions as lists of 3; collective.
+
+    Args:
+        model: that of the leg, which must have reached the full load; its present state becomes the leg's solution.
+            Without it there are no quantities of stress, energy and volume ratio, none by quadrature, and no reactions.
+
+    Raises:
+        MeshError: on every rank, if a point is outside of the body, or there is no such region.
+        JobError: on every rank, if a formula has no finite value.
+    """
+    quantities = tuple(quantities)
+    with placed(body.mesh, leg.mesh_nodes / body.length_scale):
+        check_points(quantities, body)
+        others = [q for q in quantities if not q.is_reaction]
+        found = values_of(others, body, leg, _fields(quantities, body, leg, model))
+        if len(others) < len(quantities):
+            assert model is not None
+            found |= reactions([q for q in quantities if q.is_reaction], leg, model)
+        return {q.name: found[q.name] for q in quantities}
+
+
+def values_of(
+    quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg, fields: SceneFields | None
+) -> dict[str, Value]:
+    """As `evaluate`, of what is on the body, whose mesh lies as the leg's, and without reactions.
+
+    Args:
+        fields: those of the leg's scene, as it is now; ``None`` if no quantity needs them.
+    """
+    quantities = tuple(quantities)
+    places = {q.name: place for q in quantities if q.at and (place := locate(body, np.array(q.at)))}
+    of_fields = [q.name for q in quantities if q.at and q.fields]
+    at_points = fields.at_points([places[name] for name in of_fields]) if fields else []
+    known = dict(zip(of_fields, at_points, strict=True))
+    found: dict[str, Value] = {}
+    for q in quantities:
+        if q.at is not None:
+            found[q.name] = _at_point(q, body, leg, places[q.name], known.get(q.name, {}))
+        elif q.by_quadrature:
+            found[q.name] = _by_quadrature(q, body, fields)
+        else:
+            found[q.name] = _at_nodes(q, body, leg)
+    return found
+
+
+def _fields(
+    quantities: tuple[QuantityOfInterest, ...], body: Body, leg: Leg, model: Model | None
+) -> SceneFields | None:
+    """What the quantities ask of the scene, at the leg's solution and the full load."""
+    if not any(q.fields or q.by_quadrature for q in quantities):
+        return None
+    assert model is not None
+    model.set_solution(leg.displacement, leg.pressure)
+    scene = model.scene(leg.direction)
+    scene.parameters.set_load(1.0)
+    return fields_for(quantities, body, scene, model.scales)
+
+
+def fields_for(
+    quantities: Iterable[QuantityOfInterest], body: Body, scene: Scene, scales: Scales
+) -> SceneFields | None:
+    """What the quantities ask of a scene, ``None`` if nothing."""
+    names = [q.of.names for q in quantities if q.fields or q.by_quadrature]
+    return SceneFields(body, scene, scales, frozenset().union(*names)) if names else None
+
+
+def _at_point(
+    quantity: QuantityOfInterest, body: Body, leg: Leg, place: Location, fields: Mapping[str, float]
+) -> Value:
+    here, comm = np.array(quantity.at), body.mesh.comm
+    u: Floats | None = None
+    if comm.rank == place.rank:
+        u = leg.displacement.eval(here / body.length_scale, np.array([place.cell], dtype=np.int32))
+    u = comm.bcast(u, root=place.rank)
+    assert u is not None
+    if quantity.is_displacement:
+        return [float(c) for c in u]
+    X, x = (here, here + u) if leg.direction == "forward" else (here - u, here)
+    return float(_values(quantity, comm, {**fields, **_positions(X[None], x[None], u[None])})[0])
+
+
+def _at_nodes(quantity: QuantityOfInterest, body: Body, leg: Leg) -> float:
+    """Reduced over the nodes of a region, all of one weight."""
+    assert quantity.on is not None
+    nodes = _owned_nodes(body, quantity.on)
+    known = _positions(leg.reference_nodes[nodes], leg.current_nodes[nodes], leg.u[nodes])
+    return _reduced(quantity, body.mesh.comm, _values(quantity, body.mesh.comm, known), np.ones(len(nodes)))
+
+
+def _by_quadrature(quantity: QuantityOfInterest, body: Body, fields: SceneFields | None) -> float:
+    """Reduced over the volume of a region, or over its area if it has no cells."""
+    assert quantity.on is not None
+    assert fields is not None
+    region = find(body.regions, quantity.on, body.source)
+    samples = fields.in_cells(region.cells) if region.cell_count else fields.on_facets(region.facets)
+    weights = samples.current if quantity.over == "current" else samples.reference
+    values = np.broadcast_to(_values(quantity, body.mesh.comm, samples.values), weights.shape)
+    return _reduced(quantity, body.mesh.comm, values, weights)
+
+
+def _positions(X: Floats, x: Floats, u: Floats) -> dict[str, Any]:
+    """Reference and current positions and displacements (n, 3) m by the names of their components."""
+    named = dict(zip("XYZ", X.T, strict=True)) | dict(zip("xyz", x.T, strict=True))
+    return named | dict(zip(("ux", "uy", "uz"), u.T, strict=True))
+
+
+def _values(quantity: QuantityOfInterest, comm: MPI.Intracomm, known: Mapping[str, Any]) -> Floats:
+    """The quantity's formula at the points that ``known`` has the values of; collective."""
+    values: Floats = quantity.of.evaluate(**known)
+    if bad := comm.allreduce(int(np.count_nonzero(~np.isfinite(values)))):
+        what = f"quantities: {quantity.name}: '{quantity.of}' has no finite value"
+        kind = "quadrature points" if quantity.by_quadrature else "nodes"
+        where = f"({_triple(quantity.at)}) m" if quantity.at else f"{bad} of the {kind} of '{quantity.on}'"
+        raise JobError([f"{what} at {where}; look for divisions by zero, and roots and logarithms of negative values"])
+    return values
+
+
+def _reduced(quantity: QuantityOfInterest, comm: MPI.Intracomm, values: Floats, weights: Floats) -> float:
+    assert quantity.reduce is not None
+    return _REDUCTIONS[quantity.reduce](comm, values, weights)
+
+
+def _integral(comm: MPI.Intracomm, values: Floats, weights: Floats) -> float:
+    return float(comm.allreduce(float((weights * values).sum())))
+
+
+def _mean(comm: MPI.Intracomm, values: Floats, weights: Floats) -> float:
+    return _integral(comm, values, weights) / float(comm.allreduce(float(weights.sum())))
+
+
+def _max(comm: MPI.Intracomm, values: Floats, _weights: Floats) -> float:
+    return float(comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX))
+
+
+_REDUCTIONS: Mapping[str, Callable[[MPI.Intracomm, Floats, Floats], float]] = {
+    "max": _max,
+    "min": lambda comm, values, weights: -_max(comm, -values, weights),
+    "mean": _mean,
+    "max_abs": lambda comm, values, weights: _max(comm, np.abs(values), weights),
+    "rms": lambda comm, values, weights: _mean(comm, values**2, weights) ** 0.5,
+    "integral": _integral,
+}
+
+
+def _owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
+    """Geometry nodes of a region's facets and cells, each on the one rank that owns it."""
+    region, nodes = find(body.regions, name, body.source), body.mesh.geometry.index_map()
+    marks = la.vector(nodes, 1)
+    for dim, entities in ((2, region.facets), (3, region.cells)):
+        if len(entities):
+            body.mesh.topology.create_connectivity(dim, 3)
+            marks.array[entities_to_geometry(body.mesh, dim, entities)] = 1.0
+    # The owner of a node on the region's edge may have none of the region's facets itself.
+    marks.scatter_reverse(la.InsertMode.add)
+    return np.flatnonzero(marks.array[: nodes.size_local])
+
+
+def _triple(point: Any) -> str:
+    return ", ".join(f"{c:g}" for c in point)

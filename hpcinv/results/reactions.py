@@ -1,0 +1,54 @@
+"""Reactions: force and moment that the supports of a region exert on the body.
+
+The residual ``R = internal - external nodal forces`` vanishes at free displacements. Where a support prescribes one, R
+is the nodal force that the support exerts on the body. In either direction the virtual displacements move the
+current body: R are forces in space, and the arms of their moments are current positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.job.sections import QuantityOfInterest
+    from hpcinv.results.result import Leg
+    from hpcinv.solver.problem import Model
+
+
+def reactions(quantities: Iterable[QuantityOfInterest], leg: Leg, model: Model) -> dict[str, list[float]]:
+    """Reactions by the names of quantities: forces (3 components, N), moments (3 components, N m); collective.
+
+    The mesh must lie as the leg's, which must have reached the full load; the model's state becomes the leg's solution.
+    """
+    quantities = tuple(quantities)
+    if not quantities:
+        return {}
+    model.set_solution(leg.displacement, leg.pressure)
+    equilibrium = model.equilibrium(model.scene(leg.direction), lambda: False)
+    residual = equilibrium.forces(1.0)
+    model.release(equilibrium)
+
+    unknowns, length = model.unknowns, model.scales.length
+    dofs = unknowns.owned_displacement_dofs
+    forces = residual[dofs].reshape(-1, 3) * model.scales.stress * length**2
+    positions = unknowns.owned_displacement_points()
+    if leg.direction == "forward":
+        positions = positions + unknowns.state.x.array[dofs].reshape(-1, 3)
+    positions = positions * length
+
+    found: dict[str, list[float]] = {}
+    for quantity in quantities:
+        # Two supports on one region prescribe different components of the same nodes.
+        held = [one.dofs for one in model.supports.prescribed if one.region == quantity.on]
+        is_held = np.isin(dofs, np.concatenate(held)).reshape(-1, 3) if held else np.zeros(forces.shape, dtype=bool)
+        vectors = np.where(is_held, forces, 0.0)
+        if quantity.is_moment:
+            vectors = np.cross(positions - np.array(quantity.about or (0.0, 0.0, 0.0)), vectors)
+        comm = model.body.mesh.comm
+        found[quantity.name] = [float(comm.allreduce(float(component.sum()), op=MPI.SUM)) for component in vectors.T]
+    return found

@@ -1,0 +1,69 @@
+"""How far shapes are from each other: the recovered one from the expected one, a round trip's end from its beginning.
+
+Every distance is a dict of ``max`` and ``rms`` over the geometry nodes (m), and ``relative``, the first divided by the
+diagonal of the body's bounding box.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+
+from hpcinv.errors import MeshError
+from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh import Body, at_local_nodes
+from hpcinv.mesh.body import read_anywhere
+from hpcinv.mesh.bounding_box import diagonal
+from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.job.job import Job
+    from hpcinv.mesh.regions import Mesh
+    from hpcinv.mesh.source import Floats
+    from hpcinv.results.result import Leg
+
+
+def read_expected(job: Job, body: Body) -> Floats | None:
+    """Local geometry nodes (n, 3) m of the job's expected shape; ``None`` if it names none; collective.
+
+    Raises:
+        MeshError: on every rank, if it cannot be read or is not the body's mesh at other coordinates.
+    """
+    expected = job.expected_shape
+    if expected is None:
+        return None
+    # Straight or curved as the body is, whatever the file is; it was checked to exist when the job was read.
+    spec = MeshSpec.model_construct(**(dict(expected) | {"geometry_degree": body.source.degree}))
+    source, given = read_anywhere(spec, job.resolve, body.mesh.comm), body.source
+    advice = f"expected_shape needs the nodes and cells of {given.path}, in the same order."
+    nodes, nodes_given = (Rows.of(body.mesh.comm, len(mesh.points)).total for mesh in (source, given))
+    if nodes != nodes_given:
+        counts = f"{nodes} nodes, but the job's mesh has {nodes_given}"
+        raise MeshError(f"{source.path}: has {counts}", advice)
+    if not body.mesh.comm.allreduce(np.array_equal(source.cells, given.cells), op=MPI.LAND):
+        raise MeshError(f"{source.path}: its cells join other nodes than those of the job's mesh", advice)
+    return at_local_nodes(body, source.points)
+
+
+def distance(body: Body, leg: Leg, expected: Floats) -> dict[str, float]:
+    """Distance of the shape that was looked for from ``expected`` local nodes (n, 3) m; collective."""
+    return _size(body.mesh, leg.other_nodes - expected, expected)
+
+
+def closure(there: Leg, back: Leg) -> dict[str, float]:
+    """Difference ``u₁ - u₀`` of the displacements ``u = x - X`` of the two legs of a round trip; collective."""
+    return _size(there.displacement.function_space.mesh, back.u - there.u, there.mesh_nodes)
+
+
+def _size(mesh: Mesh, difference: Floats, nodes: Floats) -> dict[str, float]:
+    """Over the owned nodes of all ranks."""
+    comm, owned = mesh.comm, mesh.geometry.index_map()
+    squares = (difference[: owned.size_local] ** 2).sum(axis=1)
+    largest = float(comm.allreduce(float(squares.max(initial=0.0)), op=MPI.MAX)) ** 0.5
+    mean = float(comm.allreduce(float(squares.sum()))) / owned.size_global
+    return {"max": largest, "rms": mean**0.5, "relative": largest / diagonal(comm, nodes)}

@@ -1,0 +1,195 @@
+"""Size, volume, mass and load of the meshed part of a body, and warnings where they look like a mistake in a unit.
+
+The warnings are no verdict: bodies of micrometres and strains of 1e-10 exist. They are no lines of the certificate, and
+``output.unit_warnings: false`` leaves them out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix
+import numpy as np
+from dolfinx import fem
+
+from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.cells import jacobians
+from hpcinv.model.field_checks import young_moduli
+from hpcinv.quantity.quantity import Dimension, quantities_of
+from hpcinv.quantity.units import length_symbol, readable
+
+if TYPE_CHECKING:
+    from hpcinv.effects import Direction, Effect
+    from hpcinv.mesh import Body
+    from hpcinv.mesh.source import Floats
+    from hpcinv.solver.problem import Model
+
+LENGTHS = 1e-3, 10.0
+"""m: specimens, organs and parts are within. Files in mm that are read as m, or the reverse, lead out of it."""
+DENSITIES = 10.0, 25_000.0
+"""kg/m³: from foams and aerogels to osmium. Densities in g/cm³ or t/mm³ lie below."""
+SELF_WEIGHT = 3.0
+"""Pressure of the weight over Young's modulus: the softest tissues and gels reach 1, in bodies of a decimetre."""
+LEAST_STRAIN = 1e-6
+"""Largest displacement over the body's size: below, a shape differs by less than any scan resolves.
+
+Weight alone does not tell beforehand: bending multiplies its strain by the square of a body's slenderness.
+"""
+
+DENSITY = Dimension(length=-3, mass=1)
+ACCELERATION = Dimension(length=1, time=-2)
+
+_CHUNK = 50_000  # cells at a time
+_ROUNDING = 1e-9  # of the sum of nodal forces: a resultant below is zero
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Of the meshed part of a body, in SI: half a body that is cut at a plane of symmetry has half the mass.
+
+    Attributes:
+        size: sides of the bounding box of the given mesh.
+        volume: of the given mesh.
+        mass: of that volume; densities by formula or data are sampled. ``None`` if no effect has a density.
+        load: resultant of the loads at their full size on the given mesh as it lies, ``None`` if it is not finite.
+        weight_strain: pressure of a column of the body's height over Young's modulus of its softest part; ``None``
+            without gravity.
+        warnings: what looks like a mistake in a unit.
+    """
+
+    size: tuple[float, float, float]
+    volume: float
+    mass: float | None
+    load: tuple[float, float, float] | None
+    weight_strain: float | None
+    warnings: tuple[str, ...] = ()
+
+    def as_data(self) -> dict[str, Any]:
+        """As JSON data."""
+        return asdict(self)
+
+    def after(self, largest_displacement: float) -> Totals:
+        """The same with what a solution adds to the warnings, by its largest displacement (m) at full load."""
+        size = math.hypot(*self.size)
+        if not largest_displacement < LEAST_STRAIN * size:
+            return self
+        text = (
+            f"the largest displacement is {largest_displacement / size:.1g} of the body's size:"
+            " are loads, moduli and mesh.unit in the units that are meant?"
+        )
+        return replace(self, warnings=(*self.warnings, text))
+
+
+def totals_of(model: Model, direction: Direction) -> Totals:
+    """Of a model's job in one direction, at rest on the mesh as it lies; collective, and leaves the state unloaded."""
+    job, body = model.job, model.body
+    comm, length = body.mesh.comm, body.length_scale
+    low, high = extent(comm, body.mesh.geometry.x)
+    volumes = _cell_volumes(body)
+    volume = float(comm.allreduce(float(volumes.sum())))
+    heavy = [(where, effect) for where, effect in job.named_effects if _has(effect, "density", DENSITY)]
+    masses = [_mass(model, where, effect, volumes) for where, effect in heavy]
+    weights = [(e, m) for (_, e), m in zip(heavy, masses, strict=True) if _has(e, "acceleration", ACCELERATION)]
+    found = Totals(
+        size=_triple((high - low) * length),
+        volume=volume,
+        mass=masses[0] if masses else None,
+        load=_resultant(model, direction),
+        weight_strain=None,
+    )
+    softest, stiffest = young_moduli(job, model.fields)
+    pressure = max((_pressure(model, effect, mass / volume) for effect, mass in weights), default=None)
+    if pressure is not None:
+        found = replace(found, weight_strain=pressure / softest)
+    if not job.output.unit_warnings:
+        return found
+    return replace(found, warnings=tuple(_warnings(found, job.mesh.unit, masses, pressure, stiffest)))
+
+
+def _warnings(
+    found: Totals, unit: float, masses: list[float], pressure: float | None, stiffest: float
+) -> Iterator[str]:
+    longest = max(found.size)
+    if not LENGTHS[0] <= longest <= LENGTHS[1]:
+        yield f"the body is {readable(longest, 'm')} long: is mesh.unit ({length_symbol(unit)}) what its mesh is in?"
+    for mass in dict.fromkeys(masses):
+        density = abs(mass) / found.volume
+        if density and not DENSITIES[0] <= density <= DENSITIES[1]:
+            yield f"the mean density is {density:.3g} kg/m^3: is the unit of the density what is meant?"
+    if len(masses) > 1 and max(masses) - min(masses) > 1e-6 * max(map(abs, masses)):
+        yield f"effects give the body masses of {readable(min(masses), 'kg')} to {readable(max(masses), 'kg')}"
+    if pressure is not None and pressure > SELF_WEIGHT * stiffest:
+        yield (
+            f"a column as high as the body weighs {readable(pressure, 'Pa')}, which is {pressure / stiffest:.2g} times"
+            " Young's modulus of the stiffest part: are mesh.unit, density and moduli in the units that are meant?"
+        )
+
+
+def _has(effect: Effect, name: str, dimension: Dimension) -> bool:
+    """Whether an effect, perhaps of a plugin, has such a quantity."""
+    return quantities_of(type(effect)).get(name) == dimension
+
+
+def _pressure(model: Model, effect: Any, density: float) -> float:
+    """Weight (Pa) of a column as high as the body, along an effect's acceleration."""
+    g = np.array(effect.acceleration, dtype=float)
+    size = float(np.linalg.norm(g))
+    if not size:
+        return 0.0
+    heights = model.body.mesh.geometry.x @ (g / size)
+    low, high = extent(model.body.mesh.comm, np.repeat(heights[:, None], 3, axis=1))
+    return abs(density) * size * float(high[0] - low[0]) * model.body.length_scale
+
+
+def _mass(model: Model, where: str, effect: Any, volumes: Floats) -> float:
+    density = model.fields.samples(effect.density, f"{where}.density").mean(axis=1)
+    each = np.broadcast_to(density, (len(volumes),)) if len(density) == 1 else density[: len(volumes)]
+    return float(model.body.mesh.comm.allreduce(float(each @ volumes)))
+
+
+def _cell_volumes(body: Body) -> Floats:
+    """Of the owned cells (m³), exact for straight and curved ones."""
+    kind, degree = body.source.kind, body.source.degree
+    points, weights = basix.make_quadrature(basix.CellType[kind], 3 * degree)
+    cells = body.mesh.geometry.dofmaps[0][: body.mesh.topology.index_map(3).size_local]
+    found: Floats = np.zeros(len(cells))
+    for start in range(0, len(cells), _CHUNK):
+        nodes = body.mesh.geometry.x[cells[start : start + _CHUNK]]
+        found[start : start + _CHUNK] = np.abs(np.linalg.det(jacobians(kind, degree, nodes, points))) @ weights
+    return found * body.length_scale**3
+
+
+def _resultant(model: Model, direction: Direction) -> tuple[float, float, float] | None:
+    """Sum (N) of the nodal forces of all loads: their virtual work along translations of the unloaded body."""
+    unknowns, comm = model.unknowns, model.body.mesh.comm
+    state = unknowns.state.x.array
+    before = state.copy()
+    equilibrium = model.equilibrium(model.scene(direction), lambda: False)
+    state[:] = 0.0
+    forces = equilibrium.forces(0.0) - equilibrium.forces(1.0)
+    found, total = np.zeros(3), np.zeros(3)
+    for axis in range(3):
+        state[:] = 0.0
+        translation = fem.Function(unknowns.displacement_space)
+        translation.x.array.reshape(-1, 3)[:, axis] = 1.0
+        unknowns.set_displacement(translation)
+        along = forces * state[: len(forces)]
+        found[axis], total[axis] = comm.allreduce(along.sum()), comm.allreduce(np.abs(along).sum())
+    state[:] = before
+    equilibrium.set_load(0.0)
+    model.release(equilibrium)
+    if not np.isfinite(total).all():
+        return None
+    found[np.abs(found) <= _ROUNDING * total.max()] = 0.0
+    return _triple(found * model.scales.stress * model.scales.length**2)
+
+
+def _triple(values: Floats) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z

@@ -1,0 +1,271 @@
+"""Arc-length continuation: along the path of equilibria from the unloaded body, also where the load turns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
+
+from hpcinv.parallel.petsc_vectors import dot, norm
+from hpcinv.solver.bordering import Bordering, Corrected, Equations, Tangent
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.limit_points import Sample, locate
+from hpcinv.solver.newton import Outcome
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+type Moves = Generator[Solve, None, _Point | None]
+
+
+@dataclass(frozen=True)
+class ArcLengthSteps:
+    """Steps along the path, halved where they fail and lengthened where they are easy.
+
+    Args:
+        first: first step, as a share of the load along the first tangent.
+        smallest: shortest step, relative to the state; where it fails, the path counts as ended.
+        folds: turning points of the load to pass before the state at full load counts.
+        most: steps after which the search is given up.
+        path_tolerance: relative error of the points that only lead the way; near a limit of the load it tells.
+        easy: iterations up to which the next step is twice as long.
+        cases: number of load cases; no step goes beyond the end of one.
+    """
+
+    first: float = 1.0
+    smallest: float = 1e-3
+    folds: int = 0
+    most: int = 200
+    path_tolerance: float = 1e-8
+    easy: int = 6
+    cases: int = 1
+
+    def end_ahead(self, load: float, direction: int, passed: int) -> float | None:
+        """The next load at which a step must end, ``None`` if there is none in that direction.
+
+        Full load is passed over as long as turning points have still to come.
+        """
+        inner = [case / self.cases for case in range(1, self.cases)]
+        ends = [*inner, 1.0] if passed == self.folds else inner
+        ahead = [end for end in ends if (end - load) * direction > 1e-9]
+        return min(ahead, key=lambda end: abs(end - load), default=None)
+
+
+class Traceable(Equations, Protocol):
+    """Equations that can be solved at a fixed load factor, too."""
+
+    limit: int
+    reuse: float
+
+    def position(self) -> PETSc.Vec: ...
+    def solve(self, load: float, tolerance: float) -> Solve: ...
+
+
+def trace(
+    equations: Traceable, steps: ArcLengthSteps, tolerance: float, *, load: float = 0.0, passed: int = 0
+) -> Iterator[Solve]:
+    """Yield every solve along the path from ``load``, at which the present state is in equilibrium.
+
+    The state is always that of the last accepted solve. The last solve yielded is at load factor 1 and accepted, or
+    says why that was not reached: `Outcome.FOLD` if the load turns once more than it may, with the state there.
+
+    Args:
+        passed: turning points between the unloaded body and the present state.
+    """
+    path = _Path(equations, steps, tolerance, passed)
+    try:
+        yield from path.solves(load)
+    finally:
+        path.bordering.destroy()
+
+
+@dataclass(frozen=True)
+class _Point:
+    x: PETSc.Vec
+    load: float
+    tangent: Tangent
+    sign: int  # of the determinant of K, 0 if not known
+
+    def ahead(self, s: float) -> PETSc.Vec:
+        """The state predicted at a distance."""
+        x = self.x.copy()
+        x.axpy(s, self.tangent.direction)
+        return x
+
+
+class _Path:
+    def __init__(self, equations: Traceable, steps: ArcLengthSteps, tolerance: float, passed: int) -> None:
+        self.equations, self.steps, self.tolerance, self.passed = equations, steps, tolerance, passed
+        self.bordering = Bordering(
+            equations, equations.position(), limit=equations.limit, reuse=equations.reuse, cases=steps.cases
+        )
+        self.before: _Point | None = None  # the last point of this part of the path, on which the load has not turned
+        self.spent = 0  # factorizations that no solve has been charged with yet
+        self.ended, self.easy = False, False
+
+    @property
+    def direction(self) -> int:
+        """1 where the load grows along the path, -1 where it falls."""
+        return -1 if self.passed % 2 else 1
+
+    def solves(self, load: float) -> Iterator[Solve]:
+        point = self._start(load)
+        if point is None:
+            yield self._report(load, Outcome.LINEAR_SOLVER)
+            return
+        whole = 1 / abs(point.tangent.slope)
+        step = self.steps.first / self.steps.cases * whole
+        for _ in range(self.steps.most):
+            if step < self.steps.smallest * min(whole, norm(point.x) or whole):
+                return
+            end = self.steps.end_ahead(point.load, self.direction, self.passed)
+            slope = point.tangent.slope
+            to_end = (end - point.load) / slope if end is not None and slope * self.direction > 0 else math.inf
+            if end is not None and to_end <= step * (1 + 1e-9):
+                step = to_end
+                after = yield from self._land(point, end, point.ahead(step), step)
+            else:
+                after = yield from self._advance(point, end, step)
+            if self.ended:
+                return
+            if after is not None:
+                point, step = after, 2 * step if self.easy else step
+            else:
+                step /= 2
+        yield self._report(point.load, Outcome.STEP_LIMIT)
+
+    def _start(self, load: float) -> _Point | None:
+        """The present state as a point from which the load goes on in the direction that it has."""
+        x = self.equations.position()
+        tangent = self.bordering.tangent(x, load, None, self.direction)
+        self.spent += 1
+        if tangent is None:
+            return None
+        self.before = None
+        return _Point(x, load, tangent, self.equations.sign_of_determinant())
+
+    def _land(self, point: _Point, end: float, predicted: PETSc.Vec, step: float) -> Moves:
+        """Solve at a fixed load near a predicted state; one found elsewhere may belong to another path."""
+        equations = self.equations
+        equations.set_state(predicted)
+        if equations.fault() is not None:
+            equations.set_state(point.x)
+        solve = equations.solve(end, self.tolerance if end == 1.0 else self.steps.path_tolerance)
+        if solve.outcome.accepted:
+            predicted.axpy(-1.0, equations.position())
+            crossed = bool(solve.signs and point.sign and solve.signs[-1] != point.sign)
+            if crossed or norm(predicted) > step:
+                solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
+        if not solve.outcome.accepted:
+            equations.set_state(point.x)
+        yield self._charged(solve)
+        self.ended = solve.outcome is Outcome.INTERRUPTED or (solve.outcome.accepted and end == 1.0)
+        self.easy = False
+        return self._start(end) if solve.outcome.accepted and not self.ended else None
+
+    def _advance(self, point: _Point, end: float | None, step: float) -> Moves:
+        """One step along the path."""
+        predicted, t = point.ahead(step), point.tangent
+        load = point.load + step * t.slope
+        found = self._corrected(predicted, load, t.direction, max(abs(point.load), abs(load)))
+        predicted.axpy(-1.0, found.x)
+        if found.outcome.accepted and norm(predicted) > step:
+            found.outcome = Outcome.ANOTHER_PATH
+        if not found.outcome.accepted:
+            self.equations.set_state(point.x)
+            yield self._report(found.load, found.outcome, found)
+            self.ended = found.outcome is Outcome.INTERRUPTED
+            return None
+        if (found.load - point.load) * self.direction < 0:
+            beyond = self._slope_beyond(point, found)
+            if beyond is not None or t.slope * self.direction < 0:
+                return (yield from self._turn(point, found, beyond))
+        if end is not None and (found.load - end) * self.direction > 0:
+            self.spent += found.factorizations
+            share = (end - point.load) / (found.load - point.load)
+            between = point.x.copy()
+            between.axpby(share, 1 - share, found.x)
+            return (yield from self._land(point, end, between, step))
+        along = found.x.copy()
+        along.axpy(-1.0, point.x)
+        self.easy = len(found.iterations) <= self.steps.easy
+        self.before = point
+        sign = found.signs[-1] if found.signs else point.sign
+        after = _Point(found.x, found.load, self.bordering.present_tangent(along), sign)
+        self.equations.set_state(found.x)
+        yield self._report(found.load, found.outcome, found)
+        return after
+
+    def _corrected(self, x: PETSc.Vec, load: float, t: PETSc.Vec, scale: float) -> Corrected:
+        """A point of the path from a predicted one, if that is admissible."""
+        self.equations.set_state(x)
+        if (fault := self.equations.fault()) is not None:
+            return Corrected(fault, x, load, (), 0, ())
+        tolerance = self.steps.path_tolerance
+        return self.bordering.correct(x, load, t, tolerance, direction=self.direction, scale=scale)
+
+    def _slope_beyond(self, point: _Point, found: Corrected) -> Tangent | None:
+        """The tangent at a point with less load than the one before, if the load does fall there.
+
+        A load that nears a limit for ever may seem to fall, by the error of the points.
+        """
+        self.spent += 1
+        tangent = self.bordering.tangent(found.x, found.load, point.tangent.direction)
+        return tangent if tangent is not None and tangent.slope * self.direction < 0 else None
+
+    def _turn(self, point: _Point, found: Corrected, beyond: Tangent | None) -> Moves:
+        """Find where the load turns before a point at which it has, and go on from there if it may."""
+        fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
+        self.spent += 1 + found.factorizations
+        self.easy = False
+        self.equations.set_state(point.x)
+        if fresh is None:
+            return None
+        if fresh.slope * self.direction > 0:
+            if beyond is None:  # it has turned twice, or not at all
+                yield self._report(found.load, Outcome.ANOTHER_PATH)
+                return None
+            t, sign = fresh.direction, point.sign
+            low = Sample(point.x, 0.0, point.load, fresh.slope)
+            high = _along(t, point, found.x, found.load, beyond.slope / dot(t, beyond.direction))
+        elif self.before is not None:
+            before, t, sign = self.before, self.before.tangent.direction, self.before.sign
+            low = Sample(before.x, 0.0, before.load, before.tangent.slope)
+            high = _along(t, before, point.x, point.load, fresh.slope / dot(t, fresh.direction))
+        else:
+            return None
+        turning, spent = locate(self.bordering, t, low, high, direction=self.direction)
+        self.spent += spent - turning.factorizations
+        if not turning.outcome.accepted:
+            self.equations.set_state(point.x)
+            yield self._report(turning.load, turning.outcome, turning)
+            self.ended = turning.outcome is Outcome.INTERRUPTED
+            return None
+        tangent = self.bordering.present_tangent(t)
+        self.equations.set_state(turning.x)
+        yield replace(self._report(turning.load, turning.outcome, turning), turning_point=True)
+        if self.passed == self.steps.folds:
+            yield self._report(turning.load, Outcome.FOLD)
+            self.ended = True
+            return None
+        self.passed += 1
+        self.before = None
+        onward = Tangent(tangent.direction, self.direction * abs(tangent.slope))
+        return _Point(turning.x, turning.load, onward, -sign)  # one eigenvalue of K has changed its sign
+
+    def _report(self, load: float, outcome: Outcome, found: Corrected | None = None) -> Solve:
+        if found is None:
+            return self._charged(Solve(load, outcome, (), 0))
+        return self._charged(Solve(load, outcome, found.iterations, found.factorizations, found.signs))
+
+    def _charged(self, solve: Solve) -> Solve:
+        """The solve with its strategy, and with the factorizations on the way to it."""
+        spent, self.spent = self.spent, 0
+        return replace(solve, strategy="arc-length", factorizations=solve.factorizations + spent)
+
+
+def _along(t: PETSc.Vec, origin: _Point, x: PETSc.Vec, load: float, slope: float) -> Sample:
+    step = x.copy()
+    step.axpy(-1.0, origin.x)
+    return Sample(x, dot(t, step), load, slope)

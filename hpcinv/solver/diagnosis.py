@@ -1,0 +1,175 @@
+"""Why the full load was not reached, from everything that was tried."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from hpcinv.solver.newton import Outcome
+
+if TYPE_CHECKING:
+    from hpcinv.effects import Direction
+    from hpcinv.solver.equilibrium import Solve
+
+
+class Diagnosis(enum.Enum):
+    """What keeps a leg from the full load: what a user is told, and what to try."""
+
+    FOLD = (
+        "the load turns back here (fold): no solution near by carries more",
+        "It is the most that is carried on the way from the unloaded body: lower the load. Beyond this limit point the"
+        " load falls; only on a path that turns a second time does it rise to the full load again (strategy:"
+        " arc-length, folds: 2).",
+    )
+    LEAST_LOAD = (
+        "the load turns back here (fold): no solution near by carries less",
+        "Beyond the first limit point the load falls to this one and rises again. The solution at full load that lies"
+        " before the limit points is found with 'folds: 0'.",
+    )
+    BEYOND_FULL_LOAD = (
+        "beyond the solution at full load that the path from the unloaded body passes first, no other was reached",
+        "That first solution is found with 'folds: 0'. For another one refine the mesh, to second order where the body"
+        " is curved, or try a smaller solver.initial_step. Laws that soften, such as mooney-rivlin with a negative c2,"
+        " may lose ellipticity at large strain: from there on the equations determine no shape, on any mesh.",
+    )
+    NO_UNDEFORMED_SHAPE = (
+        "no undeformed shape was found beyond this load: an element of it would turn inside out, or an incompressible"
+        " material halve or double its volume",
+        "Check the load, the material and their units. If a finer mesh stops at nearly the same load factor, no body of"
+        " this material has the given shape under the full load.",
+    )
+    INVERSION = (
+        "an element would turn inside out (det F ≤ 0)",
+        "Look for poor elements where the body is squeezed or bends most and refine them, or for a load that cannot be"
+        " carried.",
+    )
+    VOLUME_CHANGED = (
+        "the incompressible material would halve or double its volume somewhere",
+        "Refine the mesh there; if that does not help, the load cannot be carried.",
+    )
+    LOSS_OF_STABILITY = (
+        "the body lost its stability on the way (the tangent's determinant changed its sign): it would buckle or snap",
+        "Lower the load, or hold the body as it is held in truth. Where it buckles sideways, a small imperfection of"
+        " its shape or load lets it be followed.",
+    )
+    BRANCHING = (
+        "the path of undeformed shapes branches (the tangent's determinant changed its sign)",
+        "Beyond this load the undeformed shape is not unique. Lower the load.",
+    )
+    LAW_DOMAIN = (
+        "the material would be strained beyond what its law is defined for",
+        "Check its limit (such as jm of gent) and the load, or take a law without one.",
+    )
+    ILL_POSED = (
+        "the tangent is singular, already that of the unloaded body",
+        "Do the supports hold the body against every rigid motion, and leave an incompressible one some free surface?"
+        " If so, look at solver.petsc.",
+    )
+    LINEAR_SOLVER = (
+        "the linear solver failed",
+        "The tangent is singular, or MUMPS has too little memory (solver.petsc: {mat_mumps_icntl_14: 200} gives it"
+        " more); an iterative solver may need a better preconditioner.",
+    )
+    KRYLOV_LIMIT = (
+        "the iterative linear solver did not converge within the iterations that it may take, and there is not enough"
+        " memory for the direct one",
+        "Take more memory or nodes, or a coarser mesh, so that 'solver: {linear: direct}' can be used. Do the supports"
+        " hold the body firmly? Where elements are poor, a better mesh may do.",
+    )
+    ITERATION_LIMIT = (
+        "Newton's method took too many iterations",
+        "Raise solver.maximum_iterations, or try a smaller solver.initial_step.",
+    )
+    STEP_LIMIT = (
+        "the path took too many steps",
+        "Raise solver.maximum_steps (strategy: arc-length), or lower solver.minimum_step.",
+    )
+    NOT_FINITE = (
+        "the residual is not finite: a stress or a load exceeds all numbers",
+        "Check the units of loads and material, and the formulas of the job; try a smaller solver.minimum_step.",
+    )
+    NOT_CONVERGED = (
+        "Newton's method does not converge, however small the step",
+        "Try a smaller solver.minimum_step, and a finer mesh where the body deforms most.",
+    )
+    ARC_LENGTH_CUT_SHORT = (
+        "Newton's method does not converge, and arc-length continuation, tried after it, ran out of its factorizations",
+        "Take it from the beginning, without that limit (solver: {strategy: arc-length}): it tells whether the load has"
+        " a limit point here. Else refine the mesh where the body deforms most.",
+    )
+    FORWARD_FAILED = (
+        "the fixed-point method did not find the shape",
+        "Try 'method: direct', which needs no forward solves, or a smaller fixed_point.relaxation.",
+    )
+
+    def __init__(self, text: str, advice: str) -> None:
+        self.text = text
+        self.advice = advice
+
+
+_OF_OUTCOME = {
+    Outcome.FOLD: Diagnosis.FOLD,
+    Outcome.INVERTED: Diagnosis.INVERSION,
+    Outcome.VOLUME_CHANGED: Diagnosis.VOLUME_CHANGED,
+    Outcome.OUTSIDE_LAW: Diagnosis.LAW_DOMAIN,
+    Outcome.LINEAR_SOLVER: Diagnosis.LINEAR_SOLVER,
+    Outcome.KRYLOV_LIMIT: Diagnosis.KRYLOV_LIMIT,
+    Outcome.ITERATION_LIMIT: Diagnosis.ITERATION_LIMIT,
+    Outcome.STEP_LIMIT: Diagnosis.STEP_LIMIT,
+    Outcome.NOT_FINITE: Diagnosis.NOT_FINITE,
+    Outcome.FORWARD_FAILED: Diagnosis.FORWARD_FAILED,
+    Outcome.FIXED_POINT_LIMIT: Diagnosis.FORWARD_FAILED,
+    Outcome.FIXED_POINT_DIVERGED: Diagnosis.FORWARD_FAILED,
+}
+# These say where the path ends, however it is followed: no loss of stability explains them better.
+_DECISIVE = {Diagnosis.FOLD, Diagnosis.KRYLOV_LIMIT, Diagnosis.LAW_DOMAIN, Diagnosis.FORWARD_FAILED}
+_DEGENERATE = {Diagnosis.INVERSION, Diagnosis.VOLUME_CHANGED}
+# Strategies by how much the way in which they end tells of the path.
+_TELLING = ("arc-length", "load steps")
+
+
+def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
+    """The reason why the solves of a leg ended before the full load; the last of them is not accepted."""
+    accepted = [solve for solve in solves if solve.outcome.accepted]
+    found = _OF_OUTCOME.get(_telling(solves), Diagnosis.NOT_CONVERGED)
+    if found is Diagnosis.LINEAR_SOLVER and not accepted:
+        return Diagnosis.ILL_POSED
+    if any(solve.load > 1 for solve in accepted) and found is not Diagnosis.STEP_LIMIT:
+        turned = sum(solve.turning_point for solve in accepted)
+        return Diagnosis.LEAST_LOAD if found is Diagnosis.FOLD and turned % 2 == 0 else Diagnosis.BEYOND_FULL_LOAD
+    if found in _DECISIVE:
+        return found
+    if _crossed_singular_point(accepted):
+        return Diagnosis.LOSS_OF_STABILITY if direction == "forward" else Diagnosis.BRANCHING
+    if found in _DEGENERATE and direction == "inverse" and accepted:
+        return Diagnosis.NO_UNDEFORMED_SHAPE
+    if found is Diagnosis.NOT_CONVERGED and _arc_length_was_cut_short(solves):
+        return Diagnosis.ARC_LENGTH_CUT_SHORT
+    return found
+
+
+def _telling(solves: Sequence[Solve]) -> Outcome:
+    """The last outcome of the strategy that says most of the path, `Outcome.STEP_LIMIT` being the least."""
+    last = {solve.strategy: solve.outcome for solve in solves}
+    ends = [last[s] for s in _TELLING if s in last and not last[s].accepted] or [solves[-1].outcome]
+    return next((end for end in ends if end is not Outcome.STEP_LIMIT), ends[0])
+
+
+def _arc_length_was_cut_short(solves: Sequence[Solve]) -> bool:
+    """Whether it was tried where the job's own strategy failed, and given up for its effort."""
+    ends = [solve.outcome for solve in solves if solve.strategy == "arc-length"]
+    return solves[0].strategy != "arc-length" and ends[-1:] == [Outcome.STEP_LIMIT]
+
+
+def _crossed_singular_point(accepted: Sequence[Solve]) -> bool:
+    """Whether the tangent's determinant changed its sign between turning points of the load."""
+    sign = 0
+    for solve in accepted:
+        if solve.turning_point:
+            sign = 0
+        elif solve.signs:
+            if sign and solve.signs[-1] != sign:
+                return True
+            sign = solve.signs[-1]
+    return False

@@ -1,0 +1,82 @@
+"""Turning points of the load on a path of equilibria: where ``dλ/ds`` vanishes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hpcinv.parallel.petsc_vectors import dot, norm
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from hpcinv.solver.bordering import Bordering, Corrected
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A point of the path: its distance along a direction, its load, and ``dλ/ds`` along that."""
+
+    x: PETSc.Vec
+    s: float
+    load: float
+    slope: float
+
+
+def locate(
+    bordering: Bordering, t: PETSc.Vec, low: Sample, high: Sample, *, direction: int, tolerance: float = 1e-3
+) -> tuple[Corrected, int]:
+    """The turning point between two points of the path, and the factorizations that it took.
+
+    Each trial is a point of the path in a plane normal to ``t``; there ``dλ/ds = 1/t·g`` (see `bordering`). The secant
+    method finds its root, kept between the two points.
+
+    Args:
+        t: unit vector along which both points were reached.
+        low: the point before it.
+        high: the point after it.
+        direction: 1 where the load has a maximum, -1 where it has a minimum.
+        tolerance: of the state, relative to its norm.
+    """
+    scale = max(abs(low.load), abs(high.load))
+    last, spent = low, 0
+    s = _between(low, high)
+    while True:
+        share = (s - low.s) / (high.s - low.s)
+        guess = low.x.copy()
+        guess.scale(1 - share)
+        guess.axpy(share, high.x)
+        load = (1 - share) * low.load + share * high.load
+        found = bordering.correct(guess, load, t, _TOLERANCE, direction=direction, scale=scale)
+        guess.destroy()
+        spent += found.factorizations
+        if not found.outcome.accepted:
+            return found, spent
+        spent += 1
+        tangent = bordering.tangent(found.x, found.load, t)
+        if tangent is None:  # nothing is more singular than the turning point itself
+            return found, spent
+        slope = tangent.slope / dot(t, tangent.direction)
+        sample = Sample(found.x, s, found.load, slope)
+        if abs(s - last.s) <= tolerance * norm(found.x) or spent > _ENOUGH:
+            return found, spent
+        rises = slope * direction > 0
+        trial = _secant(last, sample)
+        low, high = (sample, high) if rises else (low, sample)
+        last, s = sample, trial if low.s < trial < high.s else _between(low, high)
+
+
+_TOLERANCE = 1e-8
+_ENOUGH = 40
+
+
+def _secant(one: Sample, other: Sample) -> float:
+    """Where the slope vanishes, if it is linear."""
+    return other.s - other.slope * (other.s - one.s) / ((other.slope - one.slope) or math.inf)
+
+
+def _between(low: Sample, high: Sample) -> float:
+    """The same, well between two points."""
+    share = (_secant(low, high) - low.s) / (high.s - low.s)
+    return low.s + (high.s - low.s) * min(max(share, 0.05), 0.95)

@@ -1,0 +1,104 @@
+"""Factorization by MUMPS: L D Lᵀ of a symmetric tangent, L U of others.
+
+Forward tangents of loads with a potential are symmetric; those of inverse problems are not. Whether one is can be seen
+by two products with a random vector, which cost next to nothing beside a factorization.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+from petsc4py import PETSc
+
+from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.linear.configuration import Preset
+from hpcinv.solver.petsc_options import Value
+
+_ASYMMETRY = 1e-13  # of rounding errors in the assembly; that of a load without potential is larger by far
+_NO_MEMORY = frozenset({-8, -9, -11, -13, -14, -15, -17, -18, -19, -20})  # INFOG(1), MUMPS users' guide, ch. 8
+
+
+class Direct(Preset):
+    """MUMPS.
+
+    Args:
+        symmetric: whether a symmetric tangent may be factorized as such; else every one is taken as general.
+    """
+
+    name = "direct"
+    exact = True
+
+    def __init__(self, *, symmetric: bool = True) -> None:
+        self._may_be_symmetric = symmetric
+        self._probe: tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec] | None = None
+
+    @property
+    def options(self) -> Mapping[str, Value]:
+        return {
+            "ksp_type": "preonly",
+            "pc_type": "lu",
+            "pc_factor_mat_solver_type": "mumps",
+            "mat_mumps_icntl_33": 1,  # the determinant, whose sign tells whether a path crossed a fold
+            "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
+        }
+
+    def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
+        if not self._may_be_symmetric:
+            return
+        option: Any = PETSc.Mat.Option.SYMMETRIC  # whatever its stub says
+        if self._is_symmetric(matrix):
+            matrix.setOption(option, True)
+            self._set_type(ksp, PETSc.PC.Type.CHOLESKY)
+            ksp.pc.setFactorSetUpSolverType()
+            ksp.pc.getFactorMatrix().setMumpsIcntl(24, 1)  # null pivots are found instead of divided by
+        else:  # one that has lost its symmetry will not keep it
+            self._may_be_symmetric = False
+            matrix.setOption(option, False)
+            self._set_type(ksp, PETSc.PC.Type.LU)
+
+    def _set_type(self, ksp: PETSc.KSP, kind: str) -> None:
+        pc = ksp.pc
+        if pc.getType() != kind:
+            pc.setType(kind)
+            pc.setFactorSolverType("mumps")
+
+    def distrusts(self, ksp: PETSc.KSP) -> bool:
+        """Whether the tangent is singular to L D Lᵀ; L U, which is taken from then on, tells better how it fails."""
+        if ksp.pc.getType() != PETSc.PC.Type.CHOLESKY or not _is_mumps(ksp.pc):
+            return False
+        self._may_be_symmetric = not ksp.pc.getFactorMatrix().getMumpsInfog(28)
+        if not self._may_be_symmetric:
+            self._set_type(ksp, PETSc.PC.Type.LU)
+        return not self._may_be_symmetric
+
+    def _is_symmetric(self, matrix: PETSc.Mat) -> bool:
+        if self._probe is None:
+            x = matrix.createVecRight()
+            x.setRandom()
+            self._probe = x, x.duplicate(), x.duplicate()
+        x, y, z = self._probe
+        matrix.mult(x, y)
+        matrix.multTranspose(x, z)
+        z.axpy(-1.0, y)
+        return norm(z) <= _ASYMMETRY * norm(y)
+
+    def sign_of_determinant(self, ksp: PETSc.KSP) -> int:
+        if not _is_mumps(ksp.pc):
+            return 0
+        mantissa = ksp.pc.getFactorMatrix().getMumpsRinfog(12)
+        return (mantissa > 0) - (mantissa < 0)
+
+    def lacked_memory(self, ksp: PETSc.KSP) -> bool:
+        return _is_mumps(ksp.pc) and ksp.pc.getFactorMatrix().getMumpsInfog(1) in _NO_MEMORY
+
+    def destroy(self) -> None:
+        for vector in self._probe or ():
+            vector.destroy()
+
+
+def _is_mumps(pc: PETSc.PC) -> bool:
+    return pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY) and pc.getFactorSolverType() == "mumps"

@@ -1,0 +1,107 @@
+"""Which preset a linear solver has: the one that the job names, or what size, shape and memory speak for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hpcinv.parallel.available_memory import available
+from hpcinv.solver.linear.cost_model import CORRECTIONS, Forecast, shape_of
+
+if TYPE_CHECKING:
+    from hpcinv.job.settings import Solver
+    from hpcinv.model.spaces import Unknowns
+
+_WORTH = 1.5  # a factorization tells more than a solution: signs along the path, and a failure at once
+_PATIENCE = 3  # times the Krylov iterations that are forecast for all corrections of a leg, in one solve of Newton's
+_ROOM = 0.8  # share of the memory that factors may take
+_OWN = frozenset({"ksp_type", "pc_type"})
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A preset, and why it was taken.
+
+    Attributes:
+        other: what is tried where it fails, ``None`` for nothing.
+        is_own: whether the job's PETSc options choose a solver of their own.
+        budget: Krylov iterations after which one solve of Newton's method is given up with the iterative solver.
+    """
+
+    preset: str
+    why: str
+    other: str | None = None
+    is_own: bool = False
+    budget: int = 2000
+
+
+@dataclass(frozen=True)
+class Used:
+    """The linear solver of a leg: its preset at the end, why that was chosen, and why another one had been left.
+
+    Attributes:
+        note: what is unusual in how the tangent is assembled; empty if nothing is.
+    """
+
+    preset: str
+    why: str
+    fallback: str | None
+    note: str = ""
+
+
+class Chooser:
+    """The rule, for the unknowns of one model; collective.
+
+    Attributes:
+        forecast: of either solver's cost.
+        room: bytes that all ranks have for it.
+    """
+
+    def __init__(self, unknowns: Unknowns, degree: int) -> None:
+        self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns))
+        self.room = _ROOM * available(unknowns.mesh.comm)
+
+    @property
+    def can_factorize(self) -> bool:
+        """Whether there is memory for the factors L U."""
+        return self.forecast.factors <= self.room
+
+    @property
+    def can_factorize_symmetric(self) -> bool:
+        """Whether there is memory for the factors L D Lᵀ, which are half of that."""
+        return self.forecast.factors / 2 <= self.room
+
+    @property
+    def _budget(self) -> int:
+        return math.ceil(_PATIENCE * CORRECTIONS * self.forecast.krylov)
+
+    def choose(self, solver: Solver) -> Choice:
+        """What ``solver.linear`` asks for, or the faster one that there is memory for."""
+        if own := _OWN & set(solver.petsc):  # which would take the place of what another preset needs
+            preset = "iterative" if solver.linear == "iterative" else "direct"
+            return Choice(preset, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
+        fallback = "direct" if self.can_factorize else None
+        if solver.linear == "iterative":
+            return Choice("iterative", "the job asks for it", fallback, budget=self._budget)
+        if solver.linear == "direct":
+            return Choice("direct", "the job asks for it", "iterative", budget=self._budget)
+        if not self.can_factorize:
+            return Choice(
+                "iterative",
+                f"factors would take {_memory(self.forecast.factors)}, and there is room for {_memory(self.room)}",
+                budget=self._budget,
+            )
+        ratio = self.forecast.direct / self.forecast.iterative
+        size = f"at {self.forecast.unknowns} unknowns, {self.forecast.shape.cut:.0f} of them in a cut across"
+        if ratio > _WORTH:
+            why = f"{size}, factorizations would take about {ratio:.2g} times as long as multigrid"
+            return Choice("iterative", why, fallback, budget=self._budget)
+        why = f"{size}, multigrid would take about {1 / ratio:.2g} times as long as factorizations"
+        if ratio > 1:
+            why += f"; it is taken below {1 / _WORTH:.2g}, since factorizations cannot fail to converge"
+        return Choice("direct", why, "iterative", budget=self._budget)
+
+
+def _memory(size: float) -> str:
+    return f"{size / 1e9:.2g} GB"

@@ -1,0 +1,181 @@
+"""The discrete model of a job: spaces, supports and scales on one body, and the equations of either direction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from hpcinv.errors import MeshError
+from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
+from hpcinv.model.field_checks import check_fields, shear_modulus
+from hpcinv.model.fields import BodyFields
+from hpcinv.model.scene import Scene
+from hpcinv.model.spaces import Unknowns
+from hpcinv.model.supports import Supports
+from hpcinv.quantity.nondimensional import Scales, power_of_two
+from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.linear.selection import Chooser
+from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps
+from hpcinv.solver.rigid_motion_check import check_agreement, check_held
+
+if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
+    from hpcinv.effects import Direction
+    from hpcinv.job.job import Job
+    from hpcinv.mesh import Body
+    from hpcinv.parallel.timings import Timings
+    from hpcinv.solver.newton import NewtonIteration
+
+KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
+
+
+class Model:
+    """What the legs of an analysis share, and the analyses of other jobs of the same structure (`structure_of`).
+
+    Scenes and the equations on them are made once and used again: that keeps the compiled kernels, the pattern of the
+    matrix and its symbolic factorization.
+
+    Raises:
+        MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
+    """
+
+    def __init__(self, job: Job, body: Body, timings: Timings) -> None:
+        self.job, self.body, self.timings = job, body, timings
+        self._scenes: dict[Direction, Scene] = {}
+        self._idle: dict[int, Equilibrium] = {}  # by the scene
+        self.told: Callable[[NewtonIteration], None] = lambda _: None
+        with timings("set-up"):
+            self.fields = BodyFields(body)
+            check_fields(job, self.fields)
+            self.scales = self._scales()
+            self.unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
+            self.supports = Supports(job, body, self.unknowns)
+            check_agreement(job, body, self.supports)
+            # Springs are part of the scene: with them the check has to wait for its equations.
+            self._is_held = not any(effect.holds for effect in job.effects)
+            if self._is_held:
+                check_held(body, self.supports)
+        self.quadrature_degree = job.discretisation.quadrature or default_quadrature(
+            body.source.kind, job.discretisation.displacement
+        )
+
+    def adopt(self, job: Job, timings: Timings) -> None:
+        """Go over to another job of the same structure; the mesh must lie as it is given.
+
+        Raises:
+            MeshError: as the constructor; the model is then of no use any more.
+        """
+        self.job, self.timings = job, timings
+        with timings("set-up"):
+            check_fields(job, self.fields)
+            self.scales = self._scales()
+            self.supports.adopt(job)
+            check_agreement(job, self.body, self.supports)
+            self._is_held = not any(effect.holds for effect in job.effects)
+            for scene in self._scenes.values():
+                scene.adopt(job, self.scales)
+
+    @cached_property
+    def chooser(self) -> Chooser:
+        """Which linear solver suits; collective when first asked for."""
+        return Chooser(self.unknowns, self.job.discretisation.displacement)
+
+    def _scales(self) -> Scales:
+        return Scales(self.body.length_scale, power_of_two(shear_modulus(self.job, self.fields)))
+
+    def scene(self, direction: Direction, known: Function | None = None, quadrature: int | None = None) -> Scene:
+        """The scene in one direction, on the mesh as it lies when it is used.
+
+        Args:
+            known: as `Scene` has it.
+            quadrature: degree; left out, the job's.
+        """
+        is_kept = known is None and quadrature is None
+        if is_kept and direction in self._scenes:
+            return self._scenes[direction]
+        kinematics, degree = KINEMATICS[direction], quadrature or self.quadrature_degree
+        with self.timings("compile"):
+            scene = Scene(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, known)
+        if is_kept:
+            self._scenes[direction] = scene
+        return scene
+
+    def equilibrium(self, scene: Scene, stop_asked: Callable[[], bool]) -> Equilibrium:
+        """The equations of a scene, and the solver that the job asks for."""
+        equilibrium = self._idle.pop(id(scene), None)
+        if equilibrium is None:
+            solver = self.job.solver
+            equilibrium = Equilibrium(
+                scene,
+                self.supports,
+                self.timings,
+                options=solver.petsc,
+                choice=self.chooser.choose(solver),
+                limit=solver.maximum_iterations,
+                reuse=0.3 if solver.reuse_tangent else 0.0,
+            )
+        equilibrium.options.restore()
+        equilibrium.timings, equilibrium.stop_asked = self.timings, stop_asked
+        equilibrium.told = self.told
+        if not self._is_held:
+            try:
+                check_held(self.body, self.supports, equilibrium)
+            except MeshError:
+                equilibrium.destroy()
+                raise
+            self._is_held = True
+        return equilibrium
+
+    def release(self, equilibrium: Equilibrium) -> None:
+        """Take equations back that were asked for, to be used again; those of a scene of its own end here."""
+        scene = equilibrium.scene
+        if any(scene is kept for kept in self._scenes.values()) and id(scene) not in self._idle:
+            equilibrium.rest()
+            self._idle[id(scene)] = equilibrium
+        else:
+            equilibrium.destroy()
+
+    def destroy(self) -> None:
+        """Free what PETSc holds of it."""
+        for equilibrium in self._idle.values():
+            equilibrium.destroy()
+        self._idle.clear()
+
+    def solution(self) -> tuple[Function, Function | None]:
+        """Copies of displacement (m) and pressure (Pa; ``None`` in the displacement form) as they stand."""
+        u, p = self.unknowns.displacement(), self.unknowns.pressure()
+        u.x.array[:] *= self.scales.length
+        if p is not None:
+            p.x.array[:] *= self.scales.stress
+        return u, p
+
+    def set_solution(self, u: Function, p: Function | None) -> None:
+        """Make a saved `solution` the present state."""
+        u, p = u.copy(), p.copy() if p is not None else None
+        u.x.array[:] /= self.scales.length
+        self.unknowns.set_displacement(u)
+        if p is not None:
+            p.x.array[:] /= self.scales.stress
+            self.unknowns.set_pressure(p)
+
+    @property
+    def steps(self) -> Steps:
+        """The continuation that the job asks for."""
+        solver, cases = self.job.solver, self.job.case_count
+        if solver.strategy == "fixed":
+            return FixedSteps(solver.steps, solver.tolerance, cases=cases)
+        first, least = solver.initial_step, solver.minimum_step
+        if solver.strategy == "arc-length":
+            return ArcLengthSteps(first, least, solver.folds, solver.maximum_steps, cases=cases)
+        return AdaptiveSteps(first, least, cases=cases)
+
+
+def default_quadrature(kind: str, displacement: int) -> int:
+    """Degree that keeps the order of convergence: ``2k - 2`` on simplices, ``k + 1`` Gauss points a side on hexahedra.
+
+    Source: Ciarlet, *The Finite Element Method for Elliptic Problems*, 2002, ch. 4, doi:10.1137/1.9780898719208.
+    """
+    return 2 * displacement if kind == "hexahedron" else max(2 * displacement - 2, 1)

@@ -1,0 +1,222 @@
+"""Whether the supports of a job pose a problem that has one answer; told before anything is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+
+from hpcinv.errors import MeshError
+from hpcinv.job.sections import AXES
+from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.cells import vertex_count
+from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.topology import connected
+from hpcinv.model.rigid_motions import Floats, Frame, free_motions, names
+from hpcinv.parallel.runtime import MPI, agree, on_root
+
+if TYPE_CHECKING:
+    from hpcinv.assembly.system import Assembly
+    from hpcinv.job.job import Job
+    from hpcinv.mesh import Body
+    from hpcinv.model.supports import Prescribed, Supports
+
+type Ints = npt.NDArray[np.int64]
+
+_TOLD = 3  # parts of a body that a message describes, at most
+
+
+def check_agreement(job: Job, body: Body, supports: Supports) -> None:
+    """Check that supports which share nodes prescribe the same there; collective.
+
+    Raises:
+        MeshError: on all ranks, with two supports that do not, a point, and the values.
+    """
+    error = next(_contradictions(job, body, supports), None)
+    agree(body.mesh.comm, error)
+
+
+def _contradictions(job: Job, body: Body, supports: Supports) -> Iterator[MeshError]:
+    """Pairs of supports that prescribe one component of a node of this rank differently."""
+    farthest = np.abs(body.mesh.geometry.x).max(initial=0.0)
+    for later, two in enumerate(supports.prescribed):
+        for one in supports.prescribed[:later]:
+            if one.axis != two.axis:
+                continue
+            shared, a, b = np.intersect1d(one.dofs, two.dofs, return_indices=True)
+            if not len(shared):
+                continue
+            ua, ub = one.full[one.nodes[a]], two.full[two.nodes[b]]
+            # Formulas that agree on paper differ by rounding errors, of their values and of the coordinates in them.
+            size = max(np.abs(one.full).max(), np.abs(two.full).max())
+            tolerance = 1e-9 * size + 8 * np.finfo(float).eps * (farthest if size else 0.0)
+            differ = np.abs(ua - ub) > tolerance
+            apart = (one.case != two.case) & (np.minimum(np.abs(ua), np.abs(ub)) > tolerance)
+            if (differ | apart).any():
+                worst = int(np.argmax(np.abs(ua - ub) + apart * np.abs(ua)))
+                values = (float(u[worst]) * body.length_scale for u in (ua, ub))
+                place = np.round(one.points[a[worst]] / farthest, 9) * farthest * body.length_scale
+                point = ", ".join(f"{c:.6g}" for c in place + 0.0)
+                yield _contradiction(job, one, two, values, point)
+
+
+def _contradiction(job: Job, one: Prescribed, two: Prescribed, values: Iterator[float], point: str) -> MeshError:
+    said = [
+        f"{u:.9g} m" + (f" ({job.load_cases[p.case]})" if job.load_cases else "")
+        for p, u in zip((one, two), values, strict=True)
+    ]
+    axis = AXES[one.axis]
+    return MeshError(
+        f"{one.field} and {two.field}: '{one.region}' and '{two.region}' share nodes, where they prescribe different"
+        f" displacements along {axis}: {said[0]} and {said[1]} at ({point}) m",
+        f"Prescribe the same in both, leave {axis} free in one of them, or let their regions share no node.",
+    )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Cells of the body that hang together, apart from the others: their number, and the frame of their motions."""
+
+    label: int
+    cells: int
+    middle: Floats
+    frame: Frame
+
+
+def check_held(body: Body, supports: Supports, assembly: Assembly | None = None) -> None:
+    """Check that supports, and the springs of a scene, hold every part of the body; collective.
+
+    Args:
+        assembly: of the scene, if that has springs.
+
+    Raises:
+        MeshError: on all ranks, with the rigid motions that are left.
+    """
+    comm = body.mesh.comm
+    count, labels = _labels(body)
+    parts = [_part(body, supports, labels, label, assembly is not None) for label in range(count)]
+    stiffness = _stiffness(assembly, labels, parts) if assembly is not None else [None] * count
+    faults = []
+    for part, springs in zip(parts, stiffness, strict=True):
+        motions = _free(comm, supports, labels, part, springs)
+        if motions.shape[1]:
+            middle = ", ".join(f"{c:.4g}" for c in part.middle * body.length_scale)
+            cells = f"{part.cells} cell{'' if part.cells == 1 else 's'}"
+            what = "the body" if count == 1 else f"its part of {cells} around ({middle}) m"
+            faults.append(f"{what} free to {' and to '.join(names(motions, part.frame, body.length_scale))}")
+    if faults:
+        more = f"; and {len(faults) - _TOLD} more of its parts" if len(faults) > _TOLD else ""
+        apart = "" if count == 1 else f" The mesh has {count} parts that share no node: hold each, or join them."
+        raise MeshError(
+            f"supports: leave {'; '.join(faults[:_TOLD])}{more}",
+            "Fix further components, or some on further regions; one facet fixed in x, y and z holds a body, and so do"
+            f" springs (effect: elastic-foundation) in all directions.{apart}",
+        )
+
+
+def _labels(body: Body) -> tuple[int, Ints]:
+    """Number of parts of the body, which share no node, and the part of each local cell; collective.
+
+    Cells of one rank that hang together are a piece; pieces of different ranks that share a node are of one part.
+    Parts are numbered in the order of the source's cells.
+    """
+    comm, nodes, numbers = body.mesh.comm, body.mesh.geometry.index_map(), body.mesh.topology.original_cell_index
+    cells = body.mesh.geometry.dofmaps[0][:, : vertex_count(body.source.kind)].astype(np.int64)
+    mine = connected(cells, nodes.size_local + nodes.num_ghosts)
+    pieces = Rows.of(comm, int(mine.max(initial=-1)) + 1)
+    mine += pieces.first
+    of_node = la.vector(nodes, 1, np.int64)
+    of_node.array[cells] = mine[:, None]
+    here = of_node.array[nodes.size_local :].copy()
+    of_node.scatter_forward()
+    vertices = np.unique(cells[cells >= nodes.size_local]) - nodes.size_local
+    meeting = np.unique(np.stack([here, of_node.array[nodes.size_local :]])[:, vertices], axis=1)
+    joined = connected(np.hstack([*comm.allgather(meeting), np.tile(np.arange(pieces.total), (2, 1))]).T, pieces.total)
+    part = joined[-pieces.total :]
+    first = np.full(int(part.max()) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(first, part[mine], numbers)
+    comm.Allreduce(MPI.IN_PLACE, first, MPI.MIN)
+    return len(first), np.argsort(np.argsort(first))[part[mine]]
+
+
+def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool) -> _Part:
+    """A part, its frame around what is held of it, or around the whole of it; collective."""
+    comm = body.mesh.comm
+    owned = body.mesh.topology.index_map(3).size_local
+    cells = np.flatnonzero(labels[:owned] == label)
+    nodes = body.mesh.geometry.x[np.unique(body.mesh.geometry.dofmaps[0][cells])]
+    held = [_points(one, labels, label) for one in supports.prescribed]
+    middle, extent = _box(comm, nodes)
+    around = _box(comm, np.vstack([np.zeros((0, 3)), *held]))
+    centre, size = around if around[1] > 0 and not whole else (middle, extent)
+    return _Part(label, comm.allreduce(len(cells)), middle, Frame(centre, size))
+
+
+def _box(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, float]:
+    """Middle and half the diagonal of the bounding box of points (n, 3) of all ranks; 0 without any."""
+    low, high = extent(comm, points)
+    if not np.isfinite(low).all():
+        return np.zeros(3), 0.0
+    return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+
+
+def _of_nodes(space: fem.FunctionSpace, labels: Ints) -> Ints:
+    """The part of each node of a space."""
+    found = np.zeros(space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts, dtype=np.int64)
+    found[space.dofmap.list] = labels[:, None]
+    return found
+
+
+def _points(one: Prescribed, labels: Ints, label: int) -> Floats:
+    points: Floats = one.points[_of_nodes(one.now.function_space, labels)[one.nodes] == label]
+    return points
+
+
+def _free(comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _Part, springs: Floats | None) -> Floats:
+    """Basis (6, k) of the rigid motions of a part that are left free; collective."""
+    rows = [part.frame.motions(_points(one, labels, part.label))[:, one.axis] for one in supports.prescribed]
+    # The triangle of a QR factorization constrains what its many rows do.
+    triangles = comm.gather(np.linalg.qr(np.vstack([np.zeros((0, 6)), *rows]), mode="r"))
+    return on_root(comm, lambda: free_motions(np.vstack(triangles or []), springs))
+
+
+def _stiffness(assembly: Assembly, labels: Ints, parts: list[_Part]) -> list[Floats]:
+    """Stiffness (6, 6) of each part against its rigid motions, which strain nothing: that of springs.
+
+    It is what the unloaded scene answers to motions so small that they are rigid to rounding errors.
+    """
+    unknowns, state, small = assembly.scene.unknowns, assembly.state, 1e-7
+    space, owned = unknowns.displacement_space, len(assembly.rhs.array)
+    points, of_node = space.tabulate_dof_coordinates(), _of_nodes(space, labels)
+    by_part = [part.frame.motions(points) * (of_node == part.label)[:, None, None] for part in parts]
+    before = state.x.array.copy()
+
+    def set_motion(motion: Floats) -> Floats:
+        """Move the body; the owned unknowns that belong to that."""
+        u = fem.Function(space)
+        u.x.array[:] = motion.ravel()
+        state.x.array[:] = 0.0
+        unknowns.set_displacement(u)
+        return np.array(state.x.array[:owned])
+
+    def response(motion: Floats) -> Floats:
+        set_motion(small * motion)
+        return np.asarray(assembly.forces(0.0))
+
+    together = sum(by_part)
+    at_rest = response(0 * points)
+    forces = np.stack([(response(together[:, :, i]) - at_rest) / small for i in range(6)], axis=1)
+    found = []
+    for motions in by_part:
+        tests = np.stack([set_motion(motions[:, :, i]) for i in range(6)], axis=1)
+        stiffness = np.asarray(assembly.comm.allreduce(tests.T @ forces))
+        found.append((stiffness + stiffness.T) / 2)
+    state.x.array[:] = before
+    return found

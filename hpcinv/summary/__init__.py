@@ -1,8 +1,0 @@
-"""The summary of a run: what is in it, and the files that hold it."""
-
-from __future__ import annotations
-
-from hpcinv.summary.content import statistics, versions
-from hpcinv.summary.files import write_summary
-
-__all__ = ["statistics", "versions", "write_summary"]

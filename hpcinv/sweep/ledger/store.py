@@ -1,0 +1,70 @@
+"""The directory that sweeps share: ``store.json``, ``ledger/``, ``holders/``, and ``cases/`` with what runs leave."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from hpcinv.errors import OutputError
+from hpcinv.files.atomic import make_directory, publish
+from hpcinv.files.names import check_output
+
+_FORMAT = "hpcinv store 1"
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+_GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENOTCONN}
+
+
+@contextlib.contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Turn an error of the file system into an ``OutputError`` that says what to do."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _FULL:
+            remedy = "Make room there;"
+        elif error.errno in _GONE:
+            remedy = "See whether its file system is still there;"
+        else:
+            remedy = "Make it writable, or choose another 'store';"
+        kept = "all that was finished is kept, and the same command goes on from there."
+        raise OutputError(f"{path}: {error.strerror or error}", f"{remedy} {kept}") from error
+
+
+def open_store(path: Path) -> None:
+    """Make a store, or check that it is one; any number of processes may do so at once.
+
+    Raises:
+        OutputError: it cannot be written, holds other things, or has another format.
+    """
+    mark = path / "store.json"
+    check_output(path)
+    with told(path):
+        path.mkdir(parents=True, exist_ok=True)
+        if not mark.exists():
+            others = [entry.name for entry in path.iterdir() if not entry.name.startswith(".")]
+            if others and mark.name not in others:
+                raise OutputError(f"{path}: holds files that are not of a store", "Choose another 'store'.")
+            publish(mark, json.dumps({"format": _FORMAT}).encode())
+        try:
+            found = json.loads(mark.read_bytes())["format"]
+        except (ValueError, KeyError, TypeError):
+            found = "not told"
+        if found != _FORMAT:
+            raise OutputError(f"{mark}: the format is {found}, not {_FORMAT}", "Choose another 'store'.")
+        for directory in (records_in(path), heartbeats_in(path)):
+            make_directory(directory)
+
+
+def records_in(store: Path) -> Path:
+    return store / "ledger"
+
+
+def heartbeats_in(store: Path) -> Path:
+    return store / "holders"
+
+
+def runs_in(store: Path) -> Path:
+    return store / "cases"
