@@ -29,7 +29,7 @@ from hpcinv.bench.bodies import WITHOUT_CERTIFICATE, block
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job, parse
 from hpcinv.model.spaces import Unknowns
-from hpcinv.results.result import Result
+from hpcinv.output.result import Result
 from hpcinv.solver.linear.direct import Direct
 
 JOB = Path(__file__).parents[1] / "jobs" / "thick-sphere.yaml"

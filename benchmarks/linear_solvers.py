@@ -16,8 +16,8 @@ import numpy as np
 import hpcinv
 from hpcinv.bench.bodies import WITHOUT_CERTIFICATE
 from hpcinv.job.job import parse
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 
 JOBS = Path(__file__).parents[1] / "jobs"
 MATERIALS: dict[str, dict[str, Any]] = {

@@ -21,8 +21,8 @@ import numpy as np
 
 import hpcinv
 from hpcinv.job.job import parse
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.mip_newton import ExtrapolatedStress
 from hpcinv.solver.newton import NewtonMonitor

@@ -33,9 +33,10 @@ from hpcinv.certificate import confirmation
 from hpcinv.certificate.inertia import inertia
 from hpcinv.job.job import Job, load, parse
 from hpcinv.mesh.moved import placed
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.result import Leg, Result
+from hpcinv.results.leg import Leg
 from hpcinv.solver.problem import Model
 
 ROOT = Path(__file__).parents[1]

@@ -18,8 +18,8 @@ from pathlib import Path
 from hpcinv.driver import run
 from hpcinv.job.job import Job
 from hpcinv.methods.initial_guess import Guess
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 from hpcinv.solver.problem_cache import Workspace
 from hpcinv.sweep.neighbours import Neighbours, Solution, Space
 from hpcinv.sweep.plan import Case, load_sweep

@@ -5,12 +5,13 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.version import __version__
+
 if TYPE_CHECKING:
     from hpcinv.driver import run
     from hpcinv.job.job import Job, load
     from hpcinv.sweep.interface import sweep
 
-__version__ = "0.1.0"
 __all__ = ["Job", "__version__", "load", "run", "sweep"]
 
 _HOME = {"Job": "hpcinv.job.job", "load": "hpcinv.job.job", "run": "hpcinv.driver"}  # imported when first asked for

@@ -16,7 +16,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from hpcinv import __version__
 from hpcinv.bench.command import add_bench
 from hpcinv.cli.compile import add_compile
 from hpcinv.cli.mesh import add_mesh
@@ -29,6 +28,7 @@ from hpcinv.parallel.early_exit import refuse_exit_without_end
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output, end_on_interrupt
 from hpcinv.study.plan import is_study, load_plan
 from hpcinv.sweep.plan import is_sweep, load_sweep
+from hpcinv.version import __version__
 
 if TYPE_CHECKING:
     from hpcinv.quantity.component import Ingredient

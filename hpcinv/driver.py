@@ -22,22 +22,22 @@ from hpcinv.job.mesh_generators import is_generator
 from hpcinv.mesh import write_mesh
 from hpcinv.methods import method_for
 from hpcinv.methods.initial_guess import Guess
+from hpcinv.model.outcome import Outcome
 from hpcinv.output.checkpoint import Checkpoints, Position, Restart, cells_digest
 from hpcinv.output.progress import Progress
+from hpcinv.output.result import Result
 from hpcinv.output.run_directory import RunDirectory, relative
 from hpcinv.output.summary import statistics, versions, write_summary
 from hpcinv.output.vtk import write_fields
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.legs import leg_of
+from hpcinv.results.leg import Leg, leg_of
 from hpcinv.results.quantities_of_interest import check_points, evaluate
-from hpcinv.results.result import Leg, Result
 from hpcinv.results.shape_distance import closure, distance, read_expected
 from hpcinv.results.totals import Totals, totals_of
 from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
 from hpcinv.solver.diagnosis import diagnose
 from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import Outcome
 from hpcinv.solver.problem_cache import Workspace
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ class _Run:
 
     def _search(self) -> None:
         """Body, model and first leg as the demands on the accuracy want them."""
-        search = Search(self.job, self.comm, self.timings, self.progress, self.stop_asked)
+        search = Search(self.job, self.comm, self.timings, self.progress.note, self.stop_asked)
         with self.progress.phase("searching", "for mesh and degree"):
             self.record, best = search.run(), search.best
         self.job, self.body, self.model, self.legs = best.job, best.body, best.model, [best.leg]

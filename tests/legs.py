@@ -9,9 +9,10 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.mesh import Body
-from hpcinv.results.result import Leg
+from hpcinv.model.outcome import Outcome
+from hpcinv.results.leg import Leg
 from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import NewtonIteration, Outcome
+from hpcinv.solver.newton import NewtonIteration
 
 type Field = Callable[[np.ndarray], np.ndarray]  # of points (n, 3) in m
 

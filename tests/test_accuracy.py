@@ -25,10 +25,10 @@ from hpcinv.certificate import Verdict
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body, read_source
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.legs import leg_of
-from hpcinv.results.result import Result
+from hpcinv.results.leg import leg_of
 from hpcinv.solver.problem import Model
 
 

@@ -16,13 +16,14 @@ from verification import box, job
 import hpcinv
 from hpcinv.certificate.check import Verdict
 from hpcinv.errors import Interrupted, JobError, SolveError
+from hpcinv.model.outcome import Outcome
 from hpcinv.output.progress import Progress
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.results.result import Result
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
 from hpcinv.solver.bordering import Bordering
 from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
 
 # Small systems of equations, without finite elements.
 

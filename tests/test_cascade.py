@@ -15,10 +15,11 @@ import hpcinv
 from hpcinv.job.job import Job
 from hpcinv.methods import fallbacks
 from hpcinv.methods.fallbacks import Attempt, attempts
+from hpcinv.model.outcome import Outcome
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import NewtonIteration, Outcome
+from hpcinv.solver.newton import NewtonIteration
 
 MU, B = 1.0, 10.0  # Fung–Demiray
 

@@ -21,9 +21,9 @@ from hpcinv.certificate.check import Certificate
 from hpcinv.certificate.equilibrium_residual import balance
 from hpcinv.certificate.inertia import inertia
 from hpcinv.mesh import build_body
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.result import Result
 from hpcinv.solver.problem import Model
 
 ESTIMATE = NO_CERTIFICATE | {"estimate": True}

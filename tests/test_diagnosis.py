@@ -11,10 +11,10 @@ from verification import box, job
 
 from hpcinv.job.job import Job
 from hpcinv.methods.fallbacks import attempts
+from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.diagnosis import Diagnosis, diagnose
 from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import Outcome
 
 
 def sphere_beyond_its_limit() -> Job:

@@ -22,9 +22,9 @@ from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body, read_source
 from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.distributed.parts import partitioned
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.result import Result
 from hpcinv.solver.problem import Model
 
 C1, C2, D1 = 4e3, 1e3, 15e3

@@ -22,10 +22,10 @@ from hpcinv.errors import Interrupted, SolveError
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.methods import UPDATES, FixedPoint
+from hpcinv.model.outcome import Outcome
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.result import Result
-from hpcinv.solver.newton import Outcome
 from hpcinv.solver.problem import Model
 
 type Map = Callable[[np.ndarray], np.ndarray]

@@ -11,9 +11,10 @@ from verification import job
 
 import hpcinv
 from hpcinv.errors import SolveError
+from hpcinv.model.outcome import Outcome
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
 from hpcinv.solver.step_measure import Increment
 
 

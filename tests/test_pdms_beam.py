@@ -8,8 +8,8 @@ from verification import HERE, job
 
 import hpcinv
 from hpcinv.mesh import in_source_order
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 
 LENGTH, DIAMETER = 0.182, 0.0085
 C1, C2, D1, DENSITY, GRAVITY = 101709.668, 151065.460, 7.965272689e8, 963.0, 9.81

@@ -20,9 +20,9 @@ import hpcinv as package
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job
 from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.keys import assigned
-from hpcinv.results.result import Result
 from hpcinv.sensitivity.analysis import Sensitivities
 from hpcinv.solver.problem_cache import Workspace
 

@@ -22,7 +22,7 @@ from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.legs import leg_of
+from hpcinv.results.leg import leg_of
 from hpcinv.results.quantities_of_interest import check_points, evaluate
 from hpcinv.solver.problem import Model
 

@@ -18,13 +18,13 @@ from hpcinv.certificate import Certificate, Estimate, at_most, skipped
 from hpcinv.errors import OutputError
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body
+from hpcinv.model.outcome import Outcome
+from hpcinv.output.result import Result
 from hpcinv.output.summary import statistics, write_summary
 from hpcinv.parallel.malloc import give_back_memory
 from hpcinv.parallel.memory_use import peak, resident
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.result import Result
-from hpcinv.solver.newton import Outcome
 
 ROOT = Path(__file__).parents[1]
 

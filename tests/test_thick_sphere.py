@@ -18,8 +18,8 @@ from verification import HERE, job
 
 import hpcinv
 from hpcinv.errors import SolveError
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 
 INNER, OUTER, PRESSURE = 1.0, 1.5, 0.2
 

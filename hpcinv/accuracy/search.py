@@ -17,14 +17,13 @@ from hpcinv.accuracy.record import Ending, Record, Row
 from hpcinv.accuracy.trial import Spent, Trial, attempt
 from hpcinv.certificate.estimate import one_degree_more
 from hpcinv.errors import Interrupted, MeshError
-from hpcinv.solver.newton import Outcome
+from hpcinv.model.outcome import Outcome
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
-    from hpcinv.output.progress import Progress
     from hpcinv.parallel.timings import Timings
 
 MOST_STEPS = 15
@@ -45,10 +44,10 @@ class Search:
     chosen: int
 
     def __init__(
-        self, job: Job, comm: Intracomm, timings: Timings, progress: Progress, stop_asked: Callable[[], bool]
+        self, job: Job, comm: Intracomm, timings: Timings, note: Callable[[str], None], stop_asked: Callable[[], bool]
     ) -> None:
         self.job, self.comm, self.timings = job, comm, timings
-        self.progress, self.stop_asked = progress, stop_asked
+        self.note, self.stop_asked = note, stop_asked
         self.memory = Memory(comm)
         self.meshes = Meshes(job, comm)
         self.unseen_order: float | None = None
@@ -170,7 +169,7 @@ class Search:
                 seconds=seconds,
             )
         )
-        self.progress.note(self.rows[-1].text)
+        self.note(self.rows[-1].text)
 
     def _following(self) -> tuple[Variant, Body, int] | None:
         """What to try next; ``None`` if nothing within the limits is worth it."""

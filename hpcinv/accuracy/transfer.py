@@ -15,7 +15,7 @@ from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
     from hpcinv.solver.problem import Model
 
 # A curved surface of one mesh lies outside of the straight cells of another, by a share of the larger cell.

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from hpcinv.accuracy.transfer import begin_with
 from hpcinv.certificate.estimate import Estimate, estimate
 from hpcinv.methods import method_for
-from hpcinv.results.legs import leg_of
+from hpcinv.model.outcome import Outcome
+from hpcinv.results.leg import leg_of
 from hpcinv.results.quantities_of_interest import Value, check_points, evaluate
-from hpcinv.solver.newton import Outcome
 from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hpcinv.mesh import Body
     from hpcinv.methods import Method
     from hpcinv.parallel.timings import Timings
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
     from hpcinv.solver.equilibrium import Solve
 
 

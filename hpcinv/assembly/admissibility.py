@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from hpcinv.model.outcome import Outcome
 from hpcinv.model.quadrature_values import QuadratureValues
-from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.model.scene import Scene

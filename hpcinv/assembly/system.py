@@ -20,10 +20,10 @@ from hpcinv.assembly.tangent import tangent_of
 from hpcinv.parallel.jit import JIT_OPTIONS
 
 if TYPE_CHECKING:
+    from hpcinv.model.outcome import Outcome
     from hpcinv.model.scene import Scene
     from hpcinv.model.supports import Supports
     from hpcinv.parallel.timings import Timings
-    from hpcinv.solver.newton import Outcome
 
 
 class Assembly:

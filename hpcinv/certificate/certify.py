@@ -16,8 +16,8 @@ from hpcinv.certificate.volume import volume
 from hpcinv.mesh.moved import placed
 
 if TYPE_CHECKING:
+    from hpcinv.results.leg import Leg
     from hpcinv.results.quantities_of_interest import Value
-    from hpcinv.results.result import Leg
     from hpcinv.solver.linear.cost_model import Forecast
     from hpcinv.solver.problem import Model
 

@@ -33,7 +33,7 @@ from hpcinv.mesh.distributed.location import locate
 from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.legs import leg_of
+from hpcinv.results.leg import leg_of
 from hpcinv.results.quantities_of_interest import Value, evaluate
 from hpcinv.solver.problem import Model
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.job.sections import QuantityOfInterest
     from hpcinv.mesh import Body
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
 
 
 @dataclass(frozen=True)

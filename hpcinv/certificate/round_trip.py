@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from hpcinv.effects import Direction
     from hpcinv.job.job import Job
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
     from hpcinv.solver.problem import Model
 
 ROUND_TRIP, STABILITY, FOLD = "round trip, relative to the displacement", "stability", "fold of the path"

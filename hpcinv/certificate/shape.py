@@ -12,7 +12,7 @@ from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.mesh.regions import BOUNDARY
 
 if TYPE_CHECKING:
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
     from hpcinv.solver.problem import Model
 
 OVERLAP = "boundary facets that cross each other"

@@ -24,7 +24,7 @@ from hpcinv.mesh.sample_mesh import HELD, specimen
 from hpcinv.methods import method_for
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.legs import leg_of
+from hpcinv.results.leg import leg_of
 from hpcinv.results.quantities_of_interest import evaluate
 from hpcinv.sensitivity.analysis import sensitivities
 from hpcinv.solver.problem import Model
@@ -32,7 +32,7 @@ from hpcinv.solver.problem import Model
 if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.mesh.source import MeshSource
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
 
 
 def rehearse(job: Job) -> None:

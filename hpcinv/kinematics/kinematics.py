@@ -26,15 +26,26 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import ufl
 
 from hpcinv.kinematics.stable_functions import log1p_remainder
 from hpcinv.kinematics.staged_derivatives import stage
 
-if TYPE_CHECKING:
-    from hpcinv.model.measures import Integration
+
+class Measures(Protocol):
+    """Measures of integration over the mesh, as `hpcinv.model.measures` has them."""
+
+    @property
+    def volume(self) -> Any:
+        """The whole body."""
+
+    def part(self, number: int) -> Any:
+        """One of the parts of the body, from 0."""
+
+    def surface(self, region: str) -> Any:
+        """A region of the boundary."""
 
 
 class Deformation:
@@ -182,7 +193,7 @@ class Kinematics(ABC):
     sign: int
     """The other body is the mesh moved by ``sign * u``."""
 
-    def __init__(self, u: Any, integration: Integration) -> None:
+    def __init__(self, u: Any, integration: Measures) -> None:
         self.u = u
         self.integration = integration
         self._at = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from hpcinv.job.rules import NEARLY_INCOMPRESSIBLE
+from hpcinv.model.outcome import Outcome
 from hpcinv.quantity.quantity import quantity_of
 from hpcinv.quantity.spatial_fields import is_uniform
 from hpcinv.solver.load_stepping import AdaptiveSteps, follow
-from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.materials import MaterialLaw

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from hpcinv.methods.fallbacks import Problem, reach
 from hpcinv.methods.method import Method
+from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.load_stepping import AdaptiveSteps
-from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction

@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING
 
 from hpcinv.methods.bulk_modulus import BulkModulus
 from hpcinv.methods.fixed_point import FixedPoint
+from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps, follow
-from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction

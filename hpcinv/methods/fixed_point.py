@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from hpcinv.methods.method import Method
 from hpcinv.methods.moving_mesh import MovableMesh
 from hpcinv.methods.updates import UPDATES
+from hpcinv.model.outcome import Outcome
 from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.load_stepping import follow
-from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.methods.update import Floats

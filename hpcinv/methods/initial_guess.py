@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from hpcinv.solver.newton import Outcome
+from hpcinv.model.outcome import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats

@@ -25,9 +25,10 @@ import adios4dolfinx
 from hpcinv.errors import CheckpointError
 from hpcinv.job.fingerprint import difference
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import NewtonIteration, Outcome
+from hpcinv.solver.newton import NewtonIteration
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function

@@ -20,7 +20,7 @@ from hpcinv.parallel.runtime import agree, on_root
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
 
 
 def write_fields(directory: Path, body: Body, leg: Leg, more: Sequence[fem.Function] = ()) -> None:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats
     from hpcinv.model.scene import Scene
     from hpcinv.quantity.nondimensional import Scales
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
     from hpcinv.solver.problem import Model
 
 type Value = float | list[float]

@@ -16,7 +16,7 @@ from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from hpcinv.job.sections import QuantityOfInterest
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
     from hpcinv.solver.problem import Model
 
 

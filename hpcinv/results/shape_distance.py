@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.mesh.regions import Mesh
     from hpcinv.mesh.source import Floats
-    from hpcinv.results.result import Leg
+    from hpcinv.results.leg import Leg
 
 
 def read_expected(job: Job, body: Body) -> Floats | None:

@@ -34,8 +34,8 @@ from hpcinv.sensitivity.slopes import Change, slopes
 if TYPE_CHECKING:
     from hpcinv.job.sensitivities import Parameter
     from hpcinv.parallel.runtime import MPI
+    from hpcinv.results.leg import Floats, Leg
     from hpcinv.results.quantities_of_interest import Value
-    from hpcinv.results.result import Floats, Leg
     from hpcinv.solver.problem import Model
 
 

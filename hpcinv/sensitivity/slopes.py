@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from hpcinv.job.sensitivities import Parameter
     from hpcinv.model.parameters import Direction
+    from hpcinv.results.leg import Floats, Leg
     from hpcinv.results.quantities_of_interest import Value
-    from hpcinv.results.result import Floats, Leg
     from hpcinv.solver.problem import Model
 
 _STEP = 2.0**-10

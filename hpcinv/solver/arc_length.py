@@ -7,11 +7,11 @@ from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
+from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.bordering import Bordering, Corrected, Equations, Tangent
 from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.limit_points import Sample, locate
-from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from petsc4py import PETSc

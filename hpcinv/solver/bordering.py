@@ -24,8 +24,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
 
 if TYPE_CHECKING:
     from petsc4py import PETSc

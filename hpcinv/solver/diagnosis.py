@@ -6,7 +6,7 @@ import enum
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hpcinv.solver.newton import Outcome
+from hpcinv.model.outcome import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction

@@ -12,11 +12,12 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_log import logged_seconds
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.mip_newton import ExtrapolatedStress
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Outcome
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
 from hpcinv.solver.petsc_options import SolverOptions, Value
 from hpcinv.solver.predictor import Predictor
 from hpcinv.solver.step_report import Solve as Solve  # part of this module's interface

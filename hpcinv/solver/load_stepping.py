@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
-from hpcinv.solver.newton import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.solver.equilibrium import Equilibrium, Solve

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from hpcinv.solver.newton import NewtonIteration, Outcome
+    from hpcinv.model.outcome import Outcome
+    from hpcinv.solver.newton import NewtonIteration
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from hpcinv.sweep.outcomes import overdue_record, remove_run
 
 if TYPE_CHECKING:
     from hpcinv.job.job import Job
-    from hpcinv.results.result import Result
+    from hpcinv.output.result import Result
     from hpcinv.sweep.ledger.ledger import Claim
     from hpcinv.sweep.neighbours import Floats
     from hpcinv.sweep.plan import Case, Plan

@@ -13,8 +13,8 @@ import hpcinv
 from hpcinv.errors import HpcinvError
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 
 JOBS = Path(__file__).parents[2] / "jobs" / "hard"
 

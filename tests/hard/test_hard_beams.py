@@ -13,8 +13,8 @@ from dolfinx.fem.petsc import LinearProblem
 from hard_case import effort, solve
 
 from hpcinv.model.spaces import Unknowns
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 
 LENGTH, DIAMETER = 0.182, 0.0085
 C1, C2, DENSITY, GRAVITY = 101709.668, 151065.460, 963.0, 9.81

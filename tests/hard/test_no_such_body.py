@@ -13,8 +13,8 @@ from command_line import hpcinv as command
 from hard_case import JOBS, effort, fail, solve
 
 from hpcinv.certificate import Line, Verdict
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 from hpcinv.solver.diagnosis import Diagnosis
 
 

@@ -17,10 +17,10 @@ import hpcinv.solver.linear.selection
 from hpcinv import run
 from hpcinv.errors import SolveError
 from hpcinv.output.progress import Listener
+from hpcinv.output.result import Result
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.result import Result
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.linear.selection import Choice
 

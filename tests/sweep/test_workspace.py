@@ -13,8 +13,8 @@ from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.reuse_key import numbers_of, structure_of
 from hpcinv.methods.initial_guess import Guess
+from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.result import Result
 from hpcinv.solver.problem_cache import Workspace
 
 CLAMPED = [{"region": "x0", "fix": ["x", "y", "z"]}]

@@ -16,15 +16,16 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv import __version__
 from hpcinv.parallel.memory_use import Memory, peak
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import WORK
+from hpcinv.version import __version__
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
+    from hpcinv.output.result import Result
     from hpcinv.parallel.timings import Timings
-    from hpcinv.results.result import Leg, Result
+    from hpcinv.results.leg import Leg
     from hpcinv.solver.equilibrium import Solve
 
 

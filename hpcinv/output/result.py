@@ -11,82 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.parallel.runtime import MPI
-
 if TYPE_CHECKING:
-    from dolfinx.fem import Function
-
     from hpcinv.accuracy import Record
     from hpcinv.certificate import Certificate, Estimate
-    from hpcinv.effects import Direction
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
+    from hpcinv.results.leg import Leg
     from hpcinv.results.totals import Totals
     from hpcinv.sensitivity.analysis import Sensitivities
-    from hpcinv.solver.equilibrium import Solve
-    from hpcinv.solver.linear.selection import Used
 
 type Floats = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Leg:
-    """One direction of an analysis, solved.
-
-    Attributes:
-        mesh_nodes: coordinates of the local geometry nodes of the mesh it was solved on, (n, 3) in m.
-        u: displacement ``x - X`` at those nodes, (n, 3) in m.
-        displacement: the same as a finite-element function, in m.
-        pressure: pressure of the mixed form in Pa, else ``None``.
-        J: mean volume ratio of each cell, piecewise constant.
-        cauchy_stress: mean Cauchy stress of each cell in Pa, piecewise constant, (3, 3).
-        J_range: smallest and largest volume ratio at any quadrature point.
-        strain_energy: energy stored in the body, in J.
-        solves: every solve of the method, failed ones too.
-        load: load factor at which it is a solution, 1 if all went well.
-        linear: the linear solver, where one was asked.
-    """
-
-    direction: Direction
-    mesh_nodes: Floats
-    u: Floats
-    displacement: Function
-    pressure: Function | None
-    J: Function
-    cauchy_stress: Function
-    J_range: tuple[float, float]
-    strain_energy: float
-    solves: tuple[Solve, ...]
-    load: float = 1.0
-    linear: Used | None = None
-
-    @property
-    def sign(self) -> int:
-        """The other body is the mesh moved by ``sign * u``."""
-        return 1 if self.direction == "forward" else -1
-
-    @property
-    def other_nodes(self) -> Floats:
-        """Coordinates of the nodes in the body that was looked for, (n, 3) in m."""
-        return self.mesh_nodes + self.sign * self.u
-
-    @property
-    def reference_nodes(self) -> Floats:
-        return self.mesh_nodes if self.direction == "forward" else self.other_nodes
-
-    @property
-    def current_nodes(self) -> Floats:
-        return self.other_nodes if self.direction == "forward" else self.mesh_nodes
-
-    @property
-    def largest_displacement(self) -> float:
-        """Over the nodes of all ranks, in m; collective."""
-        comm = self.displacement.function_space.mesh.comm
-        return float(comm.allreduce(float(np.linalg.norm(self.u, axis=1).max(initial=0.0)), op=MPI.MAX))
-
-    @property
-    def factorizations(self) -> int:
-        return sum(s.factorizations for s in self.solves)
 
 
 @dataclass(frozen=True, repr=False)
