@@ -18,6 +18,7 @@ from hpcinv.accuracy import Record, Search
 from hpcinv.certificate import Certificate, Estimate, Line, Verdict, certify
 from hpcinv.errors import CheckpointError, Interrupted, SolveError
 from hpcinv.files.directory_lock import DirectoryLock
+from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.mesh import write_mesh
 from hpcinv.methods import method_for
@@ -180,7 +181,7 @@ class _Run:
             return None, None
         directory, job = self.directory, self.job
         # Functions are saved cell by cell: a generator must have made the same cells again.
-        problem = on_root(self.comm, job.fingerprint) | {"cells": cells_digest(self.body)}
+        problem = on_root(self.comm, lambda: fingerprint(job)) | {"cells": cells_digest(self.body)}
         # A search for accuracy saves nothing and begins anew.
         checkpoints = None
         if not job.accuracy:

@@ -17,7 +17,7 @@ from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import file_digest
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.checks import check
-from hpcinv.mesh.io.export import save
+from hpcinv.mesh.export import save
 
 VTU = """<?xml version="1.0"?>
 <VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 import hpcinv
 from hpcinv.effects.base import Direction, Effect
 from hpcinv.errors import JobError
-from hpcinv.job.fingerprint import difference
+from hpcinv.job.fingerprint import difference, fingerprint
 from hpcinv.job.job import Job, json_schema, parse
 from hpcinv.materials import laws
 from hpcinv.study.plan import is_study, load_plan
@@ -358,7 +358,7 @@ def test_the_fingerprint_ignores_how_the_same_physics_is_written_and_solved(load
         job["output"] = {"fields": False}
 
     (tmp_path / "meshes" / "moved.py").write_text(GENERATOR)
-    assert difference(load().fingerprint(), load(edit).fingerprint()) == []
+    assert difference(fingerprint(load()), fingerprint(load(edit))) == []
 
 
 def test_the_fingerprint_is_json_and_tells_other_physics(load: Loader) -> None:
@@ -367,7 +367,7 @@ def test_the_fingerprint_is_json_and_tells_other_physics(load: Loader) -> None:
         job["effects"][0]["density_in"] = "reference"
         job["supports"].append({"region": "tip", "fix": ["x"]})
 
-    old, new = load().fingerprint(), load(edit).fingerprint()
+    old, new = fingerprint(load()), fingerprint(load(edit))
     assert difference(json.loads(json.dumps(old)), new) == [
         "material.c1: 101709.668 -> 99999.0",
         "material.d1: 796527268.9 -> incompressible",
@@ -378,18 +378,18 @@ def test_the_fingerprint_is_json_and_tells_other_physics(load: Loader) -> None:
 
 
 def test_the_fingerprint_follows_the_contents_of_the_mesh_file(load: Loader, tmp_path: Path) -> None:
-    old = load().fingerprint()
+    old = fingerprint(load())
     (tmp_path / "meshes" / "beam.py").write_text(GENERATOR + "\n# changed\n")
-    [line] = difference(old, load().fingerprint())
+    [line] = difference(old, fingerprint(load()))
     assert line.startswith("mesh.sha256: ")
 
 
 def test_the_fingerprint_of_an_xdmf_mesh_covers_its_hdf5_file(load: Loader, tmp_path: Path) -> None:
     (tmp_path / "meshes" / "m.xdmf").write_text('<DataItem Format="HDF">m.h5:/Mesh/topology</DataItem>')
     (tmp_path / "meshes" / "m.h5").write_bytes(b"one")
-    old = load(lambda j: j.update(mesh={"file": "../meshes/m.xdmf"})).fingerprint()
+    old = fingerprint(load(lambda j: j.update(mesh={"file": "../meshes/m.xdmf"})))
     (tmp_path / "meshes" / "m.h5").write_bytes(b"two")
-    assert old != load(lambda j: j.update(mesh={"file": "../meshes/m.xdmf"})).fingerprint()
+    assert old != fingerprint(load(lambda j: j.update(mesh={"file": "../meshes/m.xdmf"})))
 
 
 # JSON Schema

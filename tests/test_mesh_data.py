@@ -20,7 +20,7 @@ from mesh_data_files import ARRAYS, block, linear, write
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body, build_body, read_source, write_mesh
 from hpcinv.mesh.cells import coordinate_element, scalar_element
-from hpcinv.mesh.distributed.data import as_function, distribute
+from hpcinv.mesh.data import as_function, distribute
 from hpcinv.mesh.refine.degree import of_degree
 from hpcinv.mesh.source import DataArray
 from hpcinv.parallel.runtime import MPI, on_root

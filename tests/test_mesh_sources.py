@@ -20,7 +20,7 @@ from hpcinv.mesh import MeshSource, read_source
 from hpcinv.mesh.cells import FACET_KIND, coordinate_element, scalar_element, vtk_order
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.io.gmsh_model import ElementType, save_msh, session
-from hpcinv.mesh.io.readers import FILES, GENERATORS
+from hpcinv.mesh.readers import FILES, GENERATORS
 
 FACES = {"x0", "x1", "y0", "y1", "z0", "z1"}
 

@@ -21,7 +21,7 @@ from hpcinv.job.job import load
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh import read_source
 from hpcinv.mesh.io.gmsh_model import save_msh
-from hpcinv.mesh.io.readers import FILES
+from hpcinv.mesh.readers import FILES
 from hpcinv.quantity.keys import assigned
 from hpcinv.study.plan import load_plan
 from hpcinv.sweep.plan import load_sweep

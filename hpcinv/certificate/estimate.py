@@ -29,7 +29,7 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.mesh.distributed.location import locate
+from hpcinv.mesh.location import locate
 from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI

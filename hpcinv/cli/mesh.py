@@ -79,8 +79,8 @@ def _gather(options: argparse.Namespace) -> int:
     if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
         raise JobError([f"{options.input}: {fault}"])
     _on_one_process()
-    from hpcinv.mesh.io.export import SAVERS, save
-    from hpcinv.mesh.io.readers import FILES
+    from hpcinv.mesh.export import SAVERS, save
+    from hpcinv.mesh.readers import FILES
 
     if options.output.suffix not in SAVERS:
         raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")

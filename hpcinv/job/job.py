@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,12 +15,11 @@ from hpcinv.files.untrusted import REFUSED, applies, is_asked
 from hpcinv.job.accuracy import read_demands
 from hpcinv.job.definitions import resolve, unusable
 from hpcinv.job.fibres import FibreFamily
-from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.rules import unknown_case, unknown_families, unsuited, wants_pressure
 from hpcinv.job.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
-from hpcinv.job.sensitivities import read_sensitivities
+from hpcinv.job.sensitivities import Owner, Parameter, parameter, read_sensitivities
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
@@ -29,7 +28,20 @@ from hpcinv.quantity.expressions import LET, Expression, faults
 from hpcinv.quantity.keys import JobKey, assigned
 from hpcinv.quantity.plugins import fault_of_plugin, load_file, load_installed
 from hpcinv.quantity.quantity import AnyQuantity
-from hpcinv.quantity.schema import FileName, ListOf, Name, Problems, Spec, at, job_error, raise_if_any, repeated, shown
+from hpcinv.quantity.schema import (
+    FileName,
+    ListOf,
+    Location,
+    Name,
+    Problems,
+    Spec,
+    at,
+    job_error,
+    raise_if_any,
+    repeated,
+    shown,
+)
+from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion
 
 MOST_ENTRIES = 10_000
 """of one list of a job, such as its quantities: each costs a millisecond here, and a kernel or a search in a run"""
@@ -185,9 +197,12 @@ class Job(Spec):
         """Degree of the pressure, None in the displacement form."""
         return (self.discretisation.pressure or self.discretisation.displacement - 1) if self.is_mixed else None
 
-    def fingerprint(self) -> dict[str, Any]:
-        """The physics as plain data: what must not change between a checkpoint and its resume."""
-        return fingerprint(self)
+    @property
+    def differentiated(self) -> list[Parameter]:
+        """Numbers by which the results are differentiated, in the order of ``sensitivities``."""
+        owners: dict[str, Owner] = {**self.laws, **dict(self.named_effects), **self.families}
+        owners |= {f"supports[{i}]": support for i, support in enumerate(self.supports)}
+        return [parameter(key, owners, deviation) for key, deviation in self.sensitivities.items()]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled so that another rank has the classes of its plugins before it needs them."""
@@ -447,9 +462,37 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
             raise
         raise JobError([f"{path}: plugins: a law or effect failed where it was checked: {fault}"]) from error
     job._path, job._data, job._untrusted = path, data, untrusted
-    if unknown := [f"{path}: {at(where)}: {what}" for where, what in unknown_regions(job)]:
-        raise JobError(unknown)
+    unknown = unknown_regions(job.resolve(job.mesh.file), job.regions, _named_regions(job))
+    if lines := [f"{path}: {at(where)}: {what}" for where, what in unknown]:
+        raise JobError(lines)
     return job
+
+
+def _named_regions(job: Job) -> Iterator[tuple[Location, str]]:
+    """Every region that a job names, with its place."""
+    for i, support in enumerate(job.supports):
+        yield ("supports", i, "region"), support.region
+    for i, effect in enumerate(job.effects):
+        for name, field in effect.surfaces.items():
+            yield ("effects", i, field), name
+    for where, law in job.laws.items():
+        if (region := where.partition(".")[2]) and region != ELSEWHERE:
+            yield ("material", region), region
+        for field in type(law).model_fields:
+            yield from _in_values(getattr(law, field), (*where.split(".", 1), field))
+    for i, effect in enumerate(job.effects):
+        for field in type(effect).model_fields:
+            yield from _in_values(getattr(effect, field), ("effects", i, field))
+    for i, quantity in enumerate(job.quantities):
+        if quantity.on is not None:
+            yield ("quantities", i, "on"), quantity.on
+
+
+def _in_values(value: object, where: Location) -> Iterator[tuple[Location, str]]:
+    if isinstance(value, ByRegion):
+        for name in value.values:
+            if name != ELSEWHERE:
+                yield (*where, name), name
 
 
 def json_schema() -> dict[str, Any]:

@@ -10,21 +10,16 @@ import contextlib
 import mmap
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from hpcinv.errors import MeshError
 from hpcinv.job.mesh_header import SUFFIX, read_header
 from hpcinv.quantity.schema import Location
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion
 from hpcinv.quantity.suggestions import did_you_mean
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
 
 _BOUNDARY = "boundary"
 _VTU = "region:"
@@ -46,9 +41,16 @@ class Groups:
         return name in self.names or any(re.fullmatch(pattern, name) for pattern in self.patterns)
 
 
-def unknown_regions(job: Job) -> Iterator[tuple[Location, str]]:
-    """The places in a job that name a region which neither it nor its mesh has."""
-    path = job.resolve(job.mesh.file)
+def unknown_regions(
+    path: Path, defined: Iterable[str], named: Iterable[tuple[Location, str]]
+) -> Iterator[tuple[Location, str]]:
+    """The places of a job that name a region which neither it nor its mesh has.
+
+    Args:
+        path: the file of the mesh.
+        defined: names of the regions that the job defines.
+        named: every region that the job names, with its place.
+    """
     try:
         state = path.stat()
         groups = _groups(path, state.st_mtime_ns, state.st_size)
@@ -56,41 +58,14 @@ def unknown_regions(job: Job) -> Iterator[tuple[Location, str]]:
         return
     if groups is None:
         return
-    known = {*job.regions, _BOUNDARY, *groups.names}
-    for where, name in _named(job):
+    known = {*defined, _BOUNDARY, *groups.names}
+    for where, name in named:
         if name in known or groups.may_have(name):
             continue
         hint = did_you_mean(name, known)
         if name in groups.thin:
             hint = " It is a physical group of points or curves there, and regions are surfaces or volumes."
         yield where, f"there is no region '{name}' in {path.name}, nor in 'regions'.{hint}"
-
-
-def _named(job: Job) -> Iterator[tuple[Location, str]]:
-    """Every region that a job names, with its place."""
-    for i, support in enumerate(job.supports):
-        yield ("supports", i, "region"), support.region
-    for i, effect in enumerate(job.effects):
-        for name, field in effect.surfaces.items():
-            yield ("effects", i, field), name
-    for where, law in job.laws.items():
-        if (region := where.partition(".")[2]) and region != ELSEWHERE:
-            yield ("material", region), region
-        for field in type(law).model_fields:
-            yield from _in_values(getattr(law, field), (*where.split(".", 1), field))
-    for i, effect in enumerate(job.effects):
-        for field in type(effect).model_fields:
-            yield from _in_values(getattr(effect, field), ("effects", i, field))
-    for i, quantity in enumerate(job.quantities):
-        if quantity.on is not None:
-            yield ("quantities", i, "on"), quantity.on
-
-
-def _in_values(value: object, where: Location) -> Iterator[tuple[Location, str]]:
-    if isinstance(value, ByRegion):
-        for name in value.values:
-            if name != ELSEWHERE:
-                yield (*where, name), name
 
 
 @lru_cache(maxsize=16)  # all cases of a sweep have one

@@ -13,7 +13,6 @@ from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension, parse_quantity
 
 if TYPE_CHECKING:
-    from hpcinv.job.job import Job
     from hpcinv.job.sections import Support
     from hpcinv.quantity.component import Ingredient
 
@@ -45,13 +44,6 @@ class Parameter:
     deviation: float | None = None
 
 
-def parameters_of(job: Job) -> list[Parameter]:
-    """What a job asks for, in its order."""
-    supports = {f"supports[{i}]": support for i, support in enumerate(job.supports)}
-    owners: dict[str, Owner] = {**job.laws, **dict(job.named_effects), **job.families, **supports}
-    return [_parameter(key, owners, deviation) for key, deviation in job.sensitivities.items()]
-
-
 def read_sensitivities(
     given: object, owners: Mapping[str, Owner]
 ) -> tuple[dict[str, float | None], list[tuple[Location, str]]]:
@@ -76,14 +68,14 @@ def read_sensitivities(
                 raise ValueError(f"must be a key such as material.mu, not {shown(key)}")
             if key in found:
                 raise ValueError(f"{key} is there already")
-            parameter = _parameter(key, owners, None)
-            found[key] = None if deviation is None else _deviation(deviation, parameter)
+            number = parameter(key, owners, None)
+            found[key] = None if deviation is None else _deviation(deviation, number)
         except ValueError as error:
             problems.append(((place,), str(error)))
     return found, problems
 
 
-def _parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) -> Parameter:
+def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) -> Parameter:
     """What a key means; ``ValueError`` if it is no number of one of these."""
     location, known = tuple(parse_key(key)), dict[Location, str]()
     for where, owner in owners.items():

@@ -7,7 +7,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 # isort: split
 from hpcinv.mesh.body import Body, at_local_nodes, build_body, in_source_order, read_source
 from hpcinv.mesh.distributed.partition import Partition
-from hpcinv.mesh.io.export import write_mesh, write_msh, write_vtu
+from hpcinv.mesh.export import write_mesh, write_msh, write_vtu
 from hpcinv.mesh.regions import Region
 from hpcinv.mesh.source import Group, MeshSource
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import dolfinx
 import numpy as np
 import numpy.typing as npt
+import ufl
+from dolfinx import fem
 
 from hpcinv.errors import MeshError
 from hpcinv.files.names import exists
@@ -24,9 +26,9 @@ from hpcinv.mesh.distributed.partition import Partition, measure, partitioner
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.io.length_unit import check_unit
-from hpcinv.mesh.io.readers import FILES, GENERATORS
+from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.refine.degree import of_degree
-from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, of_file, of_generator, with_geometry
+from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, of_file, of_generator
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
@@ -216,3 +218,23 @@ def at_local_nodes(body: Body, values: Floats) -> Floats:
     """Of values (n, c) at the nodes that this rank's source has those at the local geometry nodes; collective."""
     rows = Rows.of(body.mesh.comm, len(body.source.points))
     return rows.fetch(values, body.mesh.geometry.input_global_indices)
+
+
+def with_geometry(body: Body, source: MeshSource) -> Body:
+    """The body on the same cells, of the same ranks and numbers, with the geometry of another source; collective.
+
+    Functions of the one are functions of the other: spaces on both meshes have the same numbers of unknowns.
+    """
+    mesh, comm = body.mesh, body.mesh.comm
+    element = coordinate_element(source.kind, source.degree)
+    dofmap = fem.functionspace(mesh, element).dofmap
+    nodes = np.empty(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.int64)
+    here = np.asarray(mesh.topology.original_cell_index)
+    nodes[dofmap.list] = Rows.of(comm, len(source.cells)).fetch(source.cells, here)
+    points = Rows.of(comm, len(source.points)).fetch(source.points, nodes)
+    geometry = dolfinx.mesh.create_geometry(
+        dofmap.index_map, dofmap.list, fem.coordinate_element(element.basix_element), points / body.length_scale, nodes
+    )
+    topology = mesh.topology._cpp_object
+    curved = dolfinx.cpp.mesh.Mesh_float64(comm, topology, geometry._cpp_object)
+    return replace(body, mesh=dolfinx.mesh.Mesh(curved, ufl.Mesh(element)), source=source, read_finer_geometry=None)

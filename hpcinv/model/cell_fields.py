@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -14,7 +15,8 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
-    from hpcinv.model.scene import Scene
+    from hpcinv.mesh.regions import Mesh
+    from hpcinv.model.quadrature_values import Cells
 
 
 class SceneMeans:
@@ -26,12 +28,14 @@ class SceneMeans:
         J_at_points: volume ratio at the quadrature points.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        mesh, degree = scene.unknowns.mesh, scene.quadrature_degree
-        self.cauchy_stress = CellMeans(scene.cauchy_stress, mesh, degree)
-        self.J = CellMeans([(scene.J, None)], mesh, degree)
-        self.J_at_points = QuadratureValues(scene.J, mesh, degree)
-        self._energy, self._comm = fem.form(scene.strain_energy, jit_options=JIT_OPTIONS), mesh.comm
+    def __init__(
+        self, mesh: Mesh, degree: int, stress: Sequence[tuple[Any, Cells | None]], J: Any, strain_energy: Any
+    ) -> None:
+        """Of UFL expressions and the form of the energy; ``degree`` is that of the quadrature."""
+        self.cauchy_stress = CellMeans(stress, mesh, degree)
+        self.J = CellMeans([(J, None)], mesh, degree)
+        self.J_at_points = QuadratureValues(J, mesh, degree)
+        self._energy, self._comm = fem.form(strain_energy, jit_options=JIT_OPTIONS), mesh.comm
 
     def strain_energy(self) -> float:
         """Energy stored in the body; collective."""

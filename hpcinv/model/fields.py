@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from hpcinv.errors import MeshError, told_with
-from hpcinv.mesh.distributed.data import as_function, distribute
+from hpcinv.mesh.data import as_function, distribute
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion
 

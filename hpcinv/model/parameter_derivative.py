@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -18,8 +18,8 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from hpcinv.model.parameters import Direction
-    from hpcinv.model.scene import Scene
+    from hpcinv.mesh.regions import Mesh
+    from hpcinv.model.parameters import Direction, Parameters
 
 
 class ParameterDerivative:
@@ -29,14 +29,13 @@ class ParameterDerivative:
     when its work is done. Parameters and their rates are then two halves of one constant (see `Parameters`).
     """
 
-    def __init__(self, scene: Scene) -> None:
-        self._parameters = par = scene.parameters
-        mesh, count = scene.unknowns.mesh, par.constant.value.size
+    def __init__(self, residual: Any, par: Parameters, mesh: Mesh) -> None:
+        self._parameters, count = par, par.constant.value.size
         self._point_and_way = both = fem.Constant(mesh, np.zeros(2 * count))
         space = ufl.FunctionSpace(mesh.ufl_domain(), basix.ufl.element("DG", mesh.basix_cell(), 0, shape=(count,)))
         point, way = ufl.Coefficient(space), ufl.Coefficient(space)
         self._functions, self._rates = par.functions, [fem.Function(f.function_space) for f in par.functions]
-        residual = ufl.replace(scene.residual, {par.constant: point})
+        residual = ufl.replace(residual, {par.constant: point})
         derivative = ufl.derivative(residual, (point, *self._functions), (way, *self._rates))
         halves = (ufl.as_vector([both[i] for i in part]) for part in (range(count), range(count, 2 * count)))
         form = ufl.replace(derivative, dict(zip((point, way), halves, strict=True)))

@@ -192,12 +192,12 @@ class Scene:
     @cached_property
     def means(self) -> SceneMeans:
         """What a leg reports of the scene."""
-        return SceneMeans(self)
+        return SceneMeans(self.unknowns.mesh, self.quadrature_degree, self.cauchy_stress, self.J, self.strain_energy)
 
     @cached_property
     def parameter_derivative(self) -> ParameterDerivative:
         """How the residual changes with the parameters."""
-        return ParameterDerivative(self)
+        return ParameterDerivative(self.residual, self.parameters, self.unknowns.mesh)
 
     @property
     def cauchy_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:

@@ -23,7 +23,7 @@ from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.mesh.distributed.location import Location
+    from hpcinv.mesh.location import Location
     from hpcinv.mesh.regions import LocalIndices
     from hpcinv.mesh.source import Floats
     from hpcinv.model.scene import Scene

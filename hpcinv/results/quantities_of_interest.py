@@ -19,7 +19,7 @@ from dolfinx.mesh import entities_to_geometry
 
 from hpcinv.errors import JobError, MeshError, told_with
 from hpcinv.mesh.bounding_box import extent
-from hpcinv.mesh.distributed.location import Location, locate
+from hpcinv.mesh.location import Location, locate
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.regions import find
 from hpcinv.parallel.runtime import MPI

@@ -26,7 +26,6 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.errors import SolveError
-from hpcinv.job.sensitivities import parameters_of
 from hpcinv.mesh.moved import placed
 from hpcinv.quantity.component import Ingredient
 from hpcinv.sensitivity.slopes import Change, slopes
@@ -99,7 +98,7 @@ def sensitivities(model: Model, leg: Leg) -> Sensitivities | None:
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
-    parameters, body = parameters_of(model.job), model.body
+    parameters, body = model.job.differentiated, model.body
     if not parameters:
         return None
     with model.timings("sensitivities"), placed(body.mesh, leg.mesh_nodes / body.length_scale):

@@ -12,6 +12,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 from hpcinv.errors import MeshError
+from hpcinv.job.fingerprint import fingerprint
 from hpcinv.mesh import build_body
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
@@ -113,7 +114,7 @@ def _ranks(record: Record) -> int:
 
 def _place(job: Job) -> str:
     """What decides on the size of a job: its mesh and its spaces."""
-    content = job.fingerprint()
+    content = fingerprint(job)
     return json.dumps([content["mesh"], content["discretisation"]], sort_keys=True)
 
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 
-from hpcinv.job.sensitivities import parameters_of
 from hpcinv.study.tables import fill
 from hpcinv.study.units import unit_of
 from hpcinv.sweep.parameters import parameter_columns, parameter_units, unit_of_dimension
@@ -74,7 +73,7 @@ def units(plan: Plan, records: Mapping[str, Record]) -> dict[str, str]:
             continue
         seen |= quantities.keys()
         job = plan.job(case)
-        by = {p.key: unit_of_dimension(p.dimension) for p in parameters_of(job) if p.dimension is not None}
+        by = {p.key: unit_of_dimension(p.dimension) for p in job.differentiated if p.dimension is not None}
         for name, value in quantities.items():
             unit = unit_of(f"quantities.{name}", job)
             for part in _parts(name, value):

@@ -98,7 +98,7 @@ def meshes(directory: Path) -> list[Path]:
 
     from hpcinv.mesh.distributed.partitioned import write_partitioned
     from hpcinv.mesh.distributed.parts import partitioned
-    from hpcinv.mesh.io.export import save
+    from hpcinv.mesh.export import save
     from hpcinv.parallel.runtime import MPI
 
     examples = HERE.parents[1] / "meshes"

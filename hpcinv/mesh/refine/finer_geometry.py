@@ -16,19 +16,15 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 # isort: split
 import basix
 import basix.cell
-import dolfinx
 import numpy as np
-import ufl
 from dolfinx import fem
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.cells import coordinate_element, jacobians, scalar_element, vertex_count
+from hpcinv.mesh.cells import jacobians, scalar_element, vertex_count
 from hpcinv.mesh.checks import CHUNK, determinants
-from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.topology import FacetTable
 
 if TYPE_CHECKING:
-    from hpcinv.mesh.body import Body
     from hpcinv.mesh.regions import Mesh
     from hpcinv.mesh.source import Floats, Ints, MeshSource
 
@@ -165,28 +161,6 @@ def _along(normals: Floats, offset: Floats) -> Floats:
     used = share > EDGE * np.maximum(share[:, -1:], 1e-300)
     components = np.einsum("nji,nj->ni", directions, offset) * used
     return np.asarray(np.einsum("nij,nj->ni", directions, components))
-
-
-def with_geometry(body: Body, source: MeshSource) -> Body:
-    """The body on the same cells, of the same ranks and numbers, with the geometry of another source; collective.
-
-    Functions of the one are functions of the other: spaces on both meshes have the same numbers of unknowns.
-    """
-    mesh, comm = body.mesh, body.mesh.comm
-    element = coordinate_element(source.kind, source.degree)
-    dofmap = fem.functionspace(mesh, element).dofmap
-    nodes = np.empty(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.int64)
-    here = np.asarray(mesh.topology.original_cell_index)
-    nodes[dofmap.list] = Rows.of(comm, len(source.cells)).fetch(source.cells, here)
-    points = Rows.of(comm, len(source.points)).fetch(source.points, nodes)
-    geometry = dolfinx.mesh.create_geometry(
-        dofmap.index_map, dofmap.list, fem.coordinate_element(element.basix_element), points / body.length_scale, nodes
-    )
-    topology = mesh.topology._cpp_object
-    curved = dolfinx.cpp.mesh.Mesh_float64(comm, topology, geometry._cpp_object)
-    return dataclasses.replace(
-        body, mesh=dolfinx.mesh.Mesh(curved, ufl.Mesh(element)), source=source, read_finer_geometry=None
-    )
 
 
 def on_mesh(mesh: Mesh, function: fem.Function) -> fem.Function:

@@ -16,6 +16,7 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.job.fingerprint import fingerprint
 from hpcinv.parallel.memory_use import Memory, peak
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import WORK
@@ -48,7 +49,7 @@ def statistics(
     found = {
         "status": status,
         "job": job.model_dump(mode="json"),
-        "fingerprint": on_root(comm, job.fingerprint),  # other ranks may not see the mesh file
+        "fingerprint": on_root(comm, lambda: fingerprint(job)),  # other ranks may not see the mesh file
         "versions": versions(),
         "machine": {"ranks": comm.size, "omp_threads": int(os.environ.get("OMP_NUM_THREADS", "1"))},
         "mesh": _mesh(body) | {"file": job.mesh.file, "unknowns": unknowns},
