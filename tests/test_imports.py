@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 MODULES = "hpcinv.job.job, hpcinv.materials, hpcinv.effects, hpcinv.study.plan, hpcinv.sweep.plan"
-MODULES += ", hpcinv.sweep.ledger.ledger"
+MODULES += ", hpcinv.batch.ledger.ledger"
 HEAVY = {
     "dolfinx",
     "dolfinx_solver",

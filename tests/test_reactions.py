@@ -13,10 +13,10 @@ from command_line import BLOCK, hpcinv, write_job
 from verification import box, job
 
 from hpcinv import run
+from hpcinv.batch.units import unit_of
 from hpcinv.job.job import load
 from hpcinv.output.progress import report
 from hpcinv.parallel.runtime import MPI
-from hpcinv.study.units import unit_of
 
 ABOUT = [0.3, -0.2, 0.4]
 REACTIONS = [

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.study.diagram import COLOURS, MARKERS, new_figure
+from hpcinv.batch.diagram import COLOURS, MARKERS, new_figure
 
 if TYPE_CHECKING:
     from hpcinv.bench.costmodel import CostModel, Machine, Start

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+from hpcinv.batch.tables import as_csv
+from hpcinv.batch.units import unit_of
 from hpcinv.errors import JobError, SolveError
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
 from hpcinv.study.diagram import over_cases, work_precision
@@ -19,8 +21,7 @@ from hpcinv.study.report import show
 from hpcinv.study.rows import Row, rows_of
 from hpcinv.study.schedule import Schedule
 from hpcinv.study.store import Store
-from hpcinv.study.tables import as_csv, as_hdf5, point_columns, point_units, run_columns, run_units
-from hpcinv.study.units import unit_of
+from hpcinv.study.tables import as_hdf5, point_columns, point_units, run_columns, run_units
 
 if TYPE_CHECKING:
     from hpcinv.study.plan import Plan

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hpcinv.batch.ledger.holder import BEAT
+from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.errors import Interrupted
 from hpcinv.files.untrusted import add_option
-from hpcinv.sweep.ledger.holder import BEAT
-from hpcinv.sweep.ledger.liveness import LEASE
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.reporting import add_reports
 from hpcinv.sweep.results import ledger_of

@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
+
+from hpcinv.batch.diagram import as_files, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from hpcinv.study.findings import Accuracy, Point
     from hpcinv.study.rows import Row
-
-# Told apart by colour-blind readers (Okabe & Ito, 2008), and in black and white by markers and dashes.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (2, 1)))
-STYLE: Any = {
-    "svg.fonttype": "none",  # text stays text
-    "svg.hashsalt": "hpcinv",  # the same diagram is the same file
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-}
-FORMATS = ("png", "svg")
 
 
 def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping[str, str]) -> dict[str, bytes]:
@@ -144,12 +129,6 @@ def _draw_front(axes: Axes, points: Sequence[Point]) -> None:
     )
 
 
-def style(number: int) -> tuple[str, str, Any]:
-    """Colour, marker and dashes; where they begin again they do so in other combinations."""
-    turn, i = divmod(number, len(COLOURS))
-    return COLOURS[i], MARKERS[(i + turn) % len(MARKERS)], DASHES[(i + turn) % len(DASHES)]
-
-
 def _error_label(accuracy: Accuracy) -> str:
     what = accuracy.name if accuracy.name.startswith("errors.") else f"error of {accuracy.name}"
     return f"{what} / {accuracy.unit}" if accuracy.unit else what
@@ -162,20 +141,3 @@ def _origin(accuracy: Accuracy) -> str:
     if len(accuracy.references) > 1:
         return reference.origin.partition(":")[0] + " of each case" if reference.key else reference.origin
     return f"{reference.origin}, {reference.value:.9g} {accuracy.unit}".rstrip()
-
-
-@contextmanager
-def new_figure(width: float, height: float) -> Iterator[Figure]:
-    """A figure of a size in inches, in the style of all diagrams for as long as the context lasts."""
-    with mpl.rc_context(STYLE):
-        yield Figure(figsize=(width, height), layout="constrained")
-
-
-def as_files(figure: Figure) -> dict[str, bytes]:
-    """A figure as the contents of files by their format."""
-    files = {}
-    for form in FORMATS:
-        content = io.BytesIO()
-        figure.savefig(content, format=form, dpi=200, metadata={"Date": None} if form == "svg" else None)
-        files[form] = content.getvalue()
-    return files

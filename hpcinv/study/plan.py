@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
+from hpcinv.batch.specification import read_base, read_spec, text_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.quantity.keys import assigned, parse_key
-from hpcinv.quantity.schema import Location, Problems, Spec, at, job_error, raise_if_any
+from hpcinv.quantity.schema import Location, Problems, at, raise_if_any
 from hpcinv.study.spec import Study, measured_key
 
 
@@ -81,37 +80,6 @@ class Plan:
 def is_study(path: Path) -> bool:
     """Whether a file is a study rather than a job; raises ``JobError`` if it cannot be read."""
     return "ladders" in read_yaml(path)
-
-
-def read_spec[S: Spec](
-    kind: type[S], name: str, path: Path, content: Mapping[str, Any] | None = None, *, untrusted: bool
-) -> S:
-    """A file of a kind that has a ``name``, left out that of the file.
-
-    Args:
-        content: what is in the file, if it has been read.
-
-    Raises:
-        JobError: with a line for each thing that is wrong in it.
-    """
-    context = {"directory": path.parent, "untrusted": untrusted}
-    try:
-        return kind.model_validate({name: path.stem, **(content or read_yaml(path))}, context=context)
-    except ValidationError as error:
-        raise job_error(path, error, kind) from None
-
-
-def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
-    """Path and content of the job file that a file names, which need not be a complete job.
-
-    Raises:
-        JobError: it cannot be read.
-    """
-    base = path.parent / job
-    try:
-        return base, read_yaml(base)
-    except JobError as error:
-        raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
 
 
 def load_plan(path: Path, *, untrusted: bool = False) -> Plan:
@@ -195,18 +163,6 @@ def _quantities(job: Job) -> dict[str, bool]:
 def _label(varied: Mapping[str, Any]) -> str:
     """The values that vary, each once."""
     return ", ".join(dict.fromkeys(text_of(value) for value in varied.values()))
-
-
-def text_of(value: Any) -> str:
-    """A value as a label has it."""
-    match value:
-        case float():
-            return f"{value:.6g}"
-        case dict():
-            return " ".join(map(text_of, value.values()))
-        case list() | tuple():
-            return f"[{', '.join(map(text_of, value))}]"
-    return str(value)
 
 
 def _first_of(titles: list[str]) -> str:

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
 
-from hpcinv.study.plan import text_of
+from hpcinv.batch.specification import text_of
+from hpcinv.batch.tables import Columns, fill
+from hpcinv.batch.units import COSTS
 from hpcinv.study.references import Found
 from hpcinv.study.spec import STATISTICS
-from hpcinv.study.units import COSTS
 
 if TYPE_CHECKING:
     from hpcinv.study.findings import Accuracy
     from hpcinv.study.plan import Plan
     from hpcinv.study.rows import Row
-
-type Columns = dict[str, list[Any]]
 
 
 def run_columns(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy]) -> Columns:
@@ -91,16 +89,6 @@ def relative(accuracy: Accuracy, row: Row, error: float | None) -> float | None:
     return error / abs(reference.value)
 
 
-def as_csv(columns: Columns, units: Mapping[str, str]) -> str:
-    """Columns as CSV under headers with their units, such as ``tip [m]``; what is not known is empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([f"{name} [{units[name]}]" if units.get(name) else name for name in columns])
-    for values in zip(*columns.values(), strict=True):
-        writer.writerow(["" if v is None else repr(v) if isinstance(v, float) else v for v in values])
-    return text.getvalue()
-
-
 def as_hdf5(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy], ranks: int) -> bytes:
     """The same, and every repetition's time, as HDF5."""
     content = io.BytesIO()
@@ -125,17 +113,3 @@ def as_hdf5(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy], ranks: i
             group.create_group("orders").attrs.update(accuracy.fitted)
             fill(group.create_group("points"), point_columns(plan, accuracy), point_units(accuracy))
     return content.getvalue()
-
-
-def fill(group: h5py.Group, columns: Columns, units: Mapping[str, str]) -> None:
-    """A dataset for each column: text, flags, or numbers with NaN for what is not known."""
-    for column, values in columns.items():
-        name = column.replace("/", "|")  # HDF5 reads it as a path
-        if all(isinstance(v, str) for v in values):
-            data = group.create_dataset(name, data=values, dtype=h5py.string_dtype())
-        elif all(isinstance(v, bool | int) for v in values):
-            data = group.create_dataset(name, data=np.array(values))
-        else:
-            data = group.create_dataset(name, data=np.array([np.nan if v is None else v for v in values], dtype=float))
-        if units.get(column):
-            data.attrs["unit"] = units[column]

@@ -6,9 +6,9 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from hpcinv.batch.axes import SAMPLES, Axis
+from hpcinv.batch.sampling import unit_points
 from hpcinv.quantity.keys import parse_key
-from hpcinv.sweep.axes import SAMPLES, Axis
-from hpcinv.sweep.sampling import unit_points
 from hpcinv.sweep.spec import Sweep
 
 

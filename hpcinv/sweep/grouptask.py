@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from hpcinv.batch.ledger.ledger import Claim
 from hpcinv.errors import HpcinvError
-from hpcinv.sweep.ledger.ledger import Claim
 
 if TYPE_CHECKING:
     from hpcinv.sweep.plan import Plan

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.store import open_store
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
-from hpcinv.sweep.ledger.holder import Holder
-from hpcinv.sweep.ledger.ledger import Ledger
-from hpcinv.sweep.ledger.store import open_store
 from hpcinv.sweep.queue import Queue
 from hpcinv.sweep.worker import Worker
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger.ledger import Claim
+    from hpcinv.batch.ledger.ledger import Claim
     from hpcinv.sweep.plan import Plan
 
 

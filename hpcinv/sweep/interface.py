@@ -9,11 +9,11 @@ from typing import Any, cast
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.errors import HpcinvError
 from hpcinv.parallel.runtime import MPI, agree, on_root
 from hpcinv.sweep.conduct import groups_of, wait_for_all
 from hpcinv.sweep.groupwork import work
-from hpcinv.sweep.ledger.liveness import LEASE
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import ledger_of, results
 from hpcinv.sweep.table import columns, units

@@ -23,11 +23,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from hpcinv.batch.ledger.ledger import Claim, Ledger
 from hpcinv.errors import Interrupted, SystemPartMissing
 from hpcinv.parallel.processes import Identity
 from hpcinv.parallel.ranks import MPI
 from hpcinv.sweep.grouptask import Ended, GroupTask, Listener
-from hpcinv.sweep.ledger.ledger import Claim, Ledger
 from hpcinv.sweep.outcomes import overdue_record
 from hpcinv.sweep.results import ledger_of
 

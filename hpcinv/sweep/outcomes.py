@@ -6,11 +6,11 @@ import contextlib
 import shutil
 from typing import TYPE_CHECKING
 
-from hpcinv.sweep.forecast import in_words
-from hpcinv.sweep.ledger.record import Record
+from hpcinv.batch.forecast import in_words
+from hpcinv.batch.ledger.record import Record
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger.ledger import Claim
+    from hpcinv.batch.ledger.ledger import Claim
 
 
 def overdue_record(limit: float | None, claim: Claim) -> Record:

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+from hpcinv.batch.forecast import forecast, in_words
 from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.mesh import build_body
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep.forecast import forecast, in_words
 from hpcinv.sweep.results import results
 
 if TYPE_CHECKING:
+    from hpcinv.batch.ledger.ledger import Ledger
+    from hpcinv.batch.ledger.record import Record
     from hpcinv.job.job import Job
-    from hpcinv.sweep.ledger.ledger import Ledger
-    from hpcinv.sweep.ledger.record import Record
     from hpcinv.sweep.plan import Plan
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.lines import Line2D
 
-from hpcinv.study.diagram import style
+from hpcinv.batch.diagram import style
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.batch.axes import Axis
+from hpcinv.batch.specification import text_of
 from hpcinv.quantity.units import NAMES, Dimension, as_float, parse_quantity, parse_unit
-from hpcinv.study.plan import text_of
-from hpcinv.sweep.axes import Axis
 
 if TYPE_CHECKING:
     from hpcinv.sweep.plan import Plan

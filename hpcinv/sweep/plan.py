@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from hpcinv.batch.specification import read_base, read_spec, text_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.content_key import content_key
@@ -17,7 +18,6 @@ from hpcinv.job.job import UNNAMED, Job, parse
 from hpcinv.job.reuse_key import numbers_of, structure_of
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.quantity.keys import assigned
-from hpcinv.study.plan import read_base, read_spec, text_of
 from hpcinv.sweep.expand import Point, expanded
 from hpcinv.sweep.spec import Sweep
 

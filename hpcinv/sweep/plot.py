@@ -10,18 +10,18 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.batch.diagram import as_files, new_figure
+from hpcinv.batch.specification import text_of
 from hpcinv.errors import JobError
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.study.diagram import as_files, new_figure
-from hpcinv.study.plan import text_of
 from hpcinv.sweep.panels import Scale, Series, draw_lines, draw_maps, draw_outcomes
 from hpcinv.sweep.parameters import log_uniform, parameter_columns, sampled
 from hpcinv.sweep.table import TEXT, columns, parameter_name, units
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger.record import Record
+    from hpcinv.batch.ledger.record import Record
+    from hpcinv.batch.tables import Columns
     from hpcinv.sweep.plan import Plan
-    from hpcinv.sweep.table import Columns
 
 FAILURES = "failures"
 """what stands for the map of outcomes in place of a quantity"""

@@ -11,7 +11,7 @@ import numpy as np
 from hpcinv.sweep.neighbours import Floats, Space
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger.ledger import Claim, Ledger
+    from hpcinv.batch.ledger.ledger import Claim, Ledger
     from hpcinv.sweep.plan import Case
 
 _REFUSALS = 20  # in a row, until all cases are looked at anew: others are at work here

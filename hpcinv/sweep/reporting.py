@@ -54,7 +54,7 @@ def _table(options: argparse.Namespace) -> int:
     ledger = ledger_of(plan)
     records = results(plan, ledger)
 
-    from hpcinv.study.tables import as_csv
+    from hpcinv.batch.tables import as_csv
     from hpcinv.sweep.table import as_hdf5, columns, units
 
     if options.output is None:
@@ -70,7 +70,7 @@ def _statistics(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     records = results(plan, ledger_of(plan))
 
-    from hpcinv.study.tables import as_csv
+    from hpcinv.batch.tables import as_csv
     from hpcinv.sweep.statistics import statistics
 
     sys.stdout.write(as_csv(statistics(plan, records), {}))  # a column tells the unit of each row

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.sweep.ledger.holder import Holder
-from hpcinv.sweep.ledger.ledger import Ledger
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger.record import Record
+    from hpcinv.batch.ledger.record import Record
     from hpcinv.sweep.plan import Plan
 
 _PROVENANCE = ("job", "fingerprint", "versions", "machine")

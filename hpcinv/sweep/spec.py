@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 from pydantic import ValidationInfo, field_validator
 
+from hpcinv.batch.axes import Axis, faults_between, number_of
 from hpcinv.files.untrusted import REFUSED, FileBeside, applies
 from hpcinv.quantity.keys import JobKey
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import FileName, ListOf, Spec, raise_if_any
-from hpcinv.sweep.axes import Axis, faults_between, number_of
 
 MOST = 1_000_000
 """cases of one sweep: as many as are checked within minutes"""

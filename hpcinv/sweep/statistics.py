@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hpcinv.sweep.table import Columns, columns, quantity_columns, units
+from hpcinv.batch.tables import Columns
+from hpcinv.sweep.table import columns, quantity_columns, units
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger.record import Record
+    from hpcinv.batch.ledger.record import Record
     from hpcinv.sweep.plan import Plan
 
 QUANTILES = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "maximum": 1.0}

@@ -9,14 +9,14 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hpcinv.sweep.forecast import forecast, in_words
+from hpcinv.batch.forecast import forecast, in_words
 from hpcinv.sweep.results import results
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-    from hpcinv.sweep.ledger.ledger import Ledger
-    from hpcinv.sweep.ledger.record import Record
+    from hpcinv.batch.ledger.ledger import Ledger
+    from hpcinv.batch.ledger.record import Record
     from hpcinv.sweep.plan import Plan
 
 MOST_SHOWN = 5

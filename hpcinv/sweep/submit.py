@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.batch.ledger.store import open_store
 from hpcinv.errors import OutputError, SubmitError
 from hpcinv.files.untrusted import VARIABLE, is_asked
-from hpcinv.sweep.ledger.store import open_store
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.templates import TEMPLATES
 

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 
-from hpcinv.study.tables import fill
-from hpcinv.study.units import unit_of
+from hpcinv.batch.tables import Columns, fill
+from hpcinv.batch.units import unit_of
 from hpcinv.sweep.parameters import parameter_columns, parameter_units, unit_of_dimension
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger.record import Record
+    from hpcinv.batch.ledger.record import Record
     from hpcinv.sweep.plan import Plan
-
-type Columns = dict[str, list[Any]]
 
 OUTCOME: Mapping[str, Callable[[Record], Any]] = {
     "status": lambda record: record.status,

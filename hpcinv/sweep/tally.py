@@ -6,7 +6,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.ledger.ledger import Ledger
+    from hpcinv.batch.ledger.ledger import Ledger
     from hpcinv.sweep.plan import Plan
 
 _SHOWN = 10  # diagnoses

@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from hpcinv.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST
+from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.store import told
 from hpcinv.certificate import Verdict
 from hpcinv.driver import run
 from hpcinv.errors import CheckpointError, HpcinvError, Interrupted, JobError, MeshError, SolveError
@@ -23,16 +26,13 @@ from hpcinv.output.progress import Listener
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.problem_cache import Workspace, collect_garbage
-from hpcinv.sweep.ledger.ledger import CRASHES, DEADLY, KILLED, LOST
-from hpcinv.sweep.ledger.record import Record
-from hpcinv.sweep.ledger.store import told
 from hpcinv.sweep.neighbours import Neighbours, Solution
 from hpcinv.sweep.outcomes import overdue_record, remove_run
 
 if TYPE_CHECKING:
+    from hpcinv.batch.ledger.ledger import Claim
     from hpcinv.job.job import Job
     from hpcinv.output.result import Result
-    from hpcinv.sweep.ledger.ledger import Claim
     from hpcinv.sweep.neighbours import Floats
     from hpcinv.sweep.plan import Case, Plan
     from hpcinv.sweep.queue import Queue

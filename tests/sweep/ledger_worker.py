@@ -16,10 +16,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Claim, Ledger
+from hpcinv.batch.ledger.record import Record
 from hpcinv.parallel import processes
-from hpcinv.sweep.ledger.holder import Holder
-from hpcinv.sweep.ledger.ledger import Claim, Ledger
-from hpcinv.sweep.ledger.record import Record
 
 OPERATIONS = {"open", "os.link", "os.remove", "os.rename", "os.mkdir", "os.scandir"}
 

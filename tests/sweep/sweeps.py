@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from command_line import BLOCK
 
-from hpcinv.sweep.ledger.record import Record
+from hpcinv.batch.ledger.record import Record
 from hpcinv.sweep.plan import Plan, load_sweep
 from hpcinv.sweep.results import ledger_of
 

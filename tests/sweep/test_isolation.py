@@ -13,9 +13,9 @@ import pytest
 from command_line import BLOCK, ROOT, Started, hpcinv
 from sweeps import records_of, write_sweep
 
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import DEADLY, Ledger
 from hpcinv.errors import JobError
-from hpcinv.sweep.ledger.holder import Holder
-from hpcinv.sweep.ledger.ledger import DEADLY, Ledger
 from hpcinv.sweep.plan import load_sweep
 
 GENERATOR = f"""

@@ -16,15 +16,15 @@ from typing import Any
 
 import pytest
 
+from hpcinv.batch.ledger import liveness
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger, State
+from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.store import told
 from hpcinv.errors import OutputError
 from hpcinv.files import atomic
 from hpcinv.parallel import processes
 from hpcinv.parallel.processes import Identity
-from hpcinv.sweep.ledger import liveness
-from hpcinv.sweep.ledger.holder import Holder
-from hpcinv.sweep.ledger.ledger import Ledger, State
-from hpcinv.sweep.ledger.record import Record
-from hpcinv.sweep.ledger.store import told
 
 KEY, OTHER = "ab" + 18 * "0", "ab" + 18 * "1"
 DONE = Record("converged", "", {"quantities": {"length": 0.1}}, 1.5, 1)
@@ -168,7 +168,7 @@ def test_who_hesitates_between_looking_and_claiming_gets_nothing(
             history(ledger, faster)
             return create(path, content)
 
-        monkeypatch.setattr("hpcinv.sweep.ledger.ledger.create", late)
+        monkeypatch.setattr("hpcinv.batch.ledger.ledger.create", late)
         assert ledger.claim(KEY) is None
         state = ledger.states([KEY])[KEY]  # as if nothing had happened
         assert state.name == {begun: "running", begun_again: "running", finished: "finished"}.get(history, "open")

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 from command_line import MPIRUN, PATIENCE, environment
 
-from hpcinv.sweep.ledger.holder import Holder
-from hpcinv.sweep.ledger.ledger import Ledger, State
-from hpcinv.sweep.ledger.record import Record
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger, State
+from hpcinv.batch.ledger.record import Record
 
 WORKER = Path(__file__).parent / "ledger_worker.py"
 KEY = "ab" + 18 * "0"
@@ -210,7 +210,7 @@ def test_one_who_wakes_up_after_his_case_was_taken_over_changes_nothing(workers:
 BEATING = """
 import os, signal, sys, time
 from pathlib import Path
-from hpcinv.sweep.ledger.holder import Holder
+from hpcinv.batch.ledger.holder import Holder
 
 with Holder(Path(sys.argv[1]), beat=0.05) as me:
     print(me._process.pid, flush=True)

@@ -17,11 +17,11 @@ from typing import Any
 
 import pytest
 
+from hpcinv.batch.ledger.ledger import Claim, Ledger
+from hpcinv.batch.ledger.liveness import Watch
+from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.store import open_store
 from hpcinv.parallel.processes import Identity
-from hpcinv.sweep.ledger.ledger import Claim, Ledger
-from hpcinv.sweep.ledger.liveness import Watch
-from hpcinv.sweep.ledger.record import Record
-from hpcinv.sweep.ledger.store import open_store
 
 KEY = "ab" + 18 * "0"
 OPERATIONS = {"open", "os.link", "os.remove", "os.rename", "os.mkdir", "os.scandir"}

@@ -17,10 +17,10 @@ import pytest
 import yaml
 from command_line import ROOT, environment
 
+from hpcinv.batch.forecast import forecast, in_words
+from hpcinv.batch.sampling import Method, read_distribution, unit_points
 from hpcinv.errors import JobError
-from hpcinv.sweep.forecast import forecast, in_words
 from hpcinv.sweep.plan import Plan, load_sweep
-from hpcinv.sweep.sampling import Method, read_distribution, unit_points
 
 COLUMN: dict[str, Any] = {
     "analysis": "inverse",

@@ -19,11 +19,11 @@ from rich.console import Console
 from sweeps import BLOCK, write_sweep
 
 from hpcinv.__main__ import main
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.tables import as_csv
 from hpcinv.errors import JobError
-from hpcinv.study.tables import as_csv
-from hpcinv.sweep.ledger.holder import Holder
-from hpcinv.sweep.ledger.ledger import Ledger
-from hpcinv.sweep.ledger.record import Record
 from hpcinv.sweep.outlook import outlook
 from hpcinv.sweep.plan import Case, Plan, load_sweep
 from hpcinv.sweep.plot import is_even_in_log, plot

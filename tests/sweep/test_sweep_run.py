@@ -16,12 +16,12 @@ import yaml
 from command_line import Started, hpcinv
 from sweeps import BLOCK, records_of, write_sweep
 
+from hpcinv.batch.ledger import liveness
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.record import Record
 from hpcinv.driver import run
 from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep.ledger import liveness
-from hpcinv.sweep.ledger.holder import Holder
-from hpcinv.sweep.ledger.ledger import Ledger
-from hpcinv.sweep.ledger.record import Record
 from hpcinv.sweep.plan import load_sweep
 
 GRID = [{"grid": {"material.mu": ["8 kPa", "10 kPa", "14 kPa"], "effects[0].density": [100, 200]}}]

@@ -37,14 +37,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
+from hpcinv.batch.ledger.history import Histories, History
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.liveness import LEASE, Watch
+from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.store import open_store, runs_in, told
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import create, make_directory, publish
 from hpcinv.parallel.processes import Identity
-from hpcinv.sweep.ledger.history import Histories, History
-from hpcinv.sweep.ledger.holder import Holder
-from hpcinv.sweep.ledger.liveness import LEASE, Watch
-from hpcinv.sweep.ledger.record import Record
-from hpcinv.sweep.ledger.store import open_store, runs_in, told
 
 DEADLY = 5
 """So many processes must have died with a case until that is its own fault.

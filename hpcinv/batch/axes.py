@@ -7,9 +7,9 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, PlainValidator, field_validator, model_validator
 
+from hpcinv.batch.sampling import Distribution, Method, read_distribution
 from hpcinv.quantity.keys import JobKey
 from hpcinv.quantity.schema import ListOf, Location, Name, Spec, raise_if_any
-from hpcinv.sweep.sampling import Distribution, Method, read_distribution
 
 LISTS = ("grid", "zip")
 SAMPLES: tuple[Method, ...] = ("random", "latin_hypercube", "sobol")

@@ -15,9 +15,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from hpcinv.batch.ledger.store import heartbeats_in, open_store, told
 from hpcinv.files.atomic import create
 from hpcinv.parallel.processes import Identity
-from hpcinv.sweep.ledger.store import heartbeats_in, open_store, told
 
 BEAT = 5.0  # seconds; a fraction of the lease
 

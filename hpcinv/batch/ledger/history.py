@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hpcinv.sweep.ledger.store import records_in, told
+from hpcinv.batch.ledger.store import records_in, told
 
 _NAME = re.compile(
     r"\.?\w+\.(?P<kind>claim|crashed|released|record|reopened)-(?P<round>\d+)(-(?P<claim>\d+))?(\.json)?(?P<partial>\.\w+\.partial)?"

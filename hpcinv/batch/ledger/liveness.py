@@ -11,8 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 from time import monotonic
 
+from hpcinv.batch.ledger.holder import heartbeat_of
 from hpcinv.parallel.processes import Identity, start_of
-from hpcinv.sweep.ledger.holder import heartbeat_of
 
 LEASE = 60.0
 """Seconds within which the heartbeat of a holder elsewhere must change; many times `holder.BEAT`."""

@@ -1,0 +1,37 @@
+"""Tables as files: columns with units as CSV, and as datasets of HDF5."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import h5py
+import numpy as np
+
+type Columns = dict[str, list[Any]]
+
+
+def as_csv(columns: Columns, units: Mapping[str, str]) -> str:
+    """Columns as CSV under headers with their units, such as ``tip [m]``; what is not known is empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([f"{name} [{units[name]}]" if units.get(name) else name for name in columns])
+    for values in zip(*columns.values(), strict=True):
+        writer.writerow(["" if v is None else repr(v) if isinstance(v, float) else v for v in values])
+    return text.getvalue()
+
+
+def fill(group: h5py.Group, columns: Columns, units: Mapping[str, str]) -> None:
+    """A dataset for each column: text, flags, or numbers with NaN for what is not known."""
+    for column, values in columns.items():
+        name = column.replace("/", "|")  # HDF5 reads it as a path
+        if all(isinstance(v, str) for v in values):
+            data = group.create_dataset(name, data=values, dtype=h5py.string_dtype())
+        elif all(isinstance(v, bool | int) for v in values):
+            data = group.create_dataset(name, data=np.array(values))
+        else:
+            data = group.create_dataset(name, data=np.array([np.nan if v is None else v for v in values], dtype=float))
+        if units.get(column):
+            data.attrs["unit"] = units[column]
