@@ -15,12 +15,12 @@ from typing import Any
 import hpcinv.parallel.runtime  # its import order first
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "verification")]
 
 import test_thick_cylinder as cylinder  # noqa: E402
 import test_thick_sphere as sphere  # noqa: E402
-from closed_forms import root  # noqa: E402
-from verification import box, job  # noqa: E402
+from helpers.closed_forms import root  # noqa: E402
+from helpers.verification import box, job  # noqa: E402
 
 import hpcinv  # noqa: E402
 

@@ -19,10 +19,10 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "sweep")]
+sys.path[:0] = [str(ROOT / "tests")]
 
-from command_line import Started, hpcinv  # noqa: E402
-from sweeps import records_of, write_sweep  # noqa: E402
+from helpers.command_line import Started, hpcinv  # noqa: E402
+from helpers.sweeps import records_of, write_sweep  # noqa: E402
 
 
 def main() -> int:

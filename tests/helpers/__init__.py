@@ -1,0 +1,1 @@
+"""Cases, closed forms and commands that several tests share."""

@@ -1,0 +1,164 @@
+"""The real command line under the real mpirun, for tests: run to the end, or started and sent signals."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+ROOT = Path(__file__).parents[2]
+MPIRUN = Path(sys.executable).parent / "mpirun"
+# A test of its own never takes this long; a run that hangs is ended by mpirun.
+PATIENCE = 120
+
+# Without what costs a solve.
+NO_CERTIFICATE: dict[str, Any] = {"round_trip": "off", "stability": False, "estimate": False, "overlap": False}
+
+BEAM: Mapping[str, Any] = {
+    "mesh": {"file": str(ROOT / "meshes" / "pdms_beam.py"), "parameters": {"size": "4 mm"}, "geometry_degree": 2},
+    "material": {"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8},
+    "effects": [{"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 963}],
+    "supports": [{"region": "clamp", "fix": ["x", "y", "z"]}],
+    "certificate": NO_CERTIFICATE,
+}
+CUBE: Mapping[str, Any] = {
+    "analysis": "forward",
+    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"nx": 2, "ny": 2, "nz": 2}},
+    "material": {"law": "neo-hookean", "young": "1 MPa", "poisson": 0.3},
+    "supports": [{"region": "boundary", "displacement": ["-0.1*y", 0, 0]}],
+    "certificate": NO_CERTIFICATE,
+}
+BLOCK: Mapping[str, Any] = {
+    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"nx": 2, "ny": 2, "nz": 2}},
+    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+    "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}],
+    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
+    "quantities": [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}],
+    "certificate": NO_CERTIFICATE,
+}
+"""A unit cube that stands on its clamped bottom; its height before it was loaded is asked for."""
+
+
+def write_job(path: Path, base: Mapping[str, Any], **changes: Any) -> Path:
+    """A job file: ``base`` with some sections replaced."""
+    path.write_text(yaml.safe_dump({**base, **changes}, sort_keys=False))
+    return path
+
+
+def command(ranks: int, *arguments: object, script: Path | None = None) -> list[str]:
+    program = [str(script)] if script else ["-m", "hpcinv"]
+    return [str(MPIRUN), "-n", str(ranks), sys.executable, *program, *map(str, arguments)]
+
+
+def environment(**changes: str) -> dict[str, str]:
+    """What a user has: nothing set for MPI, and the project importable from anywhere."""
+    inherited = {k: v for k, v in os.environ.items() if k not in ("OMP_NUM_THREADS", "UCX_TLS")}
+    return inherited | {"PYTHONPATH": str(ROOT), "MPIEXEC_TIMEOUT": str(PATIENCE)} | changes
+
+
+def hpcinv(
+    ranks: int, *arguments: object, cwd: Path, script: Path | None = None, **env: str
+) -> subprocess.CompletedProcess[str]:
+    """Run to the end."""
+    return subprocess.run(
+        command(ranks, *arguments, script=script),
+        cwd=cwd,
+        env=environment(**env),
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE + 10,
+        check=False,
+    )
+
+
+class Started:
+    """A run that goes on while the test does something to it; use it as a context, which leaves nothing running."""
+
+    def __init__(self, ranks: int, *arguments: object, cwd: Path) -> None:
+        self.log = cwd / f"log-{time.monotonic_ns()}"
+        with self.log.open("w") as log:
+            self.mpirun = subprocess.Popen(
+                command(ranks, *arguments), cwd=cwd, env=environment(), stdout=log, stderr=subprocess.STDOUT
+            )
+
+    def __enter__(self) -> Started:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.mpirun.poll() is None:
+            self.kill()
+
+    @property
+    def text(self) -> str:
+        return self.log.read_text()
+
+    def wait_for(self, text: str) -> None:
+        """Wait until it has printed this."""
+        deadline = time.monotonic() + PATIENCE
+        while text not in self.text:
+            assert self.mpirun.poll() is None, f"ended before {text!r}:\n{self.text}"
+            assert time.monotonic() < deadline, f"never printed {text!r}:\n{self.text}"
+            time.sleep(0.01)
+
+    def ranks(self) -> list[int]:
+        """Process numbers of the ranks."""
+        return [p for p in self._processes() if "python" in _program(p)]
+
+    def send(self, number: signal.Signals, processes: Sequence[int]) -> None:
+        for process in processes:
+            with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+                os.kill(process, number)
+
+    def kill(self) -> None:
+        """End mpirun, its proxy and the ranks at once, as a node that fails does, and wait until they write no more."""
+        others = self._processes()
+        self.send(signal.SIGKILL, [self.mpirun.pid, *others])
+        self.mpirun.wait()
+        while any(map(_is_alive, others)):
+            time.sleep(0.01)
+
+    def exit_code(self) -> int:
+        return self.mpirun.wait(PATIENCE)
+
+    def _processes(self) -> list[int]:
+        """All that descend from mpirun."""
+        found: list[int] = []
+        for parent in iter_growing(self.mpirun.pid, found):
+            found += _children(parent)
+        return found
+
+
+def iter_growing(first: int, more: list[int]) -> Iterator[int]:
+    """``first``, then a list that grows meanwhile."""
+    yield first
+    yield from more
+
+
+def _children(parent: int) -> list[int]:
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            if int(path.read_text().rpartition(")")[2].split()[1]) == parent:
+                found.append(int(path.parent.name))
+        except OSError:  # it has ended meanwhile
+            continue
+    return found
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:  # it has ended
+        return False
+
+
+def _program(process: int) -> str:
+    return Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")[0].decode()

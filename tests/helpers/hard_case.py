@@ -1,0 +1,74 @@
+"""What the hard cases share: their jobs with sections replaced, run to the end, every number of the summary finite."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import hpcinv
+from helpers.command_line import NO_CERTIFICATE
+from hpcinv.errors import HpcinvError
+from hpcinv.job.job import Job, parse
+from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI
+
+JOBS = Path(__file__).parents[2] / "jobs" / "hard"
+
+
+def job(name: str, **changes: Any) -> Job:
+    """A job of ``jobs/hard`` with some sections replaced, and without what its certificate would cost."""
+    path = JOBS / f"{name}.yaml"
+    return parse({**read_yaml(path), "certificate": NO_CERTIFICATE} | changes, path)
+
+
+def solve(name: str, comm: MPI.Intracomm, **changes: Any) -> Result:
+    """Run a job that must succeed."""
+    result = hpcinv.run(job(name, **changes), comm)
+    assert result.statistics["status"] == "converged"
+    require_finite(result.statistics)
+    return result
+
+
+def fail(name: str, comm: MPI.Intracomm, directory: Path, **changes: Any) -> tuple[int, str]:
+    """Run a job that must not; its exit code and its last words. Its summary, if it has one, must be finite too."""
+    code, text = 0, ""
+    try:
+        hpcinv.run(job(name, **changes), comm, directory=directory / "results")
+    except HpcinvError as error:
+        code, text = error.exit_code, str(error)
+    summary = directory / "results" / "summary.json"
+    if summary.exists():
+        require_finite(json.loads(summary.read_text(), parse_constant=_refuse))
+    return code, text
+
+
+def effort(result: Result) -> list[tuple[int, int]]:
+    """Newton iterations and factorizations of each leg."""
+    return [(leg["newton_iterations"], leg["factorizations"]) for leg in result.statistics["legs"]]
+
+
+def require_finite(statistics: Mapping[str, Any]) -> None:
+    """What was not finite is ``None`` in a summary: there must be none where a number belongs."""
+    for part in ("legs", "quantities", "errors", "mesh", "timings", "peak_memory"):
+        assert not _missing(statistics[part], part)
+    for line in statistics.get("certificate", {}).get("lines", []):
+        assert line["value"] is not None or line["verdict"] != "pass", line
+
+
+# Without a meaning for some methods and formulations.
+_OPTIONAL = ("gap", "pressure", "fallback")
+
+
+def _missing(value: Any, where: str) -> list[str]:
+    if isinstance(value, Mapping):
+        return [m for key, v in value.items() if key not in _OPTIONAL for m in _missing(v, f"{where}.{key}")]
+    if isinstance(value, list):
+        return [m for i, v in enumerate(value) for m in _missing(v, f"{where}[{i}]")]
+    return [where] if value is None else []
+
+
+def _refuse(constant: str) -> None:
+    raise AssertionError(f"{constant} in a summary")

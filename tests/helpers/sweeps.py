@@ -1,0 +1,29 @@
+"""What the tests of sweeps share: a small sweep as a file, and its records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hpcinv.batch.ledger.record import Record
+from helpers.command_line import BLOCK
+from hpcinv.sweep.plan import Plan, load_sweep
+from hpcinv.sweep.results import ledger_of
+
+
+def write_sweep(directory: Path, axes: list[dict[str, Any]], *, job: Mapping[str, Any] = BLOCK, **more: Any) -> Path:
+    """A sweep file with its job beside it; the store is beside both."""
+    (directory / "block.yaml").write_text(yaml.safe_dump(dict(job), sort_keys=False))
+    path = directory / "sweep.yaml"
+    path.write_text(yaml.safe_dump({"job": "block.yaml", "store": "store", "axes": axes, **more}, sort_keys=False))
+    return path
+
+
+def records_of(sweep: Path) -> dict[int, Record | None]:
+    """Records by the number of the case."""
+    plan: Plan = load_sweep(sweep)
+    ledger = ledger_of(plan)
+    return {case.number: ledger.record(case.key) for case in plan.cases}

@@ -1,0 +1,94 @@
+"""What the verification tests share: jobs written as data, their models, errors of fields measured by quadrature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from helpers.command_line import NO_CERTIFICATE
+from hpcinv.job.job import Job, parse
+from hpcinv.mesh import Body, build_body
+from hpcinv.model.scene import Scene
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.problem import Model
+
+HERE = Path(__file__).parents[1] / "job.yaml"  # files of jobs are as if it lay there
+BOX = "../meshes/box.py"
+
+
+def job(**data: Any) -> Job:
+    """A job as its file would give it; paths in it start from this directory.
+
+    Tests of the physics do without what a certificate costs; those of the certificate ask for it.
+    """
+    return parse({"certificate": NO_CERTIFICATE, **data}, HERE)
+
+
+class Solved:
+    """A job's first leg in the hands of a test: solved to the end, its scene and body still there."""
+
+    def __init__(self, job: Job, comm: MPI.Intracomm) -> None:
+        self.job = job
+        self.body: Body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
+        self.model = Model(job, self.body, Timings())
+        self.solves = self._solve(0)
+        self.kinematics = self.scene.kinematics
+        self.x = ufl.SpatialCoordinate(self.body.mesh) * self.body.length_scale
+
+    def _solve(self, leg: int) -> list[Solve]:
+        self.scene: Scene = self.model.scene(self.job.legs[leg])
+        equilibrium = self.model.equilibrium(self.scene, lambda: False)
+        solves = list(follow(equilibrium, self.model.steps, self.job.solver.tolerance))
+        equilibrium.destroy()
+        assert solves[-1].outcome.accepted, solves[-1].outcome
+        return solves
+
+    def again(self) -> np.ndarray:
+        """Displacement (scaled) at the nodes after the second leg, which is solved on the body that the first found."""
+        u = self.model.unknowns.at_nodes(self.model.unknowns.displacement())
+        self.body.mesh.geometry.x[:] += self.kinematics.sign * u
+        self.model.unknowns.state.x.array[:] = 0.0
+        self._solve(1)
+        return self.model.unknowns.at_nodes(self.model.unknowns.displacement())
+
+    @property
+    def displacement(self) -> Any:
+        """Displacement in m."""
+        return self.model.unknowns.u * self.body.length_scale
+
+    def integral(self, integrand: Any, degree: int = 8) -> float:
+        """Integral over the mesh, in scaled lengths, by a quadrature of its own."""
+        form = fem.form(integrand * ufl.dx(self.body.mesh, degree=degree))
+        return float(self.body.mesh.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM))
+
+    def relative_error(self, found: Any, exact: Any) -> float:
+        """Relative L² error of a field; the exact one must not vanish."""
+        error = self.integral(ufl.inner(found - exact, found - exact))
+        return float(np.sqrt(error / self.integral(ufl.inner(exact, exact))))
+
+    @property
+    def cauchy_stress(self) -> Any:
+        """Cauchy stress in Pa, of a body of one law."""
+        ((stress, _),) = self.scene.cauchy_stress
+        return stress * self.model.scales.stress
+
+    @property
+    def strain_energy(self) -> float:
+        """Energy in J."""
+        comm = self.body.mesh.comm
+        energy = comm.allreduce(fem.assemble_scalar(fem.form(self.scene.strain_energy)), op=MPI.SUM)
+        return float(energy * self.model.scales.stress * self.body.length_scale**3)
+
+
+def box(divisions: Sequence[int] = (2, 2, 2), **parameters: Any) -> dict[str, Any]:
+    """A unit cube."""
+    nx, ny, nz = divisions
+    return {"file": BOX, "parameters": {"nx": nx, "ny": ny, "nz": nz, **parameters}}

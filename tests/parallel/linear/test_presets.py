@@ -1,0 +1,189 @@
+"""The two linear solvers: the same answers, what they tell apart, and what happens where one of them fails."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import BLOCK, write_job
+from helpers.command_line import hpcinv as command
+from helpers.verification import Solved, box, job
+from petsc4py import PETSc
+
+import hpcinv.solver.linear.selection
+from hpcinv import run
+from hpcinv.errors import SolveError
+from hpcinv.output.progress import Listener
+from hpcinv.output.result import Result
+from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.linear.selection import Choice
+
+MATERIALS: dict[str, dict[str, Any]] = {
+    "compressible": {"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
+    "nearly incompressible": {"law": "mooney-rivlin", "c1": 1000, "c2": 500, "d1": 5e6},
+    "incompressible": {"law": "mooney-rivlin", "c1": 1000, "c2": 500, "d1": "incompressible"},
+}
+SHELF: dict[str, Any] = {
+    "mesh": box((3, 3, 3)),
+    "effects": [{"effect": "gravity", "acceleration": [0, -1.0, 0], "density": 600}],
+    "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+}
+BEAM: dict[str, Any] = {
+    "mesh": {"file": "../meshes/pdms_beam.py", "parameters": {"size": "4 mm"}, "geometry_degree": 2},
+    "material": {"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8},
+    "effects": [{"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 963}],
+    "supports": [{"region": "clamp", "fix": ["x", "y", "z"]}],
+}
+
+
+def both(comm: MPI.Intracomm, **data: Any) -> tuple[Result, Result]:
+    """The same job with either solver, and no other strategy to help."""
+    direct, iterative = (run(job(**data, solver={"linear": name, "rescue": []}), comm) for name in PRESETS)
+    assert direct.statistics["legs"][0]["linear"]["iterations"] == 0
+    used = iterative.statistics["legs"][0]["linear"]
+    assert used["preset"] == "iterative"
+    assert used["fallback"] is None
+    return direct, iterative
+
+
+PRESETS = ("direct", "iterative")
+
+
+@pytest.mark.parallel([2])
+@pytest.mark.parametrize(("material", "analysis"), list(itertools.product(MATERIALS, ["inverse", "forward"])))
+def test_both_presets_give_one_answer(material: str, analysis: str, comm: MPI.Intracomm) -> None:
+    agree_on(material, analysis, comm)
+
+
+@pytest.mark.parallel([1, 3])
+def test_they_do_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
+    agree_on("nearly incompressible", "inverse", comm)
+
+
+def agree_on(material: str, analysis: str, comm: MPI.Intracomm) -> None:
+    direct, iterative = both(comm, **SHELF, material=MATERIALS[material], analysis=analysis)
+    size = direct.legs[0].largest_displacement
+    assert size > 0.05
+    difference = np.abs(direct.shape - iterative.shape).max(initial=0.0)
+    assert comm.allreduce(difference, op=MPI.MAX) < 1e-10 * size
+    leg = iterative.legs[0]
+    corrections = sum(len(s.iterations) for s in leg.solves)
+    assert sum(s.linear_iterations for s in leg.solves) < 45 * corrections  # whatever the ratio of the moduli is
+
+
+@pytest.mark.parametrize("analysis", ["inverse", "forward"])
+def test_a_slender_body_that_turns_far_is_solved_iteratively(analysis: str, comm: MPI.Intracomm) -> None:
+    direct, iterative = both(comm, **BEAM, analysis=analysis)
+    assert np.abs(direct.shape - iterative.shape).max() < 1e-9 * 0.182
+    assert [s.load for s in iterative.legs[0].solves] == [1.0]
+
+
+@pytest.mark.parallel([1, 2])
+def test_a_preset_that_fails_gives_way_and_the_summary_says_so(comm: MPI.Intracomm) -> None:
+    hurried = {"linear": "iterative", "petsc": {"ksp_max_it": 3}}
+    result = run(job(**SHELF, material=MATERIALS["incompressible"], solver=hurried), comm)
+    used = result.statistics["legs"][0]["linear"]
+    assert used["preset"] == "direct"
+    assert used["fallback"] == "the iterative solver did not converge: direct from there on"
+    right = run(job(**SHELF, material=MATERIALS["incompressible"]), comm)
+    assert np.abs(result.shape - right.shape).max(initial=0.0) < 1e-10
+
+
+def test_the_command_line_tells_solver_and_fallback(tmp_path: Path) -> None:
+    path = write_job(tmp_path / "job.yaml", BLOCK, solver={"linear": "iterative", "petsc": {"ksp_max_it": 1}})
+    done = command(2, "run", path, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "inverse:\n  iterative linear solver: the job asks for it\n" in done.stdout
+    assert "  inverse: the iterative solver did not converge: direct from there on" in done.stdout
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("material", ["compressible", "incompressible"])
+def test_a_preconditioner_is_as_good_for_a_later_tangent_as_for_the_first(material: str, comm: MPI.Intracomm) -> None:
+    """PETSc keeps what it once inverted of a matrix: nothing of an earlier tangent may be left in a later one's."""
+    solved = Solved(job(**SHELF, material=MATERIALS[material], analysis="inverse"), comm)
+    state = solved.model.unknowns.state.x.array.copy()
+
+    def found(*, again: bool) -> tuple[int, float]:
+        """Iterations, and a norm of what the finest smoother makes of ones."""
+        of = Equilibrium(solved.scene, solved.model.supports, Timings(), options={}, choice=Choice("iterative", ""))
+        if again:
+            of.state.x.array[:] = 0.0
+            of.linearise(0.0)
+            of.factorize()
+        of.state.x.array[:] = 1.5 * state  # farther than it goes in truth: blocks that differ much from the first
+        of.linearise(1.0)
+        of.residual(of.rhs)
+        of.counted_iterations()
+        x = of.rhs.duplicate()
+        assert of.solve_linear(of.rhs, x)
+        x.destroy()
+        pc = of.ksp.pc if material == "compressible" else of.ksp.pc.getFieldSplitSubKSP()[0].pc
+        smoother = pc.getMGSmoother(pc.getMGLevels() - 1)
+        ones, smooth = smoother.getOperators()[1].createVecs()
+        ones.set(1.0)
+        smoother.pc.apply(ones, smooth)
+        size = norm(smooth)
+        ones.destroy()
+        smooth.destroy()
+        iterations = of.counted_iterations()
+        of.destroy()
+        return iterations, size
+
+    (first, size), (later, again) = found(again=False), found(again=True)
+    print(f"{first} and {later} iterations, smoothed {size:.6g} and {again:.6g}")
+    assert abs(later - first) <= 1  # sums of ranks are rounded differently
+    assert again == pytest.approx(size, rel=1e-9)
+
+
+def test_krylov_iterations_of_a_solve_are_bounded_and_the_direct_solver_takes_over(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "_PATIENCE", 0.2)
+    scene = SHELF | {"material": MATERIALS["incompressible"]}
+    result = run(job(**scene, solver={"linear": "iterative"}), comm)
+    used = result.statistics["legs"][0]["linear"]
+    assert used["fallback"] == "the iterative solver did not converge: direct from there on"
+    assert 0 < used["iterations"] < 100
+    right = run(job(**scene, solver={"linear": "direct"}), comm)
+    assert np.abs(result.shape - right.shape).max(initial=0.0) < 1e-10
+
+
+def test_without_memory_for_another_solver_it_ends_with_a_diagnosis(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "_PATIENCE", 0.02)
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "available", lambda comm: 1e5)
+    listener = Listener(comm)
+    with pytest.raises(SolveError, match=r"iterative linear solver did not converge .* not enough memory"):
+        run(job(**SHELF, material=MATERIALS["incompressible"]), comm, progress=listener)
+    (leg,) = listener.statistics["legs"]
+    assert {solve["outcome"] for solve in leg["solves"]} == {"KRYLOV_LIMIT"}
+    assert leg["linear"]["iterations"] < 300
+    assert {solve["strategy"] for solve in leg["solves"]} == {"load steps"}  # others would do no better
+
+
+def factor_type(comm: MPI.Intracomm, **data: Any) -> str:
+    solved = Solved(job(**data), comm)
+    equilibrium = solved.model.equilibrium(solved.scene, lambda: False)
+    equilibrium.linearise(1.0)
+    equilibrium.factorize()
+    found: str = equilibrium.ksp.pc.getType()
+    equilibrium.destroy()
+    return found
+
+
+@pytest.mark.parallel([1, 2])
+def test_only_symmetric_tangents_are_factorized_as_such(comm: MPI.Intracomm) -> None:
+    material = MATERIALS["compressible"]
+    assert factor_type(comm, **SHELF, material=material, analysis="forward") == PETSc.PC.Type.CHOLESKY
+    assert factor_type(comm, **SHELF, material=material, analysis="inverse") == PETSc.PC.Type.LU
+    follower = {"effect": "pressure", "region": "x1", "pressure": 200}  # its edges make it non-conservative
+    pressed = SHELF | {"effects": [*SHELF["effects"], follower]}
+    assert factor_type(comm, **pressed, material=material, analysis="forward") == PETSc.PC.Type.LU

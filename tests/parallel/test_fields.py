@@ -1,0 +1,116 @@
+"""The files for ParaView hold, at every point and in every cell, what the leg has there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.legs import Field, in_cells, made_up
+from helpers.mesh_cases import spec
+
+import hpcinv.output.vtk
+from hpcinv.errors import OutputError
+from hpcinv.mesh import MeshSource, build_body
+from hpcinv.output.vtk import write_fields
+from hpcinv.parallel.runtime import MPI, on_root
+
+
+def bending(x: np.ndarray) -> np.ndarray:
+    """A quadratic displacement."""
+    return np.stack([-x[:, 0] * x[:, 1], 0.5 * x[:, 0] ** 2, 1e-3 + x[:, 2]], axis=1)
+
+
+def stretching(x: np.ndarray) -> np.ndarray:
+    return 3 * x
+
+
+def pressure(x: np.ndarray) -> np.ndarray:
+    return 1e4 * (1 + x @ np.array([1.0, -2.0, 3.0]))
+
+
+def linear(grid: Any, values: np.ndarray) -> np.ndarray:
+    """Values that are linear in each cell: on curved tetrahedra the mean of an edge's ends stands in its middle."""
+    expected = values.copy()
+    for i in range(grid.n_cells):
+        nodes = np.array(grid.get_cell(i).point_ids)
+        if len(nodes) == 10:  # of a quadratic tetrahedron of VTK, the edges in its order
+            ends = nodes[[[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]]]
+            expected[nodes[4:]] = values[ends].mean(axis=1)
+    return expected
+
+
+def check(directory: Path, source: MeshSource, field: Field, *, is_linear: bool, region: str) -> None:
+    """Compare the files with the fields at their own points, and their cells with those of the source."""
+    import pyvista
+
+    assert [p.name for p in directory.parent.iterdir()] == ["fields"]
+    grid = pyvista.read(directory / "fields.pvd")[0]
+    points = np.asarray(grid.points)
+    u = linear(grid, field(points)) if is_linear else field(points)
+    assert np.allclose(grid.point_data["displacement"], u, rtol=1e-13, atol=1e-17)
+    assert np.allclose(grid.point_data["pressure"], linear(grid, pressure(points)), rtol=1e-12, atol=1e-7)
+
+    corners = 8 if source.kind == "hexahedron" else 4
+    nodes = np.array([grid.get_cell(i).point_ids for i in range(grid.n_cells)])
+    centres = points[nodes[:, :corners]].mean(axis=1)
+    assert np.allclose(grid.cell_data["J"], in_cells("J", centres).ravel(), rtol=1e-13)
+    assert np.allclose(grid.cell_data["cauchy_stress"], in_cells("cauchy_stress", centres), rtol=1e-13)
+    assert np.all(grid.cell_data[f"region:{region}"] == 1)
+    # Cells, which no rank writes twice, and where the source has curved ones all their nodes, are where they were.
+    found, expected = (points[nodes], source.points[source.cells])
+    count = min(found.shape[1], expected.shape[1])
+    assert count == expected.shape[1]
+    middles = [np.unique(c[:, :count].mean(axis=1).round(12), axis=0) for c in (found, expected)]
+    assert middles[0].shape == middles[1].shape == (len(source.cells), 3)
+    assert np.allclose(*middles, rtol=0, atol=2e-12)
+
+
+@pytest.mark.parallel([1, 2])
+def test_fields_read_back_from_files_are_those_of_the_leg(
+    comm: MPI.Intracomm, meshes: Path, run_directory: Path
+) -> None:
+    beam, box = ("pdms_beam.py", {"size": "4 mm"}), ("box.py", {"lx": "30 mm", "nx": 3, "hexahedra": True})
+    cases = ((beam, 2, 2, "silicone"), (beam, 2, 1, "silicone"), (beam, 1, 2, "silicone"), (box, 2, 2, "block"))
+    for (file, parameters), displacement, geometry, region in cases:
+        body = build_body(spec(meshes / file, parameters=parameters, geometry_degree=geometry), {}, comm)
+        field, is_linear = (bending, False) if displacement == 2 else (stretching, True)
+        leg = made_up(body, "forward", field, degree=displacement, pressure=pressure)
+        # The mesh has moved since, as for the second leg of a round trip.
+        body.mesh.geometry.x[:] *= 1.7
+        before = body.mesh.geometry.x.copy()
+        target = run_directory / "fields"
+        write_fields(target, body, leg)
+        assert comm.allreduce(np.array_equal(body.mesh.geometry.x, before), op=MPI.LAND)
+        on_root(comm, lambda: check(target, body.source, field, is_linear=is_linear, region=region))  # noqa: B023
+
+
+@pytest.mark.parallel([2])
+def test_fields_that_cannot_be_written_are_an_error_on_all_ranks_and_leave_the_old_ones(
+    comm: MPI.Intracomm, meshes: Path, run_directory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = build_body(spec(meshes / "box.py", parameters={"nx": 2}), {}, comm)
+    leg = made_up(body, "inverse", bending)
+    target, before = run_directory / "fields", body.mesh.geometry.x.copy()
+    write_fields(target, body, leg)
+    old = {p.name: p.read_bytes() for p in target.iterdir()}
+    assert not any(b"pressure" in content for content in old.values())  # the displacement form has none
+
+    def fail(_path: Path, _functions: object) -> None:
+        if comm.rank == 1:
+            raise RuntimeError("disk full")
+
+    def cut_short(path: Path, _functions: object) -> None:
+        if comm.rank == 0:
+            path.write_text("<VTKFile> <Piece")
+
+    for write in (fail, cut_short):
+        monkeypatch.setattr(hpcinv.output.vtk, "_write", write)
+        with pytest.raises(OutputError, match="cannot be written"):
+            write_fields(target, body, leg)
+        assert np.array_equal(body.mesh.geometry.x, before)
+        assert {p.name: p.read_bytes() for p in target.iterdir()} == old
+        comm.Barrier()
+    with pytest.raises(OutputError, match="cannot be made"):
+        write_fields(run_directory / "fields" / "fields.pvd" / "below", body, leg)

@@ -1,0 +1,134 @@
+"""The tangent put together from moduli is the matrix that DOLFINx assembles from UFL's derivative of the residual."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import dolfinx.fem.petsc as fem_petsc
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import create_unit_cube
+from helpers.verification import box, job
+from petsc4py import PETSc
+from ufl.algorithms import expand_derivatives
+
+from hpcinv.assembly.system import Assembly
+from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
+from hpcinv.kinematics.staged_derivatives import Jacobian, Local, gradient, without_stages
+from hpcinv.mesh import build_body
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
+
+MIXED: dict[str, Any] = {
+    "analysis": "inverse",
+    "mesh": box((2, 2, 2)),
+    "material": {"law": "mooney-rivlin", "c1": "10 kPa", "c2": "5 kPa", "d1": "1 MPa"},
+    "effects": [
+        {"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 1000, "density_in": "reference"},
+        {"effect": "pressure", "region": "x1", "pressure": "2 kPa"},
+    ],
+    "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+}
+DISPLACEMENT: dict[str, Any] = {
+    "analysis": "forward",
+    "mesh": box((3, 2, 2), hexahedra=True),
+    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+    "effects": [{"effect": "pressure", "region": "x1", "pressure": "2 kPa"}],
+    "supports": [{"region": "x0", "displacement": ["0.1*y", "-0.05*z", 0]}],
+}
+CUBIC: dict[str, Any] = MIXED | {
+    "mesh": box((3, 2, 4)),
+    "discretisation": {"displacement": 3, "pressure": 2},
+    "supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
+}
+
+
+@pytest.mark.parallel([1, 2, 3])
+@pytest.mark.parametrize("case", [MIXED, DISPLACEMENT, CUBIC], ids=["mixed", "displacement", "cubic"])
+def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intracomm) -> None:
+    given = job(**case)
+    body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
+    model = Model(given, body, Timings())
+    scene, supports = model.scene(given.legs[0]), model.supports
+    with as_for(cells=1_000_000):
+        ours = Assembly(scene, supports, Timings())
+    ours.set_load(0.7)
+    state = model.unknowns.state
+    parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]
+    parts[0].interpolate(lambda x: 0.05 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
+    for pressure in parts[1:]:
+        pressure.interpolate(lambda x: 0.3 * np.cos(x[0] - 2 * x[2]))
+    state.x.scatter_forward()
+    form = fem.form(ufl.derivative(without_stages(scene.residual), ours.state), jit_options=JIT_OPTIONS)
+    theirs = fem_petsc.assemble_matrix(form, bcs=supports.conditions)
+    theirs.assemble()
+    assert ours.min_mesh_J() > 0
+    for _ in range(2):  # what was there before counts for nothing
+        ours.tangent()
+    gap = theirs.copy()
+    gap.axpy(-1.0, ours.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    error = gap.norm(PETSc.NormType.INFINITY) / theirs.norm(PETSc.NormType.INFINITY)
+
+    lifted, expected = (fem_petsc.create_vector(model.unknowns.space) for _ in range(2))
+    ours.lift(lifted)
+    fem_petsc.apply_lifting(expected, [form], bcs=[supports.conditions])
+    expected.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    fem_petsc.set_bc(expected, supports.conditions)
+    size = expected.norm()
+    lifted.axpy(-1.0, expected)
+    print(f"{error:.1e}, lifting {lifted.norm() / max(size, 1e-300):.1e}")
+    assert error < 1e-14
+    assert lifted.norm() <= 1e-14 * size
+    assert (size > 0) == supports.prescribe_motion
+    assert ours.matrix.getBlockSizes() == theirs.getBlockSizes()
+
+
+@pytest.mark.parallel([2])
+def test_unknowns_of_a_node_that_are_apart_on_one_rank_are_no_matrix_to_fill(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = job(**MIXED)
+    body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
+
+    def chosen() -> type:
+        with as_for(cells=1_000_000):
+            return type(tangent_of(Model(given, body, Timings()).scene("inverse")))
+
+    assert chosen() is FilledTangent
+    dofs: Any = fem.DofMap.list
+
+    def apart(dofmap: fem.DofMap) -> Any:
+        found = dofs.fget(dofmap).copy()
+        if comm.rank == 1:
+            found[:, [1, 3]] = found[:, [3, 1]]
+        return found
+
+    monkeypatch.setattr(fem.DofMap, "list", property(apart))
+    assert chosen() is CompiledTangent
+
+
+def test_stages_leave_derivatives_as_they_are(comm: MPI.Intracomm) -> None:
+    """Gradient and Jacobian through stages, against UFL's own of the same expression without them."""
+    mesh = create_unit_cube(comm, 1, 1, 1)
+    constant = fem.Constant(mesh, np.random.default_rng(3).normal(scale=0.3, size=(3, 3)))
+    H = ufl.variable(constant)
+    E = ufl.variable(ufl.sym(H) + H.T * H / 2)
+    a, b = ufl.variable(ufl.tr(E)), ufl.variable(ufl.inner(E, E))
+    psi = ufl.exp(ufl.variable(a * b)) * (1 + a) + ufl.det(H) * b
+    symbol = ufl.variable(constant)
+    first = expand_derivatives(ufl.diff(ufl.replace(without_stages(psi), {constant: symbol}), symbol))
+    by_stages = gradient(psi, H)
+    second = expand_derivatives(ufl.diff(first, symbol))
+    pairs = [(by_stages, first), (Jacobian(H, Local(mesh.ufl_domain())).of(by_stages), second)]
+    entries = [e[at] for pair in pairs for e in pair for at in np.ndindex(e.ufl_shape)]
+    point = np.full((1, 3), 0.25)
+    compiled = fem.Expression(without_stages(ufl.as_vector(entries)), point, jit_options=JIT_OPTIONS)
+    values = compiled.eval(mesh, np.zeros(1, dtype=np.int32)).ravel()
+    gradients, hessians = values[:18].reshape(2, 9), values[18:].reshape(2, 81)
+    for ours, theirs in (gradients, hessians):
+        assert np.abs(ours - theirs).max() < 1e-14 * np.abs(theirs).max()
+    assert np.abs(hessians).max() > 1

@@ -1,0 +1,176 @@
+"""Every law, effect and configuration of fibres has moduli, of which the tangent of a large mesh is made.
+
+Large meshes take another path than small ones (`hpcinv.assembly.tangent`); here small ones take it, and the matrix must
+be that of the compiled form. All laws are in one scene, each in a slab of a bar, and all effects in another one.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import NO_CERTIFICATE
+from helpers.verification import BOX, box, job
+from petsc4py import PETSc
+
+from hpcinv.assembly.moduli import moduli_of
+from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
+from hpcinv.driver import run
+from hpcinv.effects import effects
+from hpcinv.job.job import Job, parse
+from hpcinv.materials import laws
+from hpcinv.mesh import build_body
+from hpcinv.output.progress import Progress
+from hpcinv.parallel.jit import FLAGS, JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
+
+HERE = Path(__file__).parents[1]
+UNOPTIMIZED = JIT_OPTIONS | {
+    "cffi_extra_compile_args": ["-O0", *(flag for flag in JIT_OPTIONS["cffi_extra_compile_args"] if flag not in FLAGS)]
+}
+"""The kernels of this test are called once: most of their time would be the compiler's."""
+FIBRES = {
+    "fibre": {"direction": [1, 0.5, 0], "given_on": "current"},
+    "fibre1": {"direction": ["1 + y/(3 m)", "-0.2", "Z/(2 m)"], "given_on": "current"},
+    "fibre2": {"direction": [0.3, 1, "x/(2 m)"], "given_on": "reference"},
+    "sheet": {"direction": [0, 0.2, 1], "given_on": "reference"},
+}
+CONFIGURATIONS = ("reference", "current")
+KINDS = [(direction, form) for direction in ("forward", "inverse") for form in ("displacement", "mixed")]
+
+
+def scene_of_laws(**data: Any) -> Job:
+    """A bar with a slab for each law of the registry, incompressible every second one where the form allows it."""
+    names = sorted(laws())
+    regions, materials = {}, {}
+    for number, name in enumerate(names):
+        regions[f"slab{number}"] = f"x > {number / len(names) - 1e-6} and x < {(number + 1) / len(names) + 1e-6}"
+        example = dict(laws()[name].example)
+        if data["discretisation"]["formulation"] == "mixed" and number % 2 == 0 and "kappa" in example:
+            example["kappa"] = "incompressible"
+        if name == "ogden":  # one term has all that several have, and compiles in a third of the time
+            example |= {"mu": ["0.63 MPa"], "alpha": [1.3]}
+        materials[f"slab{number}"] = example
+    return job(mesh=box((len(names), 1, 1)), regions=regions, material=materials, **data)
+
+
+def scene_of_effects(**data: Any) -> Job:
+    """A cube under every effect of the registry, in each configuration that it knows."""
+    listed: list[dict[str, Any]] = []
+    for name, kind in sorted(effects().items()):
+        key = next((key for key in ("density_in", "area_in") if key in kind.model_fields), None)
+        listed += [
+            kind.example | {"effect": name} | ({key: of} if key else {}) for of in CONFIGURATIONS[: 2 if key else 1]
+        ]
+    listed.append({"effect": "growth", "fibre": "fibre2", "along": 1.1, "across": 0.95})
+    shear = "20 kPa*(1 + X/(10 m) + y/(5 m))"
+    law = {"law": "isochoric-neo-hookean", "mu": shear, "kappa": "100 kPa*(1 + Z/(9 m))"}
+    return job(mesh=box((1, 1, 1)), material=law, effects=listed, **data)
+
+
+def common(direction: str, formulation: str) -> dict[str, Any]:
+    return {
+        "analysis": direction,
+        "fibres": FIBRES,
+        "discretisation": {"formulation": formulation, "quadrature": 2},
+        "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+    }
+
+
+def model_of(given: Job, comm: MPI.Intracomm) -> Model:
+    return Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
+
+
+@pytest.mark.parametrize(
+    ("of", "direction", "formulation"),
+    [
+        (scene_of_laws, "inverse", "mixed"),  # the one with most in it; of the others, moduli are made below
+        (scene_of_effects, "inverse", "mixed"),
+        (scene_of_effects, "forward", "displacement"),
+    ],
+)
+def test_moduli_of_the_registry_make_the_compiled_tangent(
+    of: Any, direction: str, formulation: str, comm: MPI.Intracomm
+) -> None:
+    model = model_of(of(**common(direction, formulation)), comm)
+    scene, state = model.scene(model.job.legs[0]), model.unknowns.state
+    scene.parameters.set_load(0.7)
+    parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]
+    parts[0].interpolate(lambda x: 0.04 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
+    for pressure in parts[1:]:
+        pressure.interpolate(lambda x: 0.3 * np.cos(x[0] - 2 * x[2]))
+    with as_for(cells=1_000_000):
+        filled = tangent_of(scene, UNOPTIMIZED)
+    assert isinstance(filled, FilledTangent), filled.note
+    matrices = []
+    for tangent in (filled, CompiledTangent(scene, UNOPTIMIZED)):
+        matrices.append(tangent.create_matrix(model.supports.conditions))
+        tangent.assemble()
+    ours, theirs = matrices
+    size = theirs.norm(PETSc.NormType.INFINITY)
+    ours.axpy(-1.0, theirs, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+    error = ours.norm(PETSc.NormType.INFINITY) / size
+    print(f"{error:.1e}")
+    assert error < 1e-13
+
+
+@pytest.mark.parametrize("of", [scene_of_laws, scene_of_effects])
+@pytest.mark.parametrize(("direction", "formulation"), [kind for kind in KINDS if kind != ("inverse", "mixed")])
+def test_every_part_of_a_scene_has_moduli(of: Any, direction: str, formulation: str, comm: MPI.Intracomm) -> None:
+    model = model_of(of(**common(direction, formulation)), comm)
+    found = moduli_of(model.scene(model.job.legs[0]).residual, model.unknowns)
+    assert len(found) == len(model.job.laws)
+    assert all(len(moduli.pairs) >= (1 if formulation == "displacement" else 3) for moduli in found)
+
+
+SECOND_GRADIENT = '''
+from typing import Any, Literal
+
+import ufl
+from hpcinv.effects import Effect
+from hpcinv.quantity.quantity import Stress
+
+
+class SecondGradient(Effect):
+    """Resists bending of fibres, by second derivatives of the displacement."""
+
+    example = {"effect": "second-gradient", "stiffness": "1 Pa"}
+    effect: Literal["second-gradient"]
+    stiffness: Stress
+    """per square of the length of the body"""
+
+    def virtual_work(self, k: Any, v: Any, load: Any, par: Any) -> Any:
+        return k.dV(-par.stiffness * ufl.inner(ufl.grad(ufl.grad(k.u)), ufl.grad(ufl.grad(v))))
+'''
+
+
+def test_a_residual_without_moduli_has_the_compiled_tangent_and_says_so(tmp_path: Path, comm: MPI.Intracomm) -> None:
+    """On a large mesh an effect of a plugin, of whatever form, is solved as on a small one, and the log says how."""
+    (tmp_path / "bending.py").write_text(SECOND_GRADIENT)
+    given = {
+        "mesh": box((2, 2, 2)) | {"file": str(HERE / BOX)},
+        "plugins": ["bending.py"],
+        "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+        "effects": [
+            {"effect": "second-gradient", "stiffness": "100 Pa"},
+            {"effect": "traction", "region": "x1", "traction": [0, 0, "500 Pa"], "area_in": "reference"},
+        ],
+        "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+        "certificate": NO_CERTIFICATE,
+        "analysis": "forward",
+    }
+    log = io.StringIO()
+    small = run(parse(given, tmp_path / "job.yaml"), comm)
+    with as_for(cells=1_000_000):
+        large = run(parse(given, tmp_path / "job.yaml"), comm, progress=Progress(comm, log))
+    note = "the tangent is assembled by DOLFINx, which takes two to three times as long: it has derivatives"
+    assert note in log.getvalue()
+    assert large.statistics["legs"][0]["linear"]["note"].startswith(note)
+    assert small.statistics["legs"][0]["linear"]["note"] == ""
+    assert np.array_equal(small.legs[0].u, large.legs[0].u)
+    assert large.legs[0].largest_displacement > 1e-3

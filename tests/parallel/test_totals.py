@@ -1,0 +1,130 @@
+"""Size, volume, mass and load of what a job describes, and warnings that point at a mistake in a unit."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import BLOCK, ROOT, hpcinv, write_job
+
+from hpcinv.job.job import parse
+from hpcinv.mesh import build_body
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.quantity.units import readable
+from hpcinv.results.totals import Totals, totals_of
+from hpcinv.solver.problem import Model
+
+GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}
+
+
+def block(side: float, **changes: Any) -> dict[str, Any]:
+    """A cube of soft tissue under its weight."""
+    mesh = {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"nx": 2, "ny": 2, "nz": 2}}
+    mesh["parameters"] |= dict.fromkeys(("lx", "ly", "lz"), side)  # type: ignore[attr-defined]
+    material = {"law": "neo-hookean", "young": "3 kPa", "poisson": 0.4}
+    return BLOCK | {"mesh": mesh, "material": material, "effects": [GRAVITY], "quantities": []} | changes
+
+
+def totals(comm: MPI.Intracomm, **job: Any) -> Totals:
+    case = parse(job, Path("job.yaml"))
+    body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
+    return totals_of(Model(case, body, Timings()), case.legs[0])
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("density", [1000, {"block": 1000}, "2000*X/(10 cm)"])
+def test_a_cube_has_the_size_mass_and_weight_it_has(comm: MPI.Intracomm, density: Any) -> None:
+    found = totals(comm, **block(0.1, effects=[GRAVITY | {"density": density}]))
+    assert found.size == pytest.approx((0.1, 0.1, 0.1), rel=1e-14)
+    assert found.volume == pytest.approx(1e-3, rel=1e-13)
+    assert found.mass == pytest.approx(1.0, rel=1e-12)
+    assert found.load == pytest.approx((0, 0, -9.81), rel=1e-12, abs=0)
+    assert found.weight_strain == pytest.approx(1000 * 9.81 * 0.1 / 3e3, rel=1e-12)
+    assert found.warnings == ()
+
+
+@pytest.mark.parametrize("hexahedra", [False, True])
+def test_curved_cells_have_their_volume_and_surface_loads_their_resultant(hexahedra: bool) -> None:
+    """An octant of a sphere under inner pressure, whose resultant is that on its three plane projections."""
+    pressure = {"effect": "pressure", "region": "inner", "pressure": 500.0}
+    mesh = {"file": str(ROOT / "meshes" / "thick_sphere.py"), "geometry_degree": 2}
+    mesh |= {"parameters": {"hexahedra": hexahedra}}  # type: ignore[dict-item]
+    supports = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
+    found = totals(MPI.COMM_SELF, **block(1, mesh=mesh, effects=[pressure], supports=supports))
+    assert found.volume == pytest.approx(math.pi / 6 * (1 - 0.125), rel=2e-4)
+    assert (found.mass, found.weight_strain) == (None, None)
+    assert found.load == pytest.approx(np.full(3, 500 * math.pi / 4 * 0.25), rel=2e-3)
+
+
+def test_loads_that_cancel_have_no_resultant() -> None:
+    pull = [
+        {"effect": "traction", "region": f"x{i}", "traction": [sign * 100.0, 0, 0], "area_in": "reference"}
+        for i, sign in ((0, -1), (1, 1))
+    ]
+    assert totals(MPI.COMM_SELF, **block(0.1, effects=pull)).load == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("job", "text"),
+    [
+        (block(0.12e-3), "the body is 120 um long: is mesh.unit (m) what its mesh is in?"),
+        (block(120.0), "the body is 120 m long: is mesh.unit (m)"),
+        (block(1.2), "Young's modulus of the stiffest part: are mesh.unit, density and moduli"),
+        (block(0.1, effects=[GRAVITY | {"density": 1.05}]), "the mean density is 1.05 kg/m^3"),
+        (block(0.1, effects=[GRAVITY | {"density": 1.05e6}]), "the mean density is 1.05e+06 kg/m^3"),
+        (
+            block(0.1, effects=[GRAVITY, GRAVITY | {"density": 1100, "case": "b"}], load_cases=["a", "b"]),
+            "effects give the body masses of 1 kg to 1.1 kg",
+        ),
+    ],
+)
+def test_what_looks_like_a_mistake_in_a_unit_is_told_unless_it_is_meant(job: dict[str, Any], text: str) -> None:
+    assert any(text in warning for warning in totals(MPI.COMM_SELF, **job).warnings)
+    assert totals(MPI.COMM_SELF, **job, output={"unit_warnings": False}).warnings == ()
+
+
+def test_a_body_that_hardly_moves_is_told_at_the_end(tmp_path: Path) -> None:
+    """On screen, quiet or not, in the summary and in the log; it changes neither verdict nor exit code."""
+    job = write_job(tmp_path / "stiff.yaml", block(0.1, material={"law": "neo-hookean", "young": 3e9, "poisson": 0.4}))
+    done = hpcinv(1, "run", job, "--output", "run", "--strict", "-q", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    warning, last = done.stdout.splitlines()
+    assert warning.startswith("warning: the largest displacement is ")
+    assert last.startswith("converged, certificate pass, ")
+    assert last.endswith("; results in run")
+    assert "warning: the largest displacement" in (tmp_path / "run" / "run.log").read_text()
+    body = json.loads((tmp_path / "run" / "summary.json").read_text())["body"]
+    assert body["weight_strain"] == pytest.approx(3.27e-7)
+    assert body["warnings"] == [warning.removeprefix("warning: ")]
+    meant = write_job(tmp_path / "stiff.yaml", block(0.1), output={"unit_warnings": False})
+    assert "warning" not in hpcinv(1, "run", meant, "--output", "meant", cwd=tmp_path).stdout
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (0.182, "m", "182 mm"),
+        (0.0, "N", "0 N"),
+        (1.033e-5, "m^3", "10.3 ml"),
+        (-2e3, "kg", "-2 t"),
+        (3e-12, "m", "0.003 nm"),
+        (0.99999999, "kg", "1 kg"),
+    ],
+)
+def test_values_are_told_with_a_prefix(value: float, unit: str, text: str) -> None:
+    assert readable(value, unit) == text
+
+
+def test_the_cases_of_a_sweep_end_with_their_warnings(tmp_path: Path) -> None:
+    write_job(tmp_path / "job.yaml", block(0.1, output={"fields": False, "mesh": []}))
+    axes = [{"grid": {"effects[0].density": ["1000 kg/m^3", "1.05 kg/m^3"]}}]
+    (tmp_path / "sweep.yaml").write_text(json.dumps({"sweep": "s", "job": "job.yaml", "axes": axes}))
+    done = hpcinv(1, "sweep", "run", "sweep.yaml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    cases = [line for line in done.stdout.splitlines() if line.startswith("case ")]
+    assert [line.count("; warning: the mean density is 1.05 kg/m^3") for line in cases] == [0, 1]

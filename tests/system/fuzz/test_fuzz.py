@@ -1,0 +1,22 @@
+"""A short run of the fuzzer, the same at every time; ``python tests/system/fuzz/fuzz.py`` goes on for longer.
+
+It runs in a process of its own: plugins that its jobs load would stay known to the tests that follow.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FUZZER = Path(__file__).with_name("fuzz.py")
+
+
+@pytest.mark.parametrize(("kind", "count"), [("jobs", 300), ("meshes", 24)])
+def test_mutations_end_in_a_message_or_in_a_valid_file(kind: str, count: int, tmp_path: Path) -> None:
+    options = ["--only", kind, "--count", str(count), "--seed", "1", "--seconds", "800", "--keep", str(tmp_path)]
+    done = subprocess.run([sys.executable, str(FUZZER), *options], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"0 wrong answers to {count if kind == 'jobs' else 0} jobs" in done.stdout

@@ -1,0 +1,169 @@
+"""Cases that crash their process, or never end: the others go on, under the same command."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from helpers.command_line import BLOCK, ROOT, Started, hpcinv
+from helpers.sweeps import records_of, write_sweep
+
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import DEADLY, Ledger
+from hpcinv.errors import JobError
+from hpcinv.sweep.plan import load_sweep
+
+GENERATOR = f"""
+import ctypes, os, runpy, time
+
+def build(gmsh, *, how: str = "", once: str = ""):
+    if once and not os.path.exists(once):
+        open(once, "w").close()
+        os.abort()
+    match how:
+        case "SIGSEGV":
+            ctypes.string_at(0)
+        case "abort":
+            os.abort()
+        case "exit 0":
+            os._exit(0)
+        case "MPI_Abort":
+            from mpi4py import MPI
+            MPI.COMM_WORLD.Abort(3)
+        case "killed":
+            os.kill(os.getpid(), 9)
+        case "loop":
+            time.sleep(1000)
+        case "stuck":
+            ctypes.PyDLL(None).sleep(1000)  # it keeps Python's interpreter lock
+    runpy.run_path({str(ROOT / "meshes" / "box.py")!r})["build"](gmsh, nx=2, ny=2, nz=2)
+"""
+STEPS = {"strategy": "fixed", "steps": 4000}
+
+
+def crashing(directory: Path, how: list[str], good: int = 4, **more: object) -> Path:
+    """A sweep with a case for each way to end in ``how``, and as many that are good."""
+    (directory / "crash.py").write_text(GENERATOR)
+    job = {**BLOCK, "mesh": {"file": "crash.py"}}
+    axes = [
+        {
+            "name": "kind",
+            "branches": {
+                "good": {"axes": [{"grid": {"material.mu": [8000 + 500 * i for i in range(good)]}}]},
+                "bad": {"axes": [{"grid": {"mesh.parameters.how": how}}]},
+            },
+        }
+    ]
+    return write_sweep(directory, axes, job=job, **more)
+
+
+def statuses(sweep: Path) -> list[str]:
+    return [record.status if record is not None else "open" for record in records_of(sweep).values()]
+
+
+@pytest.mark.parametrize(("ranks", "per_case"), [(2, 1), (2, 2)])
+def test_cases_that_crash_are_told_and_all_others_are_solved(ranks: int, per_case: int, tmp_path: Path) -> None:
+    how = ["SIGSEGV", "abort", "exit 0", "MPI_Abort"] if per_case == 1 else ["SIGSEGV", "exit 0"]
+    sweep = crashing(tmp_path, how, good=4)
+    ended = hpcinv(ranks, "sweep", "run", sweep, "--ranks-per-case", per_case, cwd=tmp_path)
+    assert ended.returncode == 3, ended.stdout + ended.stderr
+    found = statuses(sweep)
+    assert found[:4] == ["converged"] * 4
+    expected = {
+        "SIGSEGV": "ended by SIGSEGV",
+        "abort": "ended by SIGABRT",
+        "exit 0": "ended with exit code 0",
+        "MPI_Abort": "ended with exit code 3",
+    }
+    for name, status in zip(how, found[4:], strict=True):
+        assert status.startswith(f"its process crashed 2 times: {expected[name]}"), status
+    assert f"4 converged, {len(how)} failed" in ended.stdout
+    again = hpcinv(ranks, "sweep", "run", sweep, "--ranks-per-case", per_case, cwd=tmp_path)
+    assert again.returncode == 3
+    assert not re.findall(r"case \d", again.stdout)
+
+
+def test_a_case_that_crashes_once_is_solved(tmp_path: Path) -> None:
+    (tmp_path / "crash.py").write_text(GENERATOR)
+    mesh = {"file": "crash.py", "parameters": {"once": str(tmp_path / "crashed")}}
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}], job={**BLOCK, "mesh": mesh})
+    ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert "case 0, mu 8000: crashed its process (ended by SIGABRT)" in ended.stdout
+    (record,) = records_of(sweep).values()
+    assert record is not None
+    assert record.attempts == 2
+
+
+def test_a_case_whose_process_is_killed_is_tried_more_often(tmp_path: Path) -> None:
+    """The system may have been out of memory because of a neighbour."""
+    sweep = crashing(tmp_path, ["killed"], good=1)
+    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 3, ended.stdout + ended.stderr
+    assert statuses(sweep) == ["converged", "the process that ran it was killed 5 times"]
+
+
+@pytest.mark.parametrize(("supervised", "solved"), [(True, True), (False, False)])
+def test_kills_of_whole_allocations_are_not_the_fault_of_the_case(
+    supervised: bool, solved: bool, tmp_path: Path
+) -> None:
+    """Where there was a supervisor it would have told of a death of the process alone."""
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}])
+    plan = load_sweep(sweep)
+    for _ in range(DEADLY + 2):
+        dead = subprocess.Popen(["true"])
+        with Holder(plan.store) as holder:
+            holder.identity = dataclasses.replace(holder.identity, pid=dead.pid, token=f"dead-{dead.pid}")
+            dead.wait()
+            assert Ledger(plan.store, holder, supervised=supervised).claim(plan.cases[0].key) is not None
+    ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == (0 if solved else 3), ended.stdout + ended.stderr
+    assert statuses(sweep) == ["converged" if solved else "the process that ran it was killed 7 times"]
+
+
+def test_cases_that_take_too_long_are_told_and_all_others_are_solved(tmp_path: Path) -> None:
+    """One that can stop itself at the next step, and two that cannot."""
+    sweep = crashing(tmp_path, ["loop", "stuck"], good=2, limit="2 s")
+    content = sweep.read_text().replace("- 8500", "- 8500\n          solver: [{strategy: fixed, steps: 4000}, {}]")
+    sweep.write_text(content)
+    begun = time.monotonic()
+    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 3, ended.stdout + ended.stderr
+    found = statuses(sweep)
+    assert found.count("took longer than its limit of 2.0 s") == 4, ended.stdout
+    assert found.count("converged") == 2
+    assert ended.stdout.count("and did not stop: its process is ended") == 2
+    assert "4 failed: took longer than its limit of 2.0 s" in ended.stdout
+    assert time.monotonic() - begun < 100
+    retried = hpcinv(1, "sweep", "retry", "--failed", sweep, cwd=tmp_path)
+    assert "4 failed cases are open again" in retried.stdout
+
+
+@pytest.mark.parametrize("limit", ["0 s", "-1 min", "10 mm", "soon"])
+def test_a_limit_is_a_time(limit: str, tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}], limit=limit)
+    with pytest.raises(JobError, match=r"limit: (must be|'soon' is not a number)"):
+        load_sweep(sweep)
+
+
+def test_a_signal_while_a_case_is_stuck_gives_it_back(tmp_path: Path) -> None:
+    sweep = crashing(tmp_path, ["loop"], good=1)
+    with Started(2, "sweep", "run", sweep, cwd=tmp_path) as started:
+        started.wait_for("case 0")
+        started.send(signal.SIGTERM, [started.mpirun.pid])
+        assert started.exit_code() == 75, started.text
+        assert "1 cases left" in started.text
+    assert list(tmp_path.glob("store/ledger/*/*.released-1-1"))
+
+
+def test_where_processes_cannot_be_started_again_cases_are_solved_by_the_launcher_s_ranks(tmp_path: Path) -> None:
+    sweep = crashing(tmp_path, ["abort"], good=2)
+    ended = hpcinv(2, "sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
+    assert ended.returncode not in (0, 3)
+    solved = statuses(sweep)
+    assert solved[2] == "open"

@@ -1,0 +1,325 @@
+"""Sweeps from the command line that a user types: results, groups of ranks, failures, signals, kills."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import random
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from helpers.command_line import Started, hpcinv
+from helpers.sweeps import BLOCK, records_of, write_sweep
+
+from hpcinv.batch.ledger import liveness
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.record import Record
+from hpcinv.driver import run
+from hpcinv.parallel.runtime import MPI
+from hpcinv.sweep.plan import load_sweep
+
+GRID = [{"grid": {"material.mu": ["8 kPa", "10 kPa", "14 kPa"], "effects[0].density": [100, 200]}}]
+
+
+def top(record: Record | None) -> float:
+    assert record is not None
+    assert record.converged, record.status
+    return float(record.statistics["quantities"]["top"])
+
+
+def alone(sweep: Path, number: int) -> float:
+    """The same quantity of a case that is run by itself, from the unloaded body."""
+    plan = load_sweep(sweep)
+    found = run(plan.job(plan.cases[number]), MPI.COMM_SELF).quantities["top"]
+    assert isinstance(found, float)
+    return found
+
+
+@pytest.mark.parametrize(("ranks", "per_case"), [(1, 1), (2, 1), (2, 2), (3, 1)])
+def test_every_case_is_solved_once_whatever_the_ranks(ranks: int, per_case: int, tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, GRID)
+    ended = hpcinv(ranks, "sweep", "run", sweep, "--ranks-per-case", per_case, cwd=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert sorted(re.findall(r"case (\d+), ", ended.stdout)) == [str(i) for i in range(6)]
+    assert "6 converged" in ended.stdout
+    records = records_of(sweep)
+    for number, record in records.items():
+        assert top(record) == pytest.approx(alone(sweep, number), rel=1e-10)
+        assert record is not None
+        assert record.statistics["machine"]["ranks"] == per_case
+    assert not list(tmp_path.glob("store/cases/*/*/run-*"))
+    again = hpcinv(ranks, "sweep", "run", sweep, cwd=tmp_path)
+    assert again.returncode == 0
+    assert not re.findall(r"case \d", again.stdout)
+    assert records_of(sweep) == records
+
+
+def test_sweeps_that_share_a_store_share_their_cases(tmp_path: Path) -> None:
+    first = write_sweep(tmp_path, GRID)
+    assert hpcinv(1, "sweep", "run", first, cwd=tmp_path).returncode == 0
+    content = yaml.safe_load(first.read_text())
+    content["axes"] = [{"zip": {"material.mu": ["14 kPa", 9000], "effects[0].density": ["0.2 g/cm^3", 100]}}]
+    other = tmp_path / "other.yaml"
+    other.write_text(yaml.safe_dump(content))
+    ended = hpcinv(1, "sweep", "run", other, cwd=tmp_path)
+    assert ended.returncode == 0
+    assert re.findall(r"case (\d+), ", ended.stdout) == ["1"]
+
+
+def test_a_case_that_fails_is_told_and_the_others_go_on(tmp_path: Path) -> None:
+    """The softest block cannot have stood up; a region that is not in the mesh is found only where there is one."""
+    axes = [{"zip": {"material.mu": ["10 kPa", "20 Pa", "12 kPa"], "material.lam": ["40 kPa", "40 Pa", "40 kPa"]}}]
+    sweep = write_sweep(tmp_path, axes)
+    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 3
+    assert "2 converged, 1 failed" in ended.stdout
+    failed = records_of(sweep)[1]
+    assert failed is not None
+    assert "load factor" in failed.status
+    assert failed.advice
+    assert failed.statistics["status"] in ended.stdout
+    again = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    assert again.returncode == 3
+    assert not re.findall(r"case \d", again.stdout)
+    retried = hpcinv(1, "sweep", "retry", "--failed", sweep, cwd=tmp_path)
+    assert "1 failed case is open again" in retried.stdout
+    again = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    assert re.findall(r"case (\d+), ", again.stdout) == ["1"]
+
+    wrong = write_sweep(tmp_path, [{"grid": {"supports": [[{"region": "floor", "fix": ["x", "y", "z"]}]]}}])
+    ended = hpcinv(1, "sweep", "run", wrong, cwd=tmp_path)
+    assert ended.returncode == 3
+    assert "floor" in ended.stdout
+
+
+def test_ranks_must_fit_into_groups(tmp_path: Path) -> None:
+    ended = hpcinv(3, "sweep", "run", write_sweep(tmp_path, GRID), "--ranks-per-case", 2, cwd=tmp_path)
+    assert ended.returncode == 2
+    assert "3 ranks cannot be divided" in ended.stderr
+    assert ended.stderr.count("--ranks-per-case") == 1
+
+
+def slow(cases: int) -> list[dict[str, object]]:
+    """Cases of many steps each."""
+    steps = {"strategy": "fixed", "steps": 400}
+    return [{"grid": {"material.mu": [10e3 + 100 * i for i in range(cases)]}}, {"grid": {"solver": [steps]}}]
+
+
+def test_a_signal_saves_the_case_at_hand_and_the_next_run_goes_on_with_it(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, slow(2), job={**BLOCK, "checkpoint": {"every": 1, "seconds": 0}})
+    with Started(1, "sweep", "run", sweep, cwd=tmp_path) as started:
+        _wait_for_checkpoint(tmp_path)
+        started.send(signal.SIGTERM, started.ranks())
+        assert started.exit_code() == 75
+        assert "2 cases left" in started.text
+    (saved,) = tmp_path.glob("store/cases/*/*/run-*")
+    reached = yaml.safe_load(max(saved.glob("checkpoints/*/state.json")).read_text())["position"]["load"]
+    assert 0 < reached < 1
+    ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 0
+    for record in records_of(sweep).values():
+        assert record is not None
+        assert [s["load"] for s in record.statistics["legs"][0]["solves"]] == pytest.approx(
+            [(i + 1) / 400 for i in range(400)]
+        )
+
+
+def test_whatever_a_kill_has_left_of_a_run_directory_the_case_is_solved(tmp_path: Path) -> None:
+    """Each case was claimed by a process that died, and left a directory in another state."""
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000 + 500 * i for i in range(9)]}}])
+    plan = load_sweep(sweep)
+    dead = subprocess.Popen(["true"])
+    with Holder(plan.store) as holder:
+        holder.identity = dataclasses.replace(holder.identity, pid=dead.pid)
+        dead.wait()
+        ledger = Ledger(plan.store, holder)
+        claims = [ledger.claim(case.key) for case in plan.cases]
+    origin = json.dumps({"job": str(plan.base.resolve())})
+    text = yaml.safe_dump(dict(plan.content(plan.cases[5])), sort_keys=False)
+    states: list[dict[str, str]] = [
+        {},
+        {"origin.json": ""},
+        {"origin.json": origin},
+        {"origin.json": origin, "job.yaml": ""},
+        {"origin.json": origin, "job.yaml": text[: len(text) // 2]},
+        {"origin.json": origin[:10], "job.yaml": text},
+        {".origin.json.partial": "", ".lock": ""},
+        {"origin.json": origin, "job.yaml": text, "checkpoints": "no directory"},
+        {"job.yaml": text, "summary.json": "{"},
+    ]
+    for claim, files in zip(claims, states, strict=True):
+        assert claim is not None
+        claim.run.mkdir(parents=True)
+        for name, content in files.items():
+            (claim.run / name).write_text(content)
+    ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    for number, record in records_of(sweep).items():
+        assert record is not None
+        assert record.attempts == 2
+        assert top(record) == pytest.approx(alone(sweep, number), rel=1e-10)
+
+
+def test_a_killed_case_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, slow(1), job={**BLOCK, "checkpoint": {"every": 1, "seconds": 0}})
+    with Started(2, "sweep", "run", sweep, "--ranks-per-case", 2, cwd=tmp_path) as started:
+        saved = _wait_for_checkpoint(tmp_path)
+        started.kill()
+    (tmp_path / "marked").write_text(saved.name)
+    with Started(1, "sweep", "run", sweep, cwd=tmp_path) as again:
+        assert again.exit_code() == 0, again.text
+    (record,) = records_of(sweep).values()
+    assert record is not None
+    assert record.attempts == 2
+    assert top(record) == pytest.approx(alone(sweep, 0), rel=1e-9)
+
+
+def _wait_for_checkpoint(directory: Path) -> Path:
+    deadline = time.monotonic() + 60
+    while not (found := list(directory.glob("store/cases/*/*/run-*/checkpoints/[0-9]*"))):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return found[0]
+
+
+def test_two_allocations_at_once_share_the_work(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 32}])
+    with (
+        Started(1, "sweep", "run", sweep, "--shard", "1/2", cwd=tmp_path) as one,
+        Started(2, "sweep", "run", sweep, "--shard", "2/2", cwd=tmp_path) as two,
+    ):
+        assert one.exit_code() == 0, one.text
+        assert two.exit_code() == 0, two.text
+        done = [re.findall(r"case (\d+), ", started.text) for started in (one, two)]
+    assert all(done)
+    assert sorted(done[0] + done[1]) == sorted(str(i) for i in range(32))
+
+
+def test_the_case_of_a_vanished_node_is_taken_over_after_the_lease(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, GRID)
+    plan = load_sweep(sweep)
+    with Holder(plan.store) as holder:
+        holder.identity = dataclasses.replace(holder.identity, machine="another", token="another-1")
+        assert Ledger(plan.store, holder).claim(plan.cases[3].key) is not None
+    ended = hpcinv(2, "sweep", "run", sweep, "--lease", 15, cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert re.findall(r"case (\d+), ", ended.stdout)[-1] == "3"
+    found = records_of(sweep)[3]
+    assert found is not None
+    assert found.attempts == 2
+    refused = hpcinv(1, "sweep", "run", sweep, "--lease", 5, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "must be 15 or more" in refused.stderr
+
+
+def test_who_is_taken_over_lets_go(tmp_path: Path) -> None:
+    """A process that slept for longer than the lease on another machine finds its directory gone, and goes on."""
+    sweep = write_sweep(tmp_path, slow(2), job={**BLOCK, "checkpoint": {"every": 1, "seconds": 0}})
+    plan = load_sweep(sweep)
+    with Started(1, "sweep", "run", sweep, cwd=tmp_path) as started:
+        run = _wait_for_checkpoint(tmp_path).parents[1]
+        sleeping = started.ranks()
+        started.send(signal.SIGSTOP, sleeping)
+        try:
+            (claim,) = tmp_path.glob("store/ledger/*/*.claim-1-1.json")
+            claim.write_text(claim.read_text().replace('"machine": "', '"machine": "another '))
+            watch = liveness.Watch.is_dead
+            with pytest.MonkeyPatch.context() as patch, Holder(plan.store) as holder:
+                patch.setattr(liveness.Watch, "is_dead", lambda *_: True)
+                key = run.parent.name
+                ledger = Ledger(plan.store, holder)
+                taken = ledger.claim(key)
+                assert taken is not None
+                assert ledger.commit(taken, Record("by another", "", {}, 1.0, 2))
+            assert liveness.Watch.is_dead is watch
+        finally:
+            started.send(signal.SIGCONT, sleeping)
+        assert started.exit_code() == 3, started.text
+        assert "taken over by another" in started.text or "done by another" in started.text
+    assert sorted(r.status for r in records_of(sweep).values() if r is not None) == ["by another", "converged"]
+
+
+def test_a_full_disk_is_told_and_the_same_command_goes_on(tmp_path: Path) -> None:
+    store = tmp_path / "store"
+    store.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(store)], capture_output=True, text=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip(f"no small file system can be mounted here: {mounted.stderr.strip()}")
+    try:
+        sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 64}])
+        full = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+        assert full.returncode == 2, full.stdout + full.stderr
+        assert "No space left" in full.stderr
+        assert "Traceback" not in full.stderr, full.stderr
+        done = re.findall(r"case (\d+), ", full.stdout)
+        assert 0 < len(done) < 64
+        subprocess.run(["mount", "-o", "remount,size=20m", str(store)], check=True)
+        ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+        assert ended.returncode == 0, ended.stderr
+        again = re.findall(r"case (\d+), ", ended.stdout)
+        assert sorted(done + again, key=int) == [str(i) for i in range(64)]
+    finally:
+        subprocess.run(["umount", str(store)], check=True)
+
+
+def test_a_store_that_cannot_be_one_is_refused(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, GRID)
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / "letter.txt").write_text("dear all")
+    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 2
+    assert "holds files that are not of a store" in ended.stderr
+    assert ended.stderr.count("not of a store") == 1
+    (tmp_path / "store" / "letter.txt").unlink()
+    (tmp_path / "store").rmdir()
+    (tmp_path / "store").write_text("")
+    assert hpcinv(1, "sweep", "run", sweep, cwd=tmp_path).returncode == 2
+
+
+def test_thirty_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
+    """Kills of whole runs at random moments: what was committed stays as it is, and what was not is done at the end."""
+    chance = random.Random(5)
+    steps = {"strategy": "fixed", "steps": 60}
+    sweep = write_sweep(
+        tmp_path, [{"grid": {"material.mu": [8000 + 200 * i for i in range(60)]}}], set={"solver": steps}
+    )
+    committed: dict[Path, tuple[int, bytes]] = {}
+    reported: list[str] = []
+    kills = 0
+    while kills < 30:
+        with Started(1 + (kills % 3 == 0), "sweep", "run", sweep, cwd=tmp_path) as started:
+            before = len(committed)
+            deadline = time.monotonic() + 60
+            # Some are killed while they start, most while they work on a first or a second case.
+            while kills % 5 and len(_records(tmp_path)) <= before and started.mpirun.poll() is None:
+                assert time.monotonic() < deadline, started.text
+                time.sleep(0.002)
+            time.sleep(chance.uniform(0.0, 0.3 if kills % 5 else 2.0))
+            assert started.mpirun.poll() is None, f"ended after {kills} kills: {started.text}"
+            started.kill()
+            kills += 1
+            reported += re.findall(r"case (\d+), ", started.text)
+        for path in _records(tmp_path):
+            now = path.stat().st_ino, path.read_bytes()
+            assert committed.setdefault(path, now) == now
+    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    reported += re.findall(r"case (\d+), ", ended.stdout)
+    assert len(reported) == len(set(reported)) <= 60
+    assert all((path.stat().st_ino, path.read_bytes()) == now for path, now in committed.items())
+    found = [record for record in records_of(sweep).values() if record is not None]
+    assert len(found) == 60 == len(_records(tmp_path))
+    for number in range(0, 60, 7):
+        assert top(records_of(sweep)[number]) == pytest.approx(alone(sweep, number), rel=1e-10)
+
+
+def _records(directory: Path) -> list[Path]:
+    return list(directory.glob("store/ledger/*/*.record-*.json"))

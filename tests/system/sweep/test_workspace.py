@@ -1,0 +1,154 @@
+"""Runs that hand on what they have made must find what each finds alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.verification import box, job
+
+from hpcinv.driver import run
+from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
+from hpcinv.job.reuse_key import numbers_of, structure_of
+from hpcinv.methods.initial_guess import Guess
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.problem_cache import Workspace
+
+CLAMPED = [{"region": "x0", "fix": ["x", "y", "z"]}]
+
+
+def block(mu: float = 10e3, g: float = -9.81, **changes: Any) -> Job:
+    given: dict[str, Any] = {
+        "mesh": box((2, 1, 1), lx=2.0),
+        "material": {"law": "neo-hookean", "mu": mu, "lam": 4 * mu},
+        "effects": [{"effect": "gravity", "acceleration": [0, 0, g], "density": 100.0}],
+        "supports": CLAMPED,
+        "quantities": [{"name": "sag", "of": "uz", "at": [2, 0.5, 0.5]}],
+    }
+    return job(**(given | changes))
+
+
+def by_region(inner: float, outer: float, displacement: str) -> Job:
+    """Fields of all kinds: by region, by formula with constants; springs, and a support that moves."""
+    return block(
+        regions={"left": "x < 1"},
+        material={
+            "left": {"law": "neo-hookean", "mu": {"left": inner, "elsewhere": outer}, "lam": "2e4 + 1e3*X"},
+            "elsewhere": {"law": "gent", "mu": outer, "jm": 50, "kappa": 8 * outer},
+        },
+        effects=[
+            {"effect": "gravity", "acceleration": [0, 0, -2], "density": {"left": 100, "elsewhere": 200}},
+            {"effect": "elastic-foundation", "region": "x1", "normal": inner},
+        ],
+        supports=[{"region": "x0", "displacement": [displacement, 0, 0]}],
+        discretisation={"formulation": "displacement"},
+    )
+
+
+PAIRS = {
+    "numbers": (block(), block(3.3e3, -5.0)),
+    "scales": (block(), block(1e7, -5e3)),
+    "fields": (by_region(1e4, 2e4, "0.05"), by_region(5e4, 1e4, "0.1")),
+    "round trip": (block(analysis="round_trip"), block(7e3, analysis="round_trip", first="forward")),
+    "law": (block(), block(material={"law": "gent", "mu": 1e4, "jm": 50, "kappa": 5e4})),
+    "mesh": (block(), block(mesh=box((1, 1, 2)), quantities=[])),
+    "nearly incompressible": (
+        block(material={"law": "neo-hookean", "mu": 1e4, "lam": 1e6}),
+        block(material={"law": "neo-hookean", "mu": 2e4, "lam": 1e7}),
+    ),
+}
+
+
+def differs(one: Result, other: Result) -> float:
+    """Largest difference of shapes, relative to the displacement."""
+    leg = one.legs[-1]
+    gap = float(np.abs(leg.other_nodes - other.legs[-1].other_nodes).max(initial=0.0))
+    return leg.displacement.function_space.mesh.comm.allreduce(gap, op=MPI.MAX) / leg.largest_displacement
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("pair", PAIRS)
+def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intracomm) -> None:
+    before, after = PAIRS[pair]
+    alone = run(after, comm)
+    with Workspace(comm) as workspace:
+        run(before, comm, workspace=workspace)
+        found = run(after, comm, workspace=workspace)
+        again = run(before, comm, workspace=workspace)
+    assert differs(alone, found) < 1e-11
+    assert differs(run(before, comm), again) < 1e-11
+    assert found.legs[0].strain_energy == pytest.approx(alone.legs[0].strain_energy, rel=1e-10)
+    assert found.quantities == pytest.approx(alone.quantities, rel=1e-10)
+    assert np.abs(found.legs[0].cauchy_stress.x.array - alone.legs[0].cauchy_stress.x.array).max() < 1e-8 * np.abs(
+        alone.legs[0].cauchy_stress.x.array
+    ).max(initial=1.0)
+
+
+def test_what_two_runs_share_is_made_once(comm: MPI.Intracomm) -> None:
+    with Workspace(comm) as workspace:
+        run(block(), comm, workspace=workspace)
+        body, model = workspace._body, workspace._model
+        assert body is not None
+        assert model is not None
+        matrix = next(iter(model[1]._idle.values())).matrix
+        run(block(2e4), comm, workspace=workspace)
+        assert workspace._model is not None
+        assert workspace._model[1] is model[1]
+        assert next(iter(model[1]._idle.values())).matrix is matrix
+        run(PAIRS["law"][1], comm, workspace=workspace)
+        assert workspace._body is not None
+        assert workspace._body[1] is body[1]
+        assert workspace._model[1] is not model[1]
+
+
+def test_a_job_that_is_refused_leaves_nothing_behind(comm: MPI.Intracomm) -> None:
+    def moved(k: float) -> Job:
+        return block(supports=[{"region": "x0", "displacement": ["0.05*k/k", 0, 0], "constants": {"k": k}}])
+
+    alone = run(moved(2.0), comm)
+    with Workspace(comm) as workspace:
+        run(moved(1.0), comm, workspace=workspace)
+        with pytest.raises(MeshError, match="is not finite"):
+            run(moved(0.0), comm, workspace=workspace)
+        assert differs(alone, run(moved(2.0), comm, workspace=workspace)) < 1e-11
+
+
+def test_only_numbers_may_differ_within_a_structure() -> None:
+    same = [block(), block(2e4, -1.0), block(effects=[{"effect": "gravity", "acceleration": [1, 2, 3], "density": 5}])]
+    other = [
+        block(material={"law": "neo-hookean", "mu": 1e4, "lam": "incompressible"}, discretisation={"displacement": 2}),
+        block(
+            material={"law": "neo-hookean", "mu": {"boundary": 1e4}, "lam": 4e4},
+            discretisation={"formulation": "displacement"},
+        ),
+        block(effects=[]),
+        block(mesh=box((2, 1, 1), lx=2.5)),
+        block(supports=[{"region": "x1", "fix": ["x", "y", "z"]}]),
+        block(discretisation={"displacement": 3}),
+        block(analysis="forward"),
+    ]
+    assert len({structure_of(j) for j in same}) == 1
+    assert len({structure_of(j) for j in (same[0], *other)}) == 1 + len(other)
+    assert [numbers_of(j) for j in same[:2]] == [
+        (10e3, 40e3, 0.0, 0.0, -9.81, 100.0),
+        (20e3, 80e3, 0.0, 0.0, -1.0, 100.0),
+    ]
+
+
+@pytest.mark.parallel([1, 2])
+def test_a_run_from_a_guess_ends_where_it_ends_without(comm: MPI.Intracomm) -> None:
+    near, wanted = block(9.8e3), block()
+    alone, there = run(wanted, comm), run(near, comm).legs[0]
+    u = there.displacement.x.array
+    warm = run(wanted, comm, guess=Guess(u, None))
+    assert [s.strategy for s in warm.legs[0].solves] == ["guess"]
+    assert differs(alone, warm) < 1e-11
+    # Far from any solution it is given up, and the run begins with the unloaded body; so where the sign is another.
+    for guess in (Guess(-40 * u, None), Guess(u, None, sign=-there.solves[-1].signs[-1])):
+        cold = run(wanted, comm, guess=guess)
+        assert [s.strategy for s in cold.legs[0].solves][:2] == ["guess", "load steps"]
+        assert not cold.legs[0].solves[0].outcome.accepted
+        assert differs(alone, cold) < 1e-13  # on two ranks MUMPS adds up in the order in which messages arrive

@@ -1,0 +1,262 @@
+"""What a user sees of an error: one message from one rank, an exit code, and nothing left behind or hanging."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.command_line import BEAM, CUBE, ROOT, environment, hpcinv, write_job
+
+import hpcinv as api
+from hpcinv.parallel.runtime import MPI
+
+UNREACHABLE: dict[str, Any] = {"solver": {"strategy": "fixed", "steps": 2, "maximum_iterations": 1}}
+
+# Something goes wrong on rank 1 alone, while rank 0 waits for it.
+ON_RANK_1 = """
+import sys
+from hpcinv import runtime
+from hpcinv.errors import MeshError
+from hpcinv.solver.problem import Model
+from hpcinv.__main__ main
+
+steps = Model.steps
+
+def fail(self):
+    if runtime.MPI.COMM_WORLD.rank == 1:
+        {action}
+    return steps.fget(self)
+
+Model.steps = property(fail)
+sys.exit(main())
+""".replace("hpcinv.__main__ main", "hpcinv.__main__ import main")
+
+
+@pytest.fixture
+def cube(tmp_path: Path) -> Path:
+    return write_job(tmp_path / "cube.yaml", CUBE)
+
+
+def files_in(directory: Path) -> set[str]:
+    return {str(p.relative_to(directory)) for p in directory.rglob("*")}
+
+
+def refused(done: subprocess.CompletedProcess[str], code: int, *texts: str) -> None:
+    """It ended with this code, and each text stands once in a message without a traceback."""
+    assert done.returncode == code, done.stdout + done.stderr
+    for text in texts:
+        assert done.stderr.count(text) == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Traceback" not in done.stdout
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_every_error_in_a_job_is_told_once_and_nothing_is_left(ranks: int, tmp_path: Path) -> None:
+    write_job(
+        tmp_path / "wrong.yaml",
+        CUBE,
+        mesh={"file": "no-such-mesh.msh"},
+        material={"law": "neohookean", "young": 1e6, "poisson": 0.3},
+    )
+    before = files_in(tmp_path)
+    done = hpcinv(ranks, "run", "wrong.yaml", cwd=tmp_path)
+    refused(done, 2, "wrong.yaml: mesh.file: there is no file", "wrong.yaml: material.law: ", "neo-hookean'?")
+    assert files_in(tmp_path) == before
+
+
+def test_a_job_that_is_not_there_is_told(tmp_path: Path) -> None:
+    refused(hpcinv(2, "run", "nowhere.yaml", cwd=tmp_path), 2, "nowhere.yaml")
+    assert files_in(tmp_path) == set()
+
+
+def test_a_region_that_matches_nothing_is_told_before_anything_is_written(tmp_path: Path) -> None:
+    supports = [{"region": "clamp", "fix": ["x", "y", "z"]}]
+    write_job(tmp_path / "job.yaml", CUBE, regions={"clamp": "x < -1 m"}, supports=supports)
+    refused(hpcinv(3, "run", "job.yaml", "--output", "out", cwd=tmp_path), 2, "'clamp'")
+    assert files_in(tmp_path) == {"job.yaml"}
+
+
+def test_results_go_to_the_first_free_place_and_no_other_run_is_touched(cube: Path, tmp_path: Path) -> None:
+    for name in ("cube", "cube-2"):
+        done = hpcinv(1, "run", "cube.yaml", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert f"results in results/{name}\n" in done.stdout
+    run = tmp_path / "results" / "cube"
+    assert {p.name for p in run.iterdir()} == {
+        "checkpoints",
+        "fields",
+        "job.yaml",
+        "origin.json",
+        "run.log",
+        "shape.msh",
+        "shape.vtu",
+        "summary.h5",
+        "summary.json",
+    }
+    (run / "notes.txt").write_text("mine")
+    before = {p: p.read_bytes() for p in run.rglob("*") if p.is_file()}
+
+    refused(hpcinv(2, "run", cube, "--output", run, cwd=tmp_path), 2, "holds the results of another run")
+    wrong = write_job(tmp_path / "wrong.yaml", CUBE, supports=[])
+    refused(hpcinv(1, "run", wrong, "--output", run, "--overwrite", cwd=tmp_path), 2, "supports")
+    assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
+
+    changed = write_job(tmp_path / "changed.yaml", CUBE, output={"mesh": ["vtu"], "fields": False})
+    done = hpcinv(2, "run", changed, "--output", run, "--overwrite", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert {p.name for p in run.iterdir()} >= {"shape.vtu", "summary.json", "notes.txt"}
+    assert not (run / "shape.msh").exists()
+    assert not (run / "fields").exists()
+
+
+def test_overwrite_never_removes_what_is_not_of_a_run(cube: Path, tmp_path: Path) -> None:
+    valuable = tmp_path / "home" / "thesis.tex"
+    valuable.parent.mkdir()
+    valuable.write_text("years of work")
+    done = hpcinv(1, "run", cube, "--output", valuable.parent, "--overwrite", cwd=tmp_path)
+    refused(done, 2, "holds files that are not of a run")
+    assert valuable.read_text() == "years of work"
+
+
+def test_an_output_that_cannot_be_a_directory_is_told(cube: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    refused(hpcinv(1, "run", cube, "--output", "file", cwd=tmp_path), 2, "file: is a file")
+    refused(hpcinv(2, "run", cube, "--output", "file/run", cwd=tmp_path), 2, "cannot be written")
+
+
+def test_a_full_disk_is_told(tmp_path: Path) -> None:
+    """A limit on the size of files stands for it."""
+    job = write_job(tmp_path / "job.yaml", CUBE, mesh=CUBE["mesh"] | {"parameters": {"nx": 6, "ny": 6, "nz": 6}})
+    script = tmp_path / "limited.py"
+    script.write_text(
+        "import resource, sys\n"
+        "from hpcinv import driver\nfrom hpcinv.__main__ import main\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))\n"
+        "sys.exit(main())\n"
+    )
+    done = hpcinv(2, "run", job, "--output", "out", cwd=tmp_path, script=script)
+    assert done.returncode == 4, done.stdout + done.stderr
+    assert "cannot be written" in done.stderr
+    assert "Is there space left?" in done.stderr
+    assert not (tmp_path / "out" / "checkpoints" / "0001").exists()
+
+
+def test_another_number_of_ranks_than_asked_for_is_told(cube: Path, tmp_path: Path) -> None:
+    refused(hpcinv(2, "run", cube, "--ranks", 3, cwd=tmp_path), 2, "--ranks 3 was asked for, but the launcher gave 2")
+    assert not (tmp_path / "results").exists()
+
+
+def test_what_is_no_run_cannot_be_resumed(tmp_path: Path) -> None:
+    refused(hpcinv(2, "resume", ".", cwd=tmp_path), 2, "is not the directory of a run")
+
+
+def test_a_load_that_is_not_reached_ends_with_a_diagnosis(tmp_path: Path) -> None:
+    write_job(tmp_path / "job.yaml", BEAM, analysis="forward", **UNREACHABLE)
+    done = hpcinv(2, "run", "job.yaml", "--output", "out", cwd=tmp_path)
+    refused(done, 3, "stopped at load factor 0 of 1: Newton's method took too many iterations", "Raise solver.max")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "Newton's method took too many iterations"
+    assert [s["outcome"] for s in summary["legs"][0]["solves"]] == ["ITERATION_LIMIT"]
+    # A resume with better settings reaches it.
+    write_job(tmp_path / "better.yaml", BEAM, analysis="forward")
+    done = hpcinv(2, "resume", "out", "--job", "better.yaml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "converged"
+
+
+@pytest.mark.parametrize(
+    ("action", "code", "text"),
+    [
+        ("raise ZeroDivisionError('on one rank')", 1, "ZeroDivisionError: on one rank"),
+        ("sys.exit(0)", 1, "SystemExit"),
+        ("raise MeshError('on one rank')", 2, "[rank 1] on one rank"),
+    ],
+)
+def test_what_fails_on_one_rank_ends_all_within_seconds(
+    action: str, code: int, text: str, cube: Path, tmp_path: Path
+) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(ON_RANK_1.format(action=action))
+    begin = time.monotonic()
+    done = hpcinv(3, "run", cube, cwd=tmp_path, script=script)
+    assert time.monotonic() - begin < 30
+    assert done.returncode == code, done.stderr
+    assert text in done.stderr
+
+
+def test_what_fails_on_rank_0_in_a_task_of_its_own_ends_all(cube: Path, tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys\nimport hpcinv.__main__ as cli\n"
+        "cli.load = lambda path: sys.exit('rank 0 has gone')\n"
+        "sys.exit(cli.main())\n"
+    )
+    done = hpcinv(2, "run", cube, cwd=tmp_path, script=script)
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.count("SystemExit: rank 0 has gone\n") == 1
+
+
+def test_without_a_compiler_cached_kernels_run_and_new_ones_are_explained(cube: Path, tmp_path: Path) -> None:
+    assert hpcinv(1, "run", cube, cwd=tmp_path).returncode == 0
+    assert hpcinv(2, "run", cube, cwd=tmp_path, CC="no-such-cc").returncode == 0
+    # DOLFINx reports a failure on several ranks in another way than on one.
+    empty = str(tmp_path / "empty-cache")
+    done = hpcinv(2, "run", cube, cwd=tmp_path, CC="no-such-cc", XDG_CACHE_HOME=empty)
+    refused(done, 5, "no C compiler 'no-such-cc'", "apt-get install gcc libc6-dev")
+    done = hpcinv(1, "run", cube, cwd=tmp_path, CC="false", XDG_CACHE_HOME=empty)
+    refused(done, 5, "'false' could not compile a kernel", "apt-get install gcc libc6-dev")
+
+
+def test_options_that_petsc_does_not_know_are_reported(tmp_path: Path) -> None:
+    petsc = {"snes_linesearch_type": "l2", "snes_lineserch_type": "l2"}
+    write_job(tmp_path / "job.yaml", CUBE, solver={"petsc": petsc})
+    done = hpcinv(2, "run", "job.yaml", "--output", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "solver.petsc: nothing asked for snes_lineserch_type:" in done.stdout
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["unused_petsc_options"] == ["snes_lineserch_type"]
+
+
+def python(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=ROOT, env=environment(), capture_output=True, text=True, check=False
+    )
+
+
+def test_every_shipped_job_is_valid_and_checking_it_loads_neither_mpi_nor_the_solver() -> None:
+    jobs = [str(p) for p in sorted((ROOT / "jobs").glob("*.yaml"))]
+    code = (
+        f"import sys; from hpcinv.__main__ import main; c = main(['validate', *{jobs}]); print(*sys.modules); exit(c)"
+    )
+    done = python("-c", code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count(": valid\n") == len(jobs)
+    assert not {"mpi4py", "petsc4py", "dolfinx", "dolfinx_solver", "gmsh", "ufl"} & set(done.stdout.split())
+
+
+def test_validate_goes_on_after_a_wrong_job(tmp_path: Path) -> None:
+    wrong = write_job(tmp_path / "wrong.yaml", CUBE, supports=[])
+    done = python("-m", "hpcinv", "validate", str(wrong), "jobs/pdms-beam.yaml")
+    refused(done, 2, "wrong.yaml: supports: ")
+    assert "jobs/pdms-beam.yaml: valid" in done.stdout
+
+
+def test_a_command_that_does_not_exist_ends_with_2() -> None:
+    assert python("-m", "hpcinv", "fly").returncode == 2
+
+
+def test_from_python_a_run_gives_its_result_and_writes_nothing(
+    cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = api.run(api.load(cube), MPI.COMM_SELF)
+    assert result.statistics["status"] == "converged"
+    assert result.statistics["legs"][0]["factorizations"] == result.legs[0].factorizations > 0
+    assert result.directory is None
+    assert files_in(tmp_path) == {"cube.yaml"}
+    assert capsys.readouterr().out == ""

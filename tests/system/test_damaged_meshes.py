@@ -1,0 +1,177 @@
+"""Meshes that are cut, contradict themselves or claim to be huge end in one message, and in nothing else."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.command_line import environment
+from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
+
+from hpcinv.errors import MeshError
+from hpcinv.job.fingerprint import file_digest
+from hpcinv.mesh.body import read_source
+from hpcinv.mesh.checks import check
+from hpcinv.mesh.export import save
+
+VTU = """<?xml version="1.0"?>
+<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">
+<UnstructuredGrid><Piece NumberOfPoints="{points}" NumberOfCells="{cells}">
+<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">{at}</DataArray></Points>
+<Cells><DataArray type="Int64" Name="connectivity" format="ascii">{nodes}</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">{offsets}</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">{types}</DataArray></Cells>
+<CellData>{data}</CellData></Piece></UnstructuredGrid></VTKFile>"""
+XDMF = """<?xml version="1.0"?><Xdmf Version="3.0"><Domain><Grid Name="m"><Topology TopologyType="Tetrahedron">
+<DataItem Dimensions="{cells}" NumberType="Int" Format="{format}">{nodes}</DataItem></Topology><Geometry>
+<DataItem Dimensions="{points}" Format="XML">{at}</DataItem></Geometry>{data}</Grid></Domain></Xdmf>"""
+AT = "0 0 0 1 0 0 0 1 0 0 0 1"
+IN_VTU = {"points": 4, "cells": 1, "at": AT, "nodes": "0 1 2 3", "offsets": "4", "types": "10", "data": ""}
+IN_XDMF = {"points": "4 3", "cells": "1 4", "at": AT, "nodes": "0 1 2 3", "format": "XML", "data": ""}
+
+
+def array(kind: str, name: str, values: str, components: int = 1) -> str:
+    return (
+        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">{values}</DataArray>'
+    )
+
+
+def refused(path: Path, content: str | bytes) -> str:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(MeshError) as caught:
+        check(read_source(spec(path), path))
+    assert str(path) in str(caught.value)
+    return str(caught.value)
+
+
+def test_the_meshes_that_are_damaged_here_are_right_otherwise(tmp_path: Path) -> None:
+    for name, text in (("a.vtu", VTU.format(**IN_VTU)), ("a.xdmf", XDMF.format(**IN_XDMF))):
+        (tmp_path / name).write_text(text)
+        check(read_source(spec(tmp_path / name), tmp_path / name))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"nodes": "0 1 2 9"}, r"1 cells have nodes that are not there \(cell 1\); there are 4"),
+        ({"nodes": "0 1 2 -1"}, "1 cells have nodes that are not there"),
+        ({"nodes": "0 1"}, 'VTK cannot read it: .*the "connectivity" array is not long enough'),
+        ({"at": "0 0 0"}, "VTK cannot read it: .*The data array in the element may be too short"),
+        ({"points": 4_000_000_000}, "NumberOfPoints is 4000000000 in a file of ... bytes"),
+        ({"cells": 4_000_000_000}, "NumberOfCells is 4000000000"),
+        ({"points": -4}, "NumberOfPoints is -4"),
+        ({"points": "many"}, "NumberOfPoints is many"),
+        ({"data": array("Float64", "a", "1", 4_000_000_000)}, "NumberOfComponents is 4000000000"),
+        ({"offsets": "4000000000000000000"}, "VTK cannot read it"),
+        ({"types": "99"}, "cells are of the type 99"),
+        (
+            {"cells": 2, "nodes": "0 1 2 3 3 2 1 0", "offsets": "4 8", "types": "10 10"},
+            r"2 cells have the same vertices as another \(cells 1, 2\)",
+        ),
+        ({"data": array("Float64", "region:a", "1 2 3", 3)}, "'region:a' is not one number for each entity"),
+        ({"data": array("Float64", "region:a", "1.5")}, "'region:a' holds what is no whole number"),
+        ({"data": array("Float64", "cell_tag", "1 2 3", 3)}, "'cell_tag' is not one number for each entity"),
+        ({"at": AT.replace("1", "1e300")}, r"coordinates are beyond 1e\+60 m"),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, dict) else "",
+)
+def test_a_damaged_vtu_file_is_told(
+    tmp_path: Path, changes: dict[str, str], message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    found = refused(tmp_path / "a.vtu", VTU.format(**IN_VTU | changes))
+    assert len(found.splitlines()) <= 3
+    assert re.search(message, found), found
+    assert capfd.readouterr() == ("", "")  # nothing of VTK's own
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"nodes": "0 1 2 9"}, "1 cells have nodes that are not there"),
+        ({"nodes": "0 1"}, "a DataItem has 2 numbers, but its Dimensions are '1 4'"),
+        ({"cells": "4000000000 4"}, "a DataItem has 4 numbers, but its Dimensions are '4000000000 4'"),
+        ({"cells": "-1 4"}, "its Dimensions are '-1 4'"),
+        ({"cells": "1 4 1"}, "the topology is no table of nodes"),
+        ({"cells": "one"}, "does not hold whole numbers only"),
+        ({"nodes": "a b c d"}, "does not hold whole numbers only"),
+        ({"nodes": "0 1 2 99999999999999999999"}, "does not hold whole numbers only"),
+        ({"at": "0 0 0"}, "a DataItem has 3 numbers, but its Dimensions are '4 3'"),
+        ({"format": "HDF", "nodes": "gone.h5:/a"}, "there is no file '.*gone.h5'"),
+        ({"format": "HDF", "nodes": "/dev/zero:/a"}, "there is no file '/dev/zero'"),
+        ({"format": "HDF", "nodes": "no.h5:/a"}, "no.h5:/a cannot be read"),
+        ({"format": "HDF", "nodes": "text.h5:/name"}, "text.h5:/name is no array of numbers"),
+        ({"format": "HDF", "nodes": "text.h5:/huge"}, "text.h5:/huge has a shape that the file cannot hold"),
+        ({"cells": "2 4", "nodes": "0 1 2 3 3 2 1 0"}, "2 cells have the same vertices"),
+        (
+            {"data": '<Attribute Center="Cell"><DataItem Dimensions="1">x</DataItem></Attribute>'},
+            "does not hold numbers",
+        ),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, dict) else "",
+)
+def test_a_damaged_xdmf_file_is_told(
+    tmp_path: Path, changes: dict[str, str], message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    import h5py
+
+    (tmp_path / "no.h5").write_text("no HDF5")
+    with h5py.File(tmp_path / "text.h5", "w") as file:
+        file["name"] = "text"
+        file.create_dataset("huge", (10**12, 4), dtype=np.int64, chunks=(1000, 4))
+    found = refused(tmp_path / "a.xdmf", XDMF.format(**IN_XDMF | changes))
+    assert re.search(message, found), found
+    assert capfd.readouterr() == ("", "")  # nothing of HDF5's own
+
+
+def test_a_fingerprint_of_an_xdmf_mesh_without_its_numbers_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.xdmf"
+    path.write_text(XDMF.format(**IN_XDMF | {"format": "HDF", "nodes": "gone.h5:/a"}))
+    with pytest.raises(MeshError, match=r"a.xdmf: .*gone.h5 cannot be read: No such file"):
+        file_digest(path)
+
+
+def test_what_ends_gmsh_is_told(tmp_path: Path, meshes: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    mesh = read_source(spec(meshes / "box.py"), meshes / "box.py")
+    path = tmp_path / "a.msh"
+    save(path, mesh, mesh.points)
+    message = refused(path, re.sub(rb"\n2 1 ", b"\n-1 1 ", path.read_bytes()))  # a group of dimension -1
+    assert "gmsh cannot read it: it ended (SIGSEGV)" in message
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_msh_file_cut_anywhere_is_told_or_whole(tmp_path: Path) -> None:
+    path = write_msh22(tmp_path / "a.msh", TETRAHEDRON, [(4, 1, 1, (1, 2, 3, 4))], [(3, 1, "body")])
+    lines = path.read_text().splitlines()
+    for kept in range(3, len(lines) - 2, 3):
+        refused(path, "\n".join(lines[:kept]))
+
+
+def test_a_changed_byte_of_a_partitioned_mesh_is_told_before_adios2_meets_it(tmp_path: Path, meshes: Path) -> None:
+    """In a process of its own, since ADIOS2 does not survive it."""
+    code = "import sys; from hpcinv.__main__ import main; sys.exit(main(sys.argv[1:]))"
+    whole = tmp_path / "a.bp"
+
+    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", code, *map(str, arguments)]
+        return subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120, check=False)
+
+    made = run("mesh", "partition", meshes / "box.py", whole, "--parts", 2, "--parameter", "nx=2")
+    assert made.returncode == 0, made.stderr
+    for name, place in (("md.idx", 30), ("md.idx", -8), ("md.0", 40)):
+        content = bytearray((whole / name).read_bytes())
+        content[place] ^= 0x10
+        original = (whole / name).read_bytes()
+        (whole / name).write_bytes(content)
+        done = run("mesh", "gather", whole, tmp_path / "b.vtu")
+        (whole / name).write_bytes(original)
+        assert done.returncode == 2
+        assert done.stderr.startswith(f"{whole}: {name} in it is not what was written")
+    header = json.loads((whole / "mesh.json").read_text())
+    (whole / "mesh.json").write_text(json.dumps(header | {"nodes": header["nodes"] + 1}))
+    done = run("mesh", "gather", whole, tmp_path / "b.vtu")
+    assert done.stderr.startswith(f"{whole}: mesh.json in it is not what was written")

@@ -1,0 +1,292 @@
+"""Compiled kernels that runs share: killed compilations, damaged files, full disks, and who may have written them."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.command_line import CUBE, PATIENCE, Started, environment, hpcinv, write_job
+
+from hpcinv.errors import OutputError
+from hpcinv.parallel import kernel_files, ownership
+from hpcinv.parallel.jit import refuse_foreign
+
+SMALL: Mapping[str, Any] = {**CUBE, "discretisation": {"displacement": 1}, "output": {"fields": False, "mesh": []}}
+as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
+
+# A compiler that notes which kernel it compiles, and waits before that for as long as there is a file 'hold'.
+COMPILER = """#!/bin/sh
+for argument in "$@"; do case "$argument" in *.c) echo "$(basename "$argument")" >> {here}/compiled;; esac; done
+while [ -e {here}/hold ]; do sleep 0.05; done
+exec gcc "$@"
+"""
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Path:
+    return write_job(tmp_path / "job.yaml", SMALL)
+
+
+@pytest.fixture
+def compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The compiler above, for everything that the test starts with a cache of its own."""
+    script = tmp_path / "cc"
+    script.write_text(COMPILER.format(here=tmp_path))
+    script.chmod(0o755)
+    monkeypatch.setenv("CC", str(script))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return script
+
+
+@pytest.fixture(scope="module")
+def kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with what the small job needs."""
+    here = tmp_path_factory.mktemp("kernels")
+    done = hpcinv(1, "run", write_job(here / "job.yaml", SMALL), cwd=here, HPCINV_KERNELS=str(here / "all"))
+    assert done.returncode == 0, done.stderr
+    return here / "all"
+
+
+def test_a_run_that_waits_takes_over_from_one_that_was_killed_while_compiling(
+    job: Path, compiler: Path, tmp_path: Path
+) -> None:
+    hold = tmp_path / "hold"
+    hold.touch()
+    with Started(2, "run", job, "--output", "first", cwd=tmp_path) as first:
+        wait_for(lambda: (tmp_path / "compiled").exists())
+        with Started(1, "run", job, "--output", "second", cwd=tmp_path) as second:
+            wait_for(lambda: any(map(has_lock_open, second.ranks())))
+            first.kill()  # with its compiler
+            hold.unlink()
+            assert second.exit_code() == 0, second.text
+    assert not list(tmp_path.glob("cache/fenics/*.partial"))
+
+
+def has_lock_open(process: int) -> bool:
+    try:
+        return any(str(path.readlink()).endswith("kernels.lock") for path in Path(f"/proc/{process}/fd").iterdir())
+    except OSError:  # it has ended, or a file was closed meanwhile
+        return False
+
+
+def wait_for(condition: Any) -> None:
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_runs_that_need_the_same_kernels_compile_each_once(job: Path, compiler: Path, tmp_path: Path) -> None:
+    with ThreadPoolExecutor() as pool:
+        runs = [pool.submit(hpcinv, 2, "run", job, "--output", f"results-{i}", cwd=tmp_path) for i in range(2)]
+        for done in (r.result() for r in runs):
+            assert done.returncode == 0, done.stderr
+    compiled = Counter((tmp_path / "compiled").read_text().split())
+    assert {f"{name.stem}.c" for name in tmp_path.glob("cache/fenics/*.so")} == set(compiled)
+    assert set(compiled.values()) == {1}
+
+
+def truncate(kernel: Path) -> None:
+    kernel.write_bytes(kernel.read_bytes()[:5000])
+
+
+def change_a_byte(kernel: Path) -> None:
+    content = bytearray(kernel.read_bytes())
+    content[len(content) // 2] ^= 1
+    kernel.write_bytes(content)
+
+
+def leave_a_half_one(kernel: Path) -> None:
+    """As FFCx's own protocol has it, when a process was killed while it compiled."""
+    kernel.unlink()
+    kernel.with_suffix(".c").write_text("/* as far as it came")
+
+
+def give_away(kernel: Path) -> None:
+    os.chown(kernel, 12345, -1)
+
+
+DAMAGE: Mapping[str, Callable[[Path], object]] = {
+    "truncated": truncate,
+    "empty": lambda kernel: kernel.write_bytes(b""),
+    "a byte changed": change_a_byte,
+    "half compiled by FFCx": leave_a_half_one,
+    "writable by all": lambda kernel: kernel.chmod(0o666),
+} | ({"of another user": give_away} if os.geteuid() == 0 else {})
+
+
+def test_kernels_that_cannot_be_relied_on_are_compiled_again(
+    job: Path, kernels: Path, compiler: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(kernels, tmp_path / "kernels")
+    found = sorted((tmp_path / "kernels").glob("*.so"))
+    assert len(found) > len(DAMAGE)
+    damaged = dict(zip(DAMAGE, found, strict=False))
+    for name, kernel in damaged.items():
+        DAMAGE[name](kernel)
+    done = hpcinv(1, "run", job, "--output", "results", cwd=tmp_path, HPCINV_KERNELS=str(tmp_path / "kernels"))
+    assert done.returncode == 0, done.stderr
+    again = set((tmp_path / "compiled").read_text().split())
+    assert {name for name, kernel in damaged.items() if f"{kernel.stem}.c" in again} == set(DAMAGE)
+    assert len(again) == len(DAMAGE)  # and no other
+    for kernel in damaged.values():
+        assert kernel_files.is_sealed(kernel.read_bytes())
+        assert kernel.stat().st_uid == os.geteuid()
+        assert not kernel.stat().st_mode & 0o022
+
+
+LIMITED = """
+import resource, runpy
+import hpcinv.parallel.runtime
+resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
+runpy.run_module("hpcinv", run_name="__main__")
+"""
+
+
+def test_a_full_disk_is_told(job: Path, tmp_path: Path) -> None:
+    """A limit on the size of files stands in for it: the compiler fails, and does not say why."""
+    script = tmp_path / "limited.py"
+    script.write_text(LIMITED)
+    env = {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    done = hpcinv(2, "run", job, "--output", "results", cwd=tmp_path, script=script, **env)
+    assert done.returncode == 5, done.stderr
+    assert "the compiler cannot write to" in done.stderr
+    assert "File too large" in done.stderr
+    assert "TMPDIR" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list((tmp_path / "cache").rglob("*.so"))
+
+
+def test_a_cache_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "full").touch()
+    reason = "(Not a directory|File exists)"
+    with pytest.raises(kernel_files.NotWritten, match=rf"kernels cannot be written to .*: {reason}"):
+        kernel_files.publish(tmp_path / "full" / "libffcx_forms_0.so", b"")
+
+
+def test_without_locks_kernels_are_compiled_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "lockf", none)
+    with kernel_files.locked(tmp_path, "libffcx_forms_0"), kernel_files.locked(tmp_path, "libffcx_forms_0"):
+        pass
+
+
+HOLD = """
+import sys
+from pathlib import Path
+from hpcinv.parallel.kernel_files import locked
+with locked(Path(sys.argv[1]), "a"):
+    print("holds", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_lock_is_of_one_kernel_and_is_waited_for_with_patience(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD, tmp_path], env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        other.send_signal(signal.SIGSTOP)
+        with kernel_files.locked(tmp_path, "b", patience=1e9):
+            pass
+        with kernel_files.locked(tmp_path, "a", patience=0.2):  # it is stopped: no longer waited for
+            pass
+        other.send_signal(signal.SIGCONT)
+        other.kill()
+
+
+def test_what_a_kill_while_publishing_left_is_removed_later(tmp_path: Path) -> None:
+    old, new = tmp_path / ".k.so.here-1.partial", tmp_path / ".k.so.here-2.partial"
+    for path in (old, new):
+        path.touch()
+    os.utime(old, (0, 0))
+    with kernel_files.locked(tmp_path, "k"):
+        assert not old.exists()
+        assert new.exists()
+
+
+def everybody(directory: Path) -> None:
+    directory.chmod(0o777)
+
+
+def sticky(directory: Path) -> None:
+    directory.chmod(0o1777)
+
+
+def a_group(directory: Path) -> None:
+    os.chown(directory, -1, 12345)
+    directory.chmod(0o775)
+
+
+def another_user(directory: Path) -> None:
+    os.chown(directory, 12345, -1)
+
+
+def everybody_above(directory: Path) -> None:
+    directory.parent.chmod(0o777)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (everybody, "it can be written by everybody"),
+        (sticky, "it can be written by everybody"),
+        pytest.param(a_group, "it can be written by the group number 12345", marks=as_root),
+        pytest.param(another_user, "it belongs to the user number 12345", marks=as_root),
+        (everybody_above, "above it can be written by everybody"),
+    ],
+)
+def test_a_directory_that_another_user_could_have_written_is_refused(change: Any, reason: str, tmp_path: Path) -> None:
+    directory = tmp_path / "shared" / "kernels"
+    kernel_files.make_directory(directory)
+    refuse_foreign("HPCINV_KERNELS", directory)
+    change(directory)
+    with pytest.raises(OutputError) as refused:
+        refuse_foreign("HPCINV_KERNELS", directory)
+    assert f"HPCINV_KERNELS {directory}: " in str(refused.value)
+    assert reason in str(refused.value)
+    assert "HPCINV_TRUST_KERNELS=1" in str(refused.value)
+
+
+def test_kernels_that_another_user_could_have_written_are_refused_unless_trusted(
+    job: Path, kernels: Path, tmp_path: Path
+) -> None:
+    cache = tmp_path / "cache" / "fenics"
+    shutil.copytree(kernels, cache)
+    cache.chmod(0o777)
+    env = {"XDG_CACHE_HOME": str(cache.parent)}
+    refused = hpcinv(2, "run", job, "--output", "results", cwd=tmp_path, **env)
+    assert refused.returncode == 2
+    assert refused.stderr.count(f"the cache of kernels {cache}: it can be written by everybody") == 1
+    assert not (tmp_path / "results").exists()
+    wrong = hpcinv(1, "run", job, cwd=tmp_path, HPCINV_TRUST_KERNELS="yes", **env)
+    assert wrong.returncode == 2
+    assert wrong.stderr.startswith("HPCINV_TRUST_KERNELS=yes: must be 1")
+    done = hpcinv(2, "run", job, "--output", "results", cwd=tmp_path, HPCINV_TRUST_KERNELS="1", **env)
+    assert done.returncode == 0, done.stderr
+
+
+def test_directories_of_kernels_are_made_for_their_user_alone_to_write(tmp_path: Path) -> None:
+    before = os.umask(0o000)
+    try:
+        kernel_files.make_directory(tmp_path / "new" / "kernels")
+        assert os.umask(0o000) == 0o000
+    finally:
+        os.umask(before)
+    for path in (tmp_path / "new", tmp_path / "new" / "kernels"):
+        assert not ownership.foreign_hand(path.stat())

@@ -1,0 +1,311 @@
+"""Runs that are killed, stopped by signals and resumed, through the real command line."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import BEAM, Started, hpcinv, write_job
+from helpers.mesh_cases import spec
+
+from hpcinv.mesh import read_source
+
+STEPS = 8
+LENGTH = 0.182
+ROUND_TRIP: dict[str, Any] = {"analysis": "round_trip", "first": "forward"}
+FIXED: dict[str, Any] = {"strategy": "fixed", "steps": STEPS}
+
+KILL_WHILE_WRITING = """
+import os, signal, sys
+from hpcinv import checkpoint
+from hpcinv.__main__ import main
+
+durably, count = checkpoint._write_durably, 0
+
+def write_and_die(path, text):
+    global count
+    count += 1
+    if count == 3:
+        path.write_text(text[:100])
+        os.kill(os.getpid(), signal.SIGKILL)
+    durably(path, text)
+
+checkpoint._write_durably = write_and_die
+sys.exit(main())
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with the job, which starts with the straight beam."""
+    place = tmp_path_factory.mktemp("restart")
+    write_job(place / "beam.yaml", BEAM, **ROUND_TRIP, solver=FIXED)
+    write_job(place / "forward.yaml", BEAM, analysis="forward", solver=FIXED)  # its first leg alone
+    return place
+
+
+@pytest.fixture(scope="module")
+def whole(place: Path) -> Path:
+    """The run that nothing interrupted."""
+    done = hpcinv(2, "run", "beam.yaml", "--output", "whole", cwd=place)
+    assert done.returncode == 0, done.stderr
+    return place / "whole"
+
+
+@pytest.fixture(scope="module")
+def killed(place: Path) -> Path:
+    """A run on two ranks that was killed at some moment after two steps of the first leg."""
+    with Started(2, "run", "beam.yaml", "--output", "killed", cwd=place) as started:
+        started.wait_for("load 0.375:")  # so that the first two are saved
+        moment = random.uniform(0.0, 2.5)
+        print(f"killed {moment:.2f} s after the second step")
+        time.sleep(moment)
+        started.kill()
+    assert not (place / "killed" / "summary.json").exists()
+    return place / "killed"
+
+
+@pytest.fixture
+def copy(killed: Path, tmp_path: Path) -> Path:
+    """The killed run, to be resumed."""
+    return Path(shutil.copytree(killed, tmp_path / "copy"))
+
+
+def newest(run: Path, age: int = 0) -> Path:
+    return sorted((run / "checkpoints").glob("[0-9]*"))[-1 - age]
+
+
+def state(checkpoint: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((checkpoint / "state.json").read_text())["position"]
+    return found
+
+
+def steps_behind(position: dict[str, Any]) -> int:
+    """Accepted steps up to a checkpoint, over both legs."""
+    return position["leg"] * STEPS + round(position["load"] * STEPS)
+
+
+def summary(run: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((run / "summary.json").read_text())
+    return found
+
+
+def assert_same_result(run: Path, whole: Path) -> None:
+    shape, expected = (read_source(spec(r / "shape.msh"), r / "shape.msh") for r in (run, whole))
+    np.testing.assert_array_equal(shape.cells, expected.cells)
+    assert np.abs(shape.points - expected.points).max() <= 1e-9 * LENGTH
+    found, reference = summary(run), summary(whole)
+    assert found["status"] == "converged"
+    assert all(error["max"] < 1e-9 * LENGTH for error in found["errors"].values())
+    for leg, other in zip(found["legs"], reference["legs"], strict=False):
+        assert leg["J"] == pytest.approx(other["J"], rel=1e-9)
+        assert leg["strain_energy"] == pytest.approx(other["strain_energy"], rel=1e-9)
+        assert [s["load"] for s in leg["solves"]] == [s["load"] for s in other["solves"]]
+        assert {s["outcome"] for s in leg["solves"]} <= {"CONVERGED", "ROUND_OFF"}
+
+
+def assert_history_goes_on(run: Path, position: dict[str, Any], output: str) -> None:
+    """The steps up to the checkpoint are in the summary as they were, and no others were solved again."""
+    for leg, before in zip(summary(run)["legs"], position["solves"], strict=False):
+        assert [s["load"] for s in leg["solves"][: len(before)]] == [s["load"] for s in before]
+        for after, solve in zip(leg["solves"], before, strict=False):
+            assert [i["correction"] for i in after["iterations"]] == [i["correction"] for i in solve["iterations"]]
+    assert output.count("  load ") == len(summary(run)["legs"]) * STEPS - steps_behind(position)
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_killed_on_two_ranks_it_goes_on_with_any_number(ranks: int, copy: Path, whole: Path) -> None:
+    position = state(newest(copy))
+    assert steps_behind(position) >= 2
+    shutil.copytree(newest(copy), copy / "checkpoints" / ".partial-0099")
+    done = hpcinv(ranks, "resume", copy, cwd=copy.parent)
+    assert done.returncode == 0, done.stderr
+    assert_same_result(copy, whole)
+    assert_history_goes_on(copy, position, done.stdout)
+    assert not list((copy / "checkpoints").glob(".partial*"))
+
+
+def test_killed_while_it_wrote_a_checkpoint_it_goes_on_from_the_one_before(place: Path, whole: Path) -> None:
+    script = place / "kill_while_writing.py"
+    script.write_text(KILL_WHILE_WRITING)
+    assert hpcinv(2, "run", "forward.yaml", "--output", "writing", cwd=place, script=script).returncode != 0
+    run = place / "writing"
+    assert [p.name for p in sorted((run / "checkpoints").iterdir())] == [".partial-0003", "0001", "0002"]
+    position = state(newest(run))
+    done = hpcinv(2, "resume", "writing", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert_same_result(run, whole)
+    assert_history_goes_on(run, position, done.stdout)
+    assert not list((run / "checkpoints").glob(".partial*"))
+
+
+@pytest.mark.parametrize(
+    ("name", "to"), [("SIGTERM", "ranks"), ("SIGTERM", "mpirun"), ("SIGUSR1", "one rank"), ("SIGUSR1", "mpirun")]
+)
+def test_a_signal_saves_and_ends_with_75_however_often_it_comes(name: str, to: str, place: Path) -> None:
+    number, run = signal.Signals[name], place / f"{name}-{to}".replace(" ", "-")
+    with Started(2, "run", "beam.yaml", "--output", run, cwd=place) as started:
+        started.wait_for("load 0.125:")
+        processes = {"ranks": started.ranks(), "one rank": started.ranks()[1:], "mpirun": [started.mpirun.pid]}[to]
+        assert processes
+        for _ in range(3):
+            started.send(number, processes)
+            time.sleep(0.02)
+        assert started.exit_code() == 75, started.text
+    assert started.text.count("stopped by a signal") == 1
+    assert "Traceback" not in started.text
+    position = state(newest(run))
+    assert steps_behind(position) >= 1
+    assert f"load factor {position['load']:g}; what was reached is saved" in started.text
+    assert summary(run)["status"] == "stopped by a signal"
+
+
+@pytest.fixture(scope="module")
+def stopped_in_second_leg(place: Path) -> Path:
+    """Stopped by a signal; only the signal made it save, since checkpoints are far apart."""
+    write_job(place / "rare.yaml", BEAM, **ROUND_TRIP, solver=FIXED, checkpoint={"every": 100})
+    with Started(2, "run", "rare.yaml", "--output", "second-leg", cwd=place) as started:
+        started.wait_for("inverse:")
+        started.send(signal.SIGUSR1, [started.mpirun.pid])
+        assert started.exit_code() == 75, started.text
+    return place / "second-leg"
+
+
+def test_a_signal_in_the_second_leg_keeps_the_first(stopped_in_second_leg: Path, whole: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(stopped_in_second_leg, tmp_path / "copy"))
+    position = state(newest(run))
+    assert position["leg"] == 1
+    done = hpcinv(1, "resume", run, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "forward:\n  load" not in done.stdout
+    assert_same_result(run, whole)
+    assert_history_goes_on(run, position, done.stdout)
+
+
+def test_a_signal_before_the_first_step_leaves_a_run_that_begins_anew(place: Path, whole: Path) -> None:
+    with Started(2, "run", "forward.yaml", "--output", "early", cwd=place) as started:
+        started.wait_for("forward:")
+        started.send(signal.SIGTERM, started.ranks())
+        assert started.exit_code() == 75, started.text
+    assert ("there was nothing to save yet" in started.text) != list_checkpoints(place / "early")
+    shutil.rmtree(place / "early" / "checkpoints", ignore_errors=True)
+    done = hpcinv(2, "resume", "early", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("  load ") == STEPS
+    assert_same_result(place / "early", whole)
+
+
+def list_checkpoints(run: Path) -> bool:
+    return any((run / "checkpoints").glob("[0-9]*"))
+
+
+def test_ctrl_c_ends_all_ranks_at_once_and_what_was_saved_can_be_resumed(place: Path) -> None:
+    with Started(2, "run", "beam.yaml", "--output", "ctrl-c", cwd=place) as started:
+        started.wait_for("load 0.25:")
+        started.send(signal.SIGINT, [started.mpirun.pid])
+        assert started.exit_code() == 130, started.text
+    assert "Traceback" not in started.text
+    assert steps_behind(state(newest(place / "ctrl-c"))) >= 1
+
+
+def test_a_finished_run_is_said_to_be_finished(whole: Path, place: Path) -> None:
+    before = (whole / "summary.json").read_bytes()
+    done = hpcinv(1, "resume", "whole", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert "this run is finished" in done.stdout
+    assert (whole / "summary.json").read_bytes() == before
+
+
+def test_a_run_that_came_to_the_end_but_for_its_results_gives_them(whole: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(whole, tmp_path / "copy"))
+    for result in ("summary.json", "summary.h5", "shape.msh"):
+        (run / result).unlink()
+    done = hpcinv(1, "resume", run, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert_same_result(run, whole)
+    assert done.stdout.count("  load ") == 0
+
+
+def test_a_damaged_checkpoint_is_named_and_the_one_before_is_used(copy: Path, whole: Path) -> None:
+    text = newest(copy) / "state.json"
+    text.write_text(text.read_text()[:200])
+    position = state(newest(copy, 1))
+    done = hpcinv(2, "resume", copy, cwd=copy.parent)
+    assert done.returncode == 0, done.stderr
+    assert f"not used: {text.parent}: state.json is missing or damaged" in done.stdout
+    assert_same_result(copy, whole)
+    assert_history_goes_on(copy, position, done.stdout)
+
+
+def files_of(run: Path) -> Iterator[tuple[str, bytes]]:
+    return ((str(p.relative_to(run)), p.read_bytes()) for p in sorted(run.rglob("*")) if p.is_file())
+
+
+def assert_refused(run: Path, *arguments: object, because: str) -> None:
+    """Exit 4, the reason once and without a traceback, and nothing in the directory is touched."""
+    shutil.copytree(newest(run), run / "checkpoints" / ".partial-0099", dirs_exist_ok=True)  # killed while it wrote
+    before = dict(files_of(run))
+    before.pop(".lock", None)  # of the killed process: the resume takes its place, and leaves no lock of its own
+    done = hpcinv(2, "resume", run, *arguments, cwd=run.parent)
+    assert done.returncode == 4, done.stderr
+    assert done.stderr.count(because) == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert dict(files_of(run)) == before
+
+
+def test_only_damaged_checkpoints_are_refused(copy: Path) -> None:
+    for age in range(2):
+        shutil.rmtree(newest(copy, age) / "functions.bp")
+    assert_refused(copy, because="no checkpoint can be used")
+
+
+def test_another_material_is_refused_with_the_difference(copy: Path) -> None:
+    changed = write_job(
+        copy.parent / "changed.yaml", BEAM, **ROUND_TRIP, material=dict(BEAM["material"]) | {"c1": 99999.0}
+    )
+    assert_refused(copy, "--job", changed, because="material.c1: 101709.668 -> 99999.0")
+
+
+def test_a_generator_that_makes_other_cells_is_refused(copy: Path) -> None:
+    """The same text and parameters, so that the job is the same; what differs is in a file that it reads."""
+    run, size = copy.parent / "run", copy.parent / "size"
+    generator = copy.parent / "beam.py"
+    text = Path(BEAM["mesh"]["file"]).read_text()
+    read = "    size = float(open(__file__.replace('beam.py', 'size')).read())\n    occ = gmsh.model.occ\n"
+    generator.write_text(text.replace("    occ = gmsh.model.occ\n", read))
+    size.write_text("0.004")
+    job = write_job(
+        copy.parent / "job.yaml", BEAM, analysis="forward", mesh={"file": "beam.py", "geometry_degree": 2}, solver=FIXED
+    )
+    with Started(2, "run", job, "--output", run, cwd=copy.parent) as started:
+        started.wait_for("load 0.25:")
+        started.kill()
+    size.write_text("0.0035")
+    assert_refused(run, because="cells: ")
+
+
+def test_other_settings_are_accepted_and_stay(stopped_in_second_leg: Path, whole: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(stopped_in_second_leg, tmp_path / "copy"))
+    position = state(newest(run))
+    changed = write_job(
+        tmp_path / "changed.yaml",
+        BEAM,
+        **ROUND_TRIP,
+        solver=FIXED | {"tolerance": 1e-11, "petsc": {"snes_linesearch_type": "l2"}},
+        output={"mesh": ["msh"], "fields": False},
+        checkpoint={"every": 1, "keep": 1},
+    )
+    done = hpcinv(2, "resume", run, "--job", changed, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert_same_result(run, whole)
+    assert_history_goes_on(run, position, done.stdout)
+    assert len(list((run / "checkpoints").iterdir())) == 1
+    assert (run / "job.yaml").read_text() == changed.read_text()

@@ -1,0 +1,241 @@
+"""Directories of runs: what a kill at the start leaves is got over, and one run at a time is at work in them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.command_line import CUBE, Started, hpcinv, write_job
+
+from hpcinv.errors import OutputError
+from hpcinv.files import atomic, directory_lock
+from hpcinv.files.directory_lock import DirectoryLock
+from hpcinv.job.job import Job, load
+from hpcinv.output.run_directory import RunDirectory
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Job:
+    return load(write_job(tmp_path / "cube.yaml", CUBE))
+
+
+def created(path: Path, job: Job, *, overwrite: bool = False) -> RunDirectory:
+    directory = RunDirectory(path)
+    lock = directory.create(job, overwrite=overwrite)
+    assert lock is not None
+    lock.release()
+    return directory
+
+
+@pytest.mark.parametrize("operation", range(1, 30))
+def test_a_kill_before_any_file_operation_leaves_a_directory_that_can_be_started_again(
+    operation: int, job: Job, tmp_path: Path
+) -> None:
+    """As it is created, and as it replaces an earlier run with results and files of somebody else."""
+    script = f"""
+import os, sys
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+from pathlib import Path
+from helpers.ledger_worker import die_before_operation
+from hpcinv.job.job import load
+from hpcinv.output.run_directory import RunDirectory
+job = load(Path("cube.yaml"))
+die_before_operation({operation}, Path.cwd() / "run")
+RunDirectory(Path.cwd() / "run").create(job, overwrite={operation % 2 == 0})
+"""
+    run = tmp_path / "run"
+    if operation % 2 == 0:
+        created(run, job)
+        (run / "summary.json").write_text('{"status": "converged"}')
+        (run / "checkpoints" / "0001").mkdir(parents=True)
+        (run / "letter.txt").write_text("dear all")
+    ended = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=False)
+    assert ended.returncode in (0, -signal.SIGKILL)
+    for name in ("origin.json", "job.yaml"):
+        if (run / name).exists():
+            assert (run / name).stat().st_size, f"{name} is empty"
+    directory = RunDirectory(run)
+    if not directory.is_begun and (run / "origin.json").exists():
+        with pytest.raises(OutputError, match=r"interrupted as it began(.|\n)*run cube\.yaml --output .* --overwrite"):
+            _in(tmp_path, lambda: directory.job(None))
+        assert directory.job(job.path) == job
+    directory = created(run, job, overwrite=(run / "origin.json").exists())
+    assert directory.holds(job)
+    assert not directory.is_finished
+    assert not (run / "checkpoints").exists()
+    assert (run / "letter.txt").exists() == (operation % 2 == 0)
+
+
+def _in(directory: Path, action: object) -> None:
+    before = Path.cwd()
+    os.chdir(directory)
+    try:
+        action()  # type: ignore[operator]
+    finally:
+        os.chdir(before)
+
+
+def test_a_directory_with_files_of_others_is_never_taken(job: Job, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "shape.msh").write_text("mine")
+    for overwrite in (False, True):
+        with pytest.raises(OutputError, match="files that are not of a run"):
+            RunDirectory(run).create(job, overwrite=overwrite)
+    assert (run / "shape.msh").read_text() == "mine"
+
+
+@pytest.mark.parametrize("origin", ["", "{", "[]", '{"job": 3}'])
+def test_an_origin_that_cannot_be_read_is_told_and_can_be_overwritten(origin: str, job: Job, tmp_path: Path) -> None:
+    directory = created(tmp_path / "run", job)
+    (directory.path / "origin.json").write_text(origin)
+    if origin != '{"job": 3}':
+        with pytest.raises(OutputError, match="interrupted as it began"):
+            directory.job(None)
+    assert directory.job(job.path) == job
+    assert created(directory.path, job, overwrite=True).holds(job)
+
+
+@pytest.mark.parametrize("locks", [True, False])
+def test_a_directory_belongs_to_one_process_at_a_time(
+    locks: bool, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not locks:
+
+        def no_locks(*_: object) -> None:
+            raise OSError(95, "Operation not supported")
+
+        monkeypatch.setattr(directory_lock.fcntl, "flock", no_locks)
+    directory = created(tmp_path / "run", job)
+    lock = directory.lock()
+    assert lock is not None
+    assert lock.is_in_place
+    for refused in (directory.lock, lambda: directory.create(job, overwrite=True)):
+        with pytest.raises(OutputError, match=f"a run is at work in this directory: process {os.getpid()} on"):
+            refused()
+    assert directory.holds(job)
+    lock.release()
+    DirectoryLock(directory.path).release()
+    assert {path.name for path in directory.path.iterdir()} == {"job.yaml", "origin.json"}
+
+
+@pytest.mark.parametrize("locks", [True, False])
+def test_the_lock_of_a_dead_process_does_not_last(
+    locks: bool, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    directory = created(tmp_path / "run", job)
+    script = f"""
+import os, signal
+from pathlib import Path
+from hpcinv.files import directory_lock
+if not {locks}:
+    def no_locks(*_):
+        raise OSError(95, "Operation not supported")
+    directory_lock.fcntl.flock = no_locks
+directory_lock.DirectoryLock(Path({str(directory.path)!r}))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == -signal.SIGKILL
+    written = directory.path / ".lock"
+    assert written.exists()
+    if not locks:
+        monkeypatch.setattr(directory_lock.fcntl, "flock", lambda *_: (_ for _ in ()).throw(OSError(95, "no")))
+        content = json.loads(written.read_text())
+        content["holder"]["machine"] = "another"
+        alive = written.read_text()
+        written.write_text(json.dumps(content))
+        with pytest.raises(OutputError, match=r"cannot be found out from here, remove .*\.lock"):
+            directory.lock()
+        written.write_text(alive)
+    lock = directory.lock()
+    assert lock is not None
+    lock.release()
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "file"
+    atomic.replace(file, b"one")
+    atomic.replace(file, b"two")
+    assert file.read_bytes() == b"two"
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        atomic.replace(file, b"three")
+    assert file.read_bytes() == b"two"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+SLOW = {**CUBE, "solver": {"strategy": "fixed", "steps": 400}, "checkpoint": {"every": 1}}
+
+
+def test_a_second_resume_or_run_in_the_same_directory_is_refused(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "slow.yaml", SLOW)
+    with Started(1, "run", job, "--output", "run", cwd=tmp_path) as first:
+        first.wait_for("load 0.0025:")
+        for arguments in (("resume", "run"), ("run", job, "--output", "run", "--overwrite")):
+            second = hpcinv(2 if arguments[0] == "resume" else 1, *arguments, cwd=tmp_path)
+            assert second.returncode == 2, second.stdout + second.stderr
+            assert second.stderr.count("a run is at work in this directory: process ") == 1
+            assert first.mpirun.poll() is None
+        first.kill()  # whose lock ends with it
+    with Started(2, "resume", "run", cwd=tmp_path) as resumed:
+        resumed.wait_for("resumed from")
+        third = hpcinv(1, "resume", "run", cwd=tmp_path)
+        assert third.returncode == 2, third.stdout + third.stderr
+        assert "Traceback" not in third.stderr
+        resumed.send(signal.SIGTERM, resumed.ranks())
+        assert resumed.exit_code() == 75, resumed.text
+    assert not (tmp_path / "run" / ".lock").exists()
+
+
+@pytest.mark.parametrize("every", [1, 0])
+def test_a_directory_that_is_removed_in_mid_run_is_an_error(every: int, tmp_path: Path) -> None:
+    job = write_job(tmp_path / "slow.yaml", SLOW, checkpoint={"every": every})
+    with Started(2, "run", job, "--output", "run", cwd=tmp_path) as started:
+        started.wait_for("load 0.0025:")
+        (tmp_path / "run").rename(tmp_path / "elsewhere")
+        assert started.exit_code() == 2, started.text
+    assert "was removed while the run was at work in it" in started.text
+    assert "Traceback" not in started.text
+    if not every:  # else it may have been about to write a checkpoint, whose directories ADIOS2 makes
+        assert not (tmp_path / "run").exists()
+
+
+def test_a_run_that_was_stopped_before_it_saved_says_how_to_start_again(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "slow.yaml", SLOW, checkpoint={"every": 0})
+    with Started(2, "run", job, "--output", "run", cwd=tmp_path) as started:
+        started.wait_for("load 0.0025:")
+        started.send(signal.SIGTERM, started.ranks())
+        assert started.exit_code() == 75, started.text
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["status"] == "stopped by a signal"
+    assert summary["certificate"]["verdict"] == "fail"
+    assert summary["legs"] == []
+    assert summary["certificate"]["lines"][0]["value"] < 1
+    assert "again with: mpirun -n 2 python -m hpcinv resume run" in started.text or "Go on with" in started.text
+
+
+@pytest.mark.parametrize(
+    "files", [{"origin.json": ""}, {"origin.json": "ORIGIN"}, {"origin.json": "ORIGIN", "job.yaml": "mesh: {"}]
+)
+def test_with_its_job_file_a_run_goes_on_whatever_a_kill_has_left(files: dict[str, str], tmp_path: Path) -> None:
+    """So do the batch scripts, where there is an origin."""
+    job, run = write_job(tmp_path / "cube.yaml", CUBE), tmp_path / "run"
+    run.mkdir()
+    for name, content in files.items():
+        (run / name).write_text(content.replace("ORIGIN", json.dumps({"job": str(job)})))
+    refused = hpcinv(1, "resume", "run", cwd=tmp_path)
+    assert refused.returncode == 2, refused.stdout
+    assert "Traceback" not in refused.stderr
+    done = hpcinv(1, "resume", "run", "--job", job, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert RunDirectory(run).is_finished
+    assert RunDirectory(run).holds(load(job))

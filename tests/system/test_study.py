@@ -1,0 +1,508 @@
+"""Studies: what is made of numbers, checked by hand, and a real one through the real command line, also interrupted."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import signal
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import matplotlib.image
+import numpy as np
+import pytest
+import yaml
+from helpers.command_line import NO_CERTIFICATE, Started, hpcinv
+from test_study_plan import COLUMN, STUDY, plan
+
+import hpcinv as api
+from hpcinv.cli.study import conclude
+from hpcinv.errors import JobError, OutputError, SolveError
+from hpcinv.job.content_key import content_key
+from hpcinv.job.job import parse
+from hpcinv.parallel.runtime import MPI
+from hpcinv.study.convergence import fitted_order, orders, richardson
+from hpcinv.study.findings import accuracy
+from hpcinv.study.pareto import front
+from hpcinv.study.plan import Plan
+from hpcinv.study.rows import rows_of
+from hpcinv.study.schedule import Schedule, Task
+from hpcinv.study.store import Record, Store
+
+# Numbers
+
+
+def test_the_front_is_what_no_other_point_beats() -> None:
+    points = [(1.0, 9.0), (2.0, 5.0), (2.0, 6.0), (3.0, 5.0), (4.0, 1.0), (None, 0.1), (0.5, None), (4.0, 1.0)]
+    assert front(points) == [True, True, False, False, True, False, False, True]
+
+
+@pytest.mark.parametrize("sizes", [(0.4, 0.2, 0.1), (0.5, 0.3, 0.22)])
+@pytest.mark.parametrize("order", [0.8, 1.7, 4.0])
+def test_richardson_finds_limit_and_order_on_meshes_of_any_sizes(sizes: tuple[float, ...], order: float) -> None:
+    limit, found = richardson(sizes, [2.0 - 3.0 * h**order for h in sizes])
+    assert limit == pytest.approx(2.0, abs=1e-10)
+    assert found == pytest.approx(order, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        ((1.0, 1.2, 1.1), "are not monotone"),
+        ((1.0, 1.1, 1.1), "are not monotone"),
+        ((1.0, 1.1, 1.2), "do not come closer"),
+        ((1.0, 1.1, 1.3), "do not come closer"),
+        ((1.0, 1.1, 1.1 + 1e-16), "are not monotone"),
+        ((0.0, 1.0, 1.0 + 2e-16), "have converged too far"),
+    ],
+)
+def test_richardson_refuses_values_that_do_not_converge(values: tuple[float, ...], why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        richardson((0.4, 0.2, 0.1), values)
+
+
+def test_orders_are_slopes_between_runs_and_through_all() -> None:
+    sizes, errors = [0.4, 0.2, 0.1, 0.05], [0.16, 0.02, None, 0.0]
+    assert orders(sizes, errors) == [None, pytest.approx(3.0), None, None]
+    assert fitted_order([0.4, 0.2, 0.1], [5 * h**2.5 for h in (0.4, 0.2, 0.1)]) == pytest.approx(2.5)
+    # ln e = 0, 2, 1 at ln h = 0, 1, 2: covariance 1 over variance 2.
+    assert fitted_order(np.exp([0, 1, 2]), np.exp([0, 2, 1])) == pytest.approx(0.5)
+    assert fitted_order([0.1, 0.1], [1.0, 2.0]) is None
+
+
+# What is next, and what is made of it, with made-up records
+
+
+def statistics(
+    value: float, total: float = 1.0, compile_: float = 0.0, unknowns: int = 10, **more: Any
+) -> dict[str, Any]:
+    phases = {"compile": compile_, "newton": 0.1, "tangent": 0.2, "certificate": 0.05}
+    return {
+        "quantities": {"length": value},
+        "mesh": {"unknowns": unknowns, "cells": unknowns},
+        "legs": [{"factorizations": 2, "newton_iterations": 3}],
+        "timings": {"total": total, "phases": {k: {"min": 0.0, "max": v} for k, v in phases.items()}},
+        "peak_memory": {"ranks": [100, 200], "phases": {}},
+        **more,
+    }
+
+
+def good(value: float, timed: bool = True, **more: Any) -> Record:
+    return Record("converged", "", timed, statistics(value, **more))
+
+
+BAD = Record("stopped at load factor 0.5 of 1", "Try again.", False, {})
+
+
+def schedule_of(plan: Plan, directory: Path, ranks: int = 1) -> Schedule:
+    return Schedule(plan, Store(directory / "out", plan.study.study), ranks)
+
+
+def drain(schedule: Schedule, records: Iterator[Record]) -> list[Task]:
+    tasks = []
+    while (task := schedule.next()) is not None:
+        tasks.append(task)
+        schedule.keep(task, next(records))
+    return tasks
+
+
+def titles(tasks: list[Task]) -> list[str]:
+    return [task.run.place.title for task in tasks]
+
+
+def test_repetitions_take_turns(tmp_path: Path) -> None:
+    tasks = drain(schedule_of(plan(tmp_path, repeat=2), tmp_path), itertools.repeat(good(1.0)))
+    assert titles(tasks) == ["P2, 1", "P2, 2", "P2, 4", "P3, 1", "P3, 2"] * 2
+    assert [(task.number, task.total) for task in tasks] == [(n, 10) for n in range(1, 11)]
+
+
+def test_a_run_that_compiled_is_done_once_more_and_one_that_failed_is_not(tmp_path: Path) -> None:
+    records = iter([good(1.0, timed=False), BAD, *[good(1.0)] * 20])
+    tasks = drain(schedule_of(plan(tmp_path, repeat=2), tmp_path), records)
+    assert titles(tasks) == ["P2, 1", "P2, 2", "P2, 4", "P3, 1", "P3, 2", "P2, 1", "P2, 4", "P3, 1", "P3, 2", "P2, 1"]
+    # However often kernels seem to be compiled, it ends.
+    again = drain(schedule_of(plan(tmp_path, repeat=1), tmp_path / "b"), itertools.repeat(good(1.0, timed=False)))
+    assert len(again) == 10
+
+
+def test_what_is_done_is_kept_and_a_changed_study_does_only_what_is_new(tmp_path: Path) -> None:
+    first = schedule_of(plan(tmp_path, repeat=2), tmp_path)
+    for _ in range(7):
+        task = first.next()
+        assert task is not None
+        first.keep(task, good(1.0))
+    second = schedule_of(plan(tmp_path, repeat=2), tmp_path)
+    assert second.reused == 7
+    assert titles(drain(second, itertools.repeat(good(1.0)))) == ["P2, 4", "P3, 1", "P3, 2"]
+    assert schedule_of(plan(tmp_path, repeat=2), tmp_path).next() is None
+    # Equal runs are one, whatever their ladders are called.
+    ladders = [STUDY["ladders"][0] | {"name": "other"}, {"name": "P2", "vary": {"mesh.parameters.nz": [2, 3, 4]}}]
+    third = schedule_of(plan(tmp_path, repeat=2, ladders=ladders), tmp_path)
+    assert titles(drain(third, itertools.repeat(good(1.0)))) == ["P2, 3"] * 2
+    # On another number of ranks times are others.
+    assert schedule_of(plan(tmp_path, repeat=2), tmp_path, ranks=2).reused == 0
+
+
+def test_a_damaged_record_is_done_again(tmp_path: Path) -> None:
+    drain(schedule_of(plan(tmp_path, repeat=2), tmp_path), itertools.repeat(good(1.0)))
+    files = sorted((tmp_path / "out" / "runs").iterdir())
+    files[0].write_text(files[0].read_text()[:50])
+    (tmp_path / "out" / "runs" / ".x-000.json.partial").write_text("{")
+    assert len(drain(schedule_of(plan(tmp_path, repeat=2), tmp_path), itertools.repeat(good(1.0)))) == 1
+    assert sorted((tmp_path / "out" / "runs").iterdir()) == files
+
+
+def test_a_directory_of_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(OutputError, match="holds files that are not of a study"):
+        Store(tmp_path, "column")
+    Store(tmp_path / "out", "column")
+    with pytest.raises(OutputError, match="holds the study 'column'"):
+        Store(tmp_path / "out", "beam")
+
+
+def test_the_hash_follows_what_result_and_time_depend_on(tmp_path: Path) -> None:
+    mesh = tmp_path / "box.py"
+    mesh.write_bytes(Path(COLUMN["mesh"]["file"]).read_bytes())
+
+    def key(ranks: int = 1, **changes: Any) -> str:
+        data = COLUMN | {"mesh": COLUMN["mesh"] | {"file": "box.py"}} | changes
+        return content_key(parse(data, tmp_path / "job.yaml"), ranks=ranks)
+
+    same = [key(), key(job="other"), key(output={"fields": False}), key(checkpoint={"every": 3}, method="direct")]
+    assert len(set(same)) == 1
+    other = [
+        key(ranks=2),
+        key(solver={"tolerance": 1e-3}),
+        key(method="sellier"),
+        key(discretisation={"quadrature": 3}),
+        key(quantities=[]),
+        key(material={"law": "neo-hookean", "mu": 2, "lam": 3}),
+        key(expected_shape={"file": "box.py"}),
+    ]
+    mesh.write_text(mesh.read_text() + "\n# changed\n")
+    assert len({same[0], *other, key()}) == len(other) + 2
+
+
+def test_values_are_taken_from_the_same_case_of_an_earlier_ladder(tmp_path: Path) -> None:
+    taken = {"ladder": "direct", "key": "errors.gap", "at_least": 1e-11}
+    ladders = [{"name": "direct"}, {"name": "to its accuracy", "take": {"solver.tolerance": taken}}]
+    cases = [{"grid": {"material.mu": [1e4, 2e4, 3e4, 4e4]}}]
+    schedule = schedule_of(plan(tmp_path, ladders=ladders, cases=cases, repeat=1), tmp_path)
+    outcomes = {1e4: good(1.0, errors={"gap": 1e-5}), 2e4: good(1.0, errors={"gap": 0.0}), 3e4: BAD, 4e4: good(1.0)}
+    tolerances = []
+    while (task := schedule.next()) is not None:
+        waits = task.run.place.ladder != "direct"
+        tolerances += [task.job.solver.tolerance] if waits else []
+        schedule.keep(task, good(1.0) if waits else outcomes[task.run.place.parameters["material.mu"]])
+    assert tolerances == [1e-5, 1e-11]
+    assert schedule_of(schedule.plan, tmp_path).reused == 6
+    why = [row.status for row in rows_of(schedule.plan, schedule) if row.place.ladder != "direct"]
+    assert why[:2] == ["converged", "converged"]
+    assert why[2] == "not run: 'direct', which solver.tolerance is taken from, has failed"
+    assert why[3].endswith("has no number at errors.gap")
+
+
+def rows_and_accuracy(plan: Plan, directory: Path, records: list[Record]) -> Any:
+    schedule = schedule_of(plan, directory)
+    drain(schedule, iter(records))
+    rows = rows_of(plan, schedule)
+    return rows, accuracy(plan, rows, plan.study.measure[0], "m")
+
+
+def test_costs_are_medians_without_compilation_and_certificate(tmp_path: Path) -> None:
+    study = plan(tmp_path, ladders=[{"name": "P2"}], costs={"gap": "errors.gap"}, time="solver")
+    more = {"compile_": 0.5, "errors": {"gap": 4.0}}
+    records = [good(1.0, timed=False, total=90.0, **more), *(good(1.0, total=t, **more) for t in (3.0, 9.0, 2.0))]
+    [row], _ = rows_and_accuracy(study, tmp_path, records)
+    assert row.costs["run"] == pytest.approx(3.0 - 0.5 - 0.05)
+    assert row.costs["solver"] == row.time == pytest.approx(0.3)
+    assert (row.costs["gap"], row.costs["memory"], row.costs["factorizations"]) == (4.0, 200.0, 2.0)
+    assert len(row.times) == 3
+
+
+def test_statistics_over_cases_and_the_ratio_of_times(tmp_path: Path) -> None:
+    ladders = [{"name": "base"}, {"name": "other", "base": "base", "set": {"discretisation.displacement": 3}}]
+    cases = [{"grid": {"material.mu": [1, 2, 3, 4]}}]
+    study = plan(tmp_path, ladders=ladders, cases=cases, repeat=1, reference=10)
+    records = [
+        record
+        for e, t in ((1.0, 2.0), (2.0, 3.0), (3.0, 5.0), (6.0, 7.0))
+        for record in (good(10 - e, total=1.05), BAD if e == 3.0 else good(10 + 2 * e, total=t + 0.05))
+    ]
+    _, found = rows_and_accuracy(study, tmp_path, records)
+    base, other = found.points
+    assert base.errors == pytest.approx((1, 2, 3, 6))
+    assert (base.average, base.minimum, base.maximum, base.failed) == pytest.approx((3.0, 1.0, 6.0, 0))
+    assert base.sd == pytest.approx((14 / 3) ** 0.5)  # 4 + 1 + 0 + 9, over n - 1
+    assert (other.average, other.failed) == pytest.approx((6.0, 1))
+    assert base.ratio is None
+    assert other.ratio == pytest.approx((2 + 3 + 7) / 3)
+    assert [point.on_front for point in found.points] == [True, False]
+
+
+def test_errors_against_the_finest_run_and_richardsons_limit(tmp_path: Path) -> None:
+    def values(order: float) -> list[Record]:
+        cells = {"P2": (1, 2, 4), "P3": (1, 2)}
+        sizes = [(1 / n, n) for ns in cells.values() for n in ns]
+        return [good(5 + h**order, unknowns=n, total=n) for h, n in sizes]
+
+    study = plan(tmp_path, repeat=1, reference="finest")
+    rows, found = rows_and_accuracy(study, tmp_path, values(2.0))
+    assert [row.size for row in rows] == [1, 0.5, 0.25, 1, 0.5]
+    assert found.errors == pytest.approx((1 - 0.0625, 0.25 - 0.0625, None, 1 - 0.0625, 0.25 - 0.0625))
+    assert found.references[0].origin == "finest run: P2, 4"
+
+    study = plan(tmp_path, repeat=1, reference="richardson")
+    _, found = rows_and_accuracy(study, tmp_path, [])
+    assert found.references[0].value == pytest.approx(5.0, abs=1e-12)
+    assert found.errors == pytest.approx((1, 0.25, 0.0625, 1, 0.25))
+    assert found.orders == pytest.approx((None, 2, 2, None, 2))
+    assert found.fitted == pytest.approx({"P2": 2, "P3": 2})
+
+    _, found = rows_and_accuracy(plan(tmp_path, repeat=1, reference={"richardson": "P3"}), tmp_path, [])
+    assert "richardson needs three meshes, and ladder 'P3' has 2; take finest or a value instead" in found.refusal
+    assert found.errors == (None,) * 5
+
+
+def test_there_is_no_order_where_more_than_the_mesh_varies(tmp_path: Path) -> None:
+    vary = {"mesh.parameters.nz": [1, 2, 4], "discretisation.displacement": [1, 2, 3]}
+    study = plan(tmp_path, repeat=1, ladders=[{"name": "all", "vary": vary}], reference="richardson")
+    rows, found = rows_and_accuracy(study, tmp_path, [good(v) for v in (1.0, 1.5, 1.75)])
+    assert [row.size for row in rows] == [None] * 3
+    assert "needs a ladder along which nothing but the mesh varies, not 'all'" in found.refusal
+    # Parameters that do not keep their proportion: the number of cells tells.
+    vary = {"mesh.parameters.nz": [1, 2, 4], "mesh.parameters.nx": [1, 1, 2]}
+    study = plan(tmp_path, repeat=1, ladders=[{"name": "all", "vary": vary}])
+    rows, _ = rows_and_accuracy(study, tmp_path / "b", [good(1.0, unknowns=n) for n in (1, 8, 64)])
+    assert [row.size for row in rows] == pytest.approx([1, 0.5, 0.25])
+
+
+def test_effectivity_is_the_estimated_over_the_true_error(tmp_path: Path) -> None:
+    study = plan(tmp_path, repeat=1, ladders=[{"name": "P2"}], reference=2.0)
+    estimate = {"estimate": {"quantities": {"length": 0.4}}}
+    _, found = rows_and_accuracy(study, tmp_path, [good(1.5, certificate=estimate)])
+    assert found.effectivities == pytest.approx((0.8,))
+
+
+def test_a_study_ends_in_an_error_where_nothing_converged_or_nothing_can_be_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def ended(directory: Path, records: list[Record], **changes: Any) -> None:
+        schedule = schedule_of(plan(tmp_path, repeat=1, **changes), tmp_path / directory)
+        drain(schedule, iter(records))
+        conclude(schedule.plan, schedule, 1)
+
+    with pytest.raises(SolveError, match="not one of the 5 runs converged; the first: stopped at load"):
+        ended(Path("a"), [BAD] * 5)
+    assert "failed: P3, 2: stopped at load factor 0.5 of 1" in capsys.readouterr().out
+    with pytest.raises(
+        JobError, match=r"reference.length: richardson: the values of ladder 'P2', 1, 3, 2, are not mono"
+    ):
+        ended(
+            Path("b"),
+            [good(v, unknowns=n) for n, v in enumerate((1.0, 3.0, 2.0, 1.0, 1.0))][:5],
+            reference={"richardson": "P2"},
+        )
+    headers = (tmp_path / "b" / "out" / "table.csv").read_text().splitlines()[0].split(",")
+    assert {"time [s]", "memory [B]"} <= set(headers), "the values are worth having all the same"
+    with pytest.raises(JobError, match=r"measure: the summary has no number at legs\[0\].strain"):
+        ended(Path("c"), [good(1.0)] * 5, measure=["length", "legs[0].strain"], reference={"all": 0})
+
+
+def test_published_numbers_are_printed_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    beside = {
+        "source": "someone (1999)",
+        "values": {"length": {"measured": "2.5 m"}},
+        "statistics": {"length": {"all": {"average": 4.49e-12, "failed": 7}}},
+    }
+    study = plan(tmp_path, repeat=1, ladders=[{"name": "all"}], beside=beside, reference=2)
+    schedule = schedule_of(study, tmp_path)
+    drain(schedule, iter([good(1.0)]))
+    conclude(study, schedule, 1)
+    shown = capsys.readouterr().out
+    assert "published: measured 2.5 m, +25.00% from the reference here" in shown
+    assert "published numbers: someone (1999)" in shown
+    cases = [{"grid": {"material.mu": [1, 2]}}]
+    study = plan(tmp_path, repeat=1, ladders=[{"name": "all"}], beside=beside, reference=2, cases=cases)
+    schedule = schedule_of(study, tmp_path / "b")
+    drain(schedule, iter([good(1.0), good(1.5)]))
+    conclude(study, schedule, 1)
+    shown = capsys.readouterr().out
+    ours, theirs = (line.split() for line in shown.splitlines() if line.startswith("all") or " published " in line)
+    assert ours[1:5] == ["7.50e-01", "3.54e-01", "5.00e-01", "1.00e+00"]
+    assert theirs[:3] == ["published", "4.49e-12", "-"]
+    assert theirs[-1] == "7"
+    table = list(csv.DictReader((tmp_path / "b" / "out" / "length-statistics.csv").open()))
+    assert table[0]["published average [m]"] == "4.49e-12"
+    assert (tmp_path / "b" / "out" / "length.svg").exists()
+
+
+# From the command line
+
+CLOSED_FORM = 1.0802798795986
+NZ = (1, 2, 4)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with a study, one of whose runs cannot be solved."""
+    place = tmp_path_factory.mktemp("study")
+    (place / "column.yaml").write_text(yaml.safe_dump(COLUMN | {"certificate": NO_CERTIFICATE}))
+    ladders = [
+        {"name": "P2", "vary": {"mesh.parameters.nz": [*NZ]}},
+        {
+            "name": "one iteration",
+            "set": {"solver": {"strategy": "fixed", "steps": 1, "maximum_iterations": 1}},
+            "vary": {"mesh.parameters.nz": [2]},
+        },
+        {"name": "tolerance", "set": {"mesh.parameters.nz": 4}, "vary": {"solver.tolerance": [1e-1, 1e-3]}},
+    ]
+    study = STUDY | {"ladders": ladders, "reference": f"{CLOSED_FORM} m", "repeat": 2}
+    (place / "column-study.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
+    # Many quick repetitions, for those who interrupt.
+    study |= {"ladders": [ladders[0] | {"vary": {"mesh.parameters.nz": [1, 2]}}], "repeat": 6}
+    (place / "long.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
+    return place
+
+
+@pytest.fixture(scope="module")
+def results(place: Path) -> Path:
+    """The results of the study, on two ranks."""
+    done = hpcinv(2, "study", "column-study.yaml", cwd=place)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith("column-study: 6 runs, 2 ranks; results in results/column-study\n")
+    assert "failed: one iteration, 2: stopped at load factor 0 of 1: Newton's method took too many" in done.stdout
+    assert "Traceback" not in done.stderr
+    return place / "results" / "column-study"
+
+
+@pytest.fixture(scope="module")
+def table(results: Path) -> list[dict[str, str]]:
+    rows = csv.DictReader((results / "table.csv").open())
+    return [{header.partition(" [")[0]: value for header, value in row.items()} for row in rows]
+
+
+def test_the_table_has_every_run_with_its_value_error_and_cost(table: list[dict[str, str]]) -> None:
+    assert [(r["ladder"], r["label"]) for r in table] == [
+        *(("P2", str(n)) for n in NZ),
+        ("one iteration", "2"),
+        ("tolerance", "0.1"),
+        ("tolerance", "0.001"),
+    ]
+    failed, solved = table[3], table[:3] + table[4:]
+    assert failed["status"].startswith("stopped at load factor 0 of 1")
+    assert failed["length"] == failed["length error"] == failed["time"] == ""
+    for row, n in zip(solved, (*NZ, 4, 4), strict=True):
+        # The same job, run by itself on one rank.
+        job = COLUMN | {"certificate": NO_CERTIFICATE, "solver": {"tolerance": float(row["solver.tolerance"] or 1e-12)}}
+        job["mesh"] = COLUMN["mesh"] | {"parameters": COLUMN["mesh"]["parameters"] | {"nz": n}}
+        alone = api.run(parse(job, Path("job.yaml")), MPI.COMM_SELF)
+        assert float(row["length"]) == pytest.approx(alone.quantities["length"], rel=1e-12)
+        assert float(row["length error"]) == pytest.approx(abs(alone.quantities["length"] - CLOSED_FORM), rel=1e-5)
+        assert float(row["unknowns"]) == 3 * 3 * 3 * (2 * n + 1)
+        assert float(row["cells"]) == 6 * n
+        assert float(row["factorizations"]) == alone.legs[0].factorizations
+        assert (row["repetitions"], row["certificate"]) == ("2", alone.certificate.verdict.value)
+        assert 0 < float(row["time_min"]) <= float(row["time"]) <= float(row["time_max"])
+        assert float(row["solver"]) < float(row["run"]) == float(row["time"])
+        assert 5e7 < float(row["memory"]) < 2e9
+    errors = [float(r["length error"]) for r in solved[:3]]
+    assert errors[0] > errors[1] > errors[2]
+    for i, row in enumerate(solved[1:3], start=1):
+        assert float(row["length order"]) == pytest.approx(np.log2(errors[i - 1] / errors[i]), rel=1e-9)
+    points = [(float(r["time"]), float(r["length error"])) for r in solved]
+    best = [not any(t <= time and e <= error and (t, e) != (time, error) for t, e in points) for time, error in points]
+    assert [r["length on Pareto front"] == "True" for r in solved] == best
+
+
+def test_hdf5_holds_the_same_and_every_time(results: Path, table: list[dict[str, str]]) -> None:
+    with h5py.File(results / "table.h5") as file:
+        assert (file.attrs["study"], file.attrs["ranks"]) == ("column-study", 2)
+        runs = file["runs"]
+        assert list(runs["ladder"].asstr()[:]) == [r["ladder"] for r in table]
+        for name in ("length", "length error", "time", "unknowns"):
+            expected = [float(r[name] or "nan") for r in table]
+            np.testing.assert_array_equal(runs[name][:], expected)
+        assert (runs["length"].attrs["unit"], runs["time"].attrs["unit"]) == ("m", "s")
+        times = file["times"][:]
+        assert times.shape == (6, 2)
+        kept = [i for i in range(6) if i != 3]
+        assert np.isnan(times[3]).all()
+        np.testing.assert_array_equal(np.median(times[kept], axis=1), runs["time"][kept])
+        assert file["quantities/length/reference"][0] == CLOSED_FORM
+        assert file["quantities/length/reference"].attrs["origin"] == "closed form"
+        assert file["quantities/length/orders"].attrs["P2"] > 1.0
+
+
+def test_diagrams_show_every_ladder_and_the_front(results: Path, table: list[dict[str, str]]) -> None:
+    image = matplotlib.image.imread(results / "length.png")
+    assert image.shape[0] > 700
+    assert image.shape[1] > 1000
+    assert np.ptp(image[..., :3]) > 0.9, "it is not blank"
+    svg = ET.parse(results / "length.svg").getroot()
+    groups = {g.get("id"): g for g in svg.iter("{http://www.w3.org/2000/svg}g")}
+    assert {"front", "ladder-0", "ladder-2"} <= groups.keys()
+    path = groups["ladder-0"].find("{http://www.w3.org/2000/svg}path")
+    assert path is not None
+    assert path.get("d", "").count("L") == len(NZ) - 1
+    texts = {"".join(t.itertext()).strip() for t in svg.iter("{http://www.w3.org/2000/svg}text")}
+    assert {"P2 (nz)", "tolerance (tolerance)", "Pareto front", "0.001", "error of length / m"} <= texts
+    assert any(text.startswith("time / s (whole run without compilation, 2 ranks, median of 2)") for text in texts)
+
+
+def test_the_same_command_again_does_nothing_twice(results: Path, place: Path) -> None:
+    before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in (results / "runs").iterdir()}
+    done = hpcinv(2, "study", "column-study.yaml", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert f"{len(before)} executions were done before" in done.stdout
+    assert "[" not in done.stdout.partition("length (m)")[0]
+    assert {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in (results / "runs").iterdir()} == before
+
+
+def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place: Path) -> None:
+    runs = place / "long" / "runs"
+
+    def kept() -> dict[Path, tuple[int, bytes]]:
+        return {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in runs.glob("[!.]*")}
+
+    with Started(2, "study", "long.yaml", "--output", "long", cwd=place) as started:
+        started.wait_for("\n[3/")
+        started.send(signal.SIGTERM, started.ranks())
+        assert started.exit_code() == 75, started.text
+    assert "The same command goes on from there." in started.text
+    assert "Traceback" not in started.text
+    stopped = kept()
+    assert 3 <= len(stopped) < 12
+    assert f"{len(stopped)} of 1" in started.text
+    assert not (place / "long" / "table.csv").exists()
+
+    with Started(2, "study", "long.yaml", "--output", "long", cwd=place) as started:
+        started.wait_for(f"[{len(stopped) + 2}/")
+        started.kill()
+    killed = kept()
+    assert len(stopped) + 2 <= len(killed) < 12
+    assert f"{len(stopped)} executions were done before" in started.text
+
+    done = hpcinv(2, "study", "long.yaml", "--output", "long", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert f"{len(killed)} executions were done before" in done.stdout
+    assert done.stdout.count("\n[") == len(kept()) - len(killed)
+    assert {p: found for p, found in kept().items() if p in killed} == killed
+    assert killed.items() >= stopped.items()
+    assert all(json.loads(content)["status"] == "converged" for _, content in kept().values())
+    with h5py.File(place / "long" / "table.h5") as file:
+        assert file["times"].shape == (2, 6)
+
+
+def test_a_wrong_study_is_told_once_and_leaves_nothing(place: Path) -> None:
+    wrong = STUDY | {"ladders": [{"name": "P2", "vary": {"mesh.parameters.nz": [1, "x"]}}]}
+    (place / "wrong.yaml").write_text(yaml.safe_dump(wrong))
+    done = hpcinv(2, "study", "wrong.yaml", cwd=place)
+    assert done.returncode == 2
+    assert done.stderr.count("wrong.yaml: P2, x: mesh.parameters.nz: must be a whole number, not 'x'") == 1
+    assert not (place / "results" / "wrong").exists()

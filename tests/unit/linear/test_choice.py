@@ -1,0 +1,125 @@
+"""The rule that chooses a linear solver: its forecasts against MUMPS's own counts, and what it says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from helpers.verification import box, job
+
+import hpcinv.solver.linear.selection
+from hpcinv import run
+from hpcinv.mesh import build_body
+from hpcinv.parallel.available_memory import available
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.linear.cost_model import Forecast, Shape, shape_of
+from hpcinv.solver.linear.selection import Chooser
+from hpcinv.solver.problem import Model
+
+SOFT: dict[str, Any] = {
+    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+    "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}],
+    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
+}
+
+
+def model(mesh: dict[str, Any], comm: MPI.Intracomm) -> Model:
+    given = job(**SOFT, mesh=mesh)
+    return Model(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
+
+
+@pytest.mark.parametrize(
+    ("divisions", "size"), [((6, 6, 6), (1, 1, 1)), ((3, 3, 30), (1, 1, 10)), ((12, 4, 4), (3, 1, 1))]
+)
+def test_operations_and_entries_are_what_mumps_counts(
+    divisions: tuple[int, int, int], size: tuple[float, float, float], comm: MPI.Intracomm
+) -> None:
+    body = model(box(divisions, **dict(zip(("lx", "ly", "lz"), size, strict=True))), comm)
+    equilibrium = body.equilibrium(body.scene("inverse"), lambda: False)
+    equilibrium.linearise(1.0)
+    equilibrium.factorize()
+    factors = equilibrium.ksp.pc.getFactorMatrix()
+    forecast = body.chooser.forecast
+    assert 0.6 < forecast.operations / factors.getMumpsRinfog(3) < 1.6
+    assert 0.6 < forecast.entries / factors.getMumpsInfog(20) < 1.6
+    equilibrium.destroy()
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_shape_of_a_block(comm: MPI.Intracomm) -> None:
+    found = shape_of(model(box((3, 3, 12), lz=4.0), comm).unknowns)
+    nodes_across = 7 * 7  # of degree 2
+    assert found.aspect == pytest.approx(4.0, rel=0.2)
+    assert found.cut == pytest.approx(3 * nodes_across, rel=0.2)
+
+
+@pytest.mark.parallel([1, 2])
+def test_memory_is_shared_by_the_ranks_of_a_node(comm: MPI.Intracomm) -> None:
+    total = available(comm)
+    assert len(set(comm.allgather(total))) == 1
+    assert 1e8 < total < 1e15
+    assert total == pytest.approx(available(MPI.COMM_SELF), rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("shape", "unknowns", "expected"),
+    [
+        (Shape(cut=1900, aspect=1.0), 49_000, "iterative"),
+        (Shape(cut=500, aspect=1.1), 7_000, "direct"),
+        (Shape(cut=236, aspect=40.0), 82_000, "direct"),
+    ],
+)
+def test_chunky_bodies_are_solved_iteratively_and_slender_ones_directly(
+    shape: Shape, unknowns: int, expected: str, comm: MPI.Intracomm
+) -> None:
+    chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
+    chooser.forecast = Forecast(unknowns, 2, shape)
+    chosen = chooser.choose(job(**SOFT, mesh=box()).solver)
+    assert chosen.preset == expected
+    assert "times as long" in chosen.why
+    assert chosen.other is not None
+
+
+@pytest.mark.parametrize(
+    ("ratio", "preset", "why"),
+    [
+        (1.6, "iterative", "factorizations would take about 1.6 times as long as multigrid"),
+        (
+            1.25,
+            "direct",
+            "multigrid would take about 0.8 times as long as factorizations; it is taken below 0.67, since",
+        ),
+        (0.5, "direct", "multigrid would take about 2 times as long as factorizations"),
+    ],
+)
+def test_the_reason_that_is_told_is_the_one_that_decided(
+    ratio: float, preset: str, why: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
+    monkeypatch.setattr(Forecast, "direct", property(lambda forecast: ratio * forecast.iterative))
+    chosen = chooser.choose(job(**SOFT, mesh=box()).solver)
+    assert chosen.preset == preset
+    assert chosen.why.split(" of them in a cut across, ")[1].startswith(why)
+    assert ("it is taken" in chosen.why) == (preset == "direct" and ratio > 1)
+
+
+@pytest.mark.parallel([1, 2])
+def test_without_memory_for_factors_nothing_is_factorized(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "available", lambda comm: 1e5)
+    result = run(job(**SOFT, mesh=box((3, 3, 3)), certificate={"round_trip": "near"}), comm)
+    used = result.statistics["legs"][0]["linear"]
+    assert used["preset"] == "iterative"
+    assert used["why"].startswith("factors would take 0.0")
+    lines = {line.name: line for line in result.certificate.lines}
+    for name in ("stability", "discretisation error of the shape, relative to the displacement"):
+        assert lines[name].value is None
+        assert lines[name].note.startswith("there is no memory for")
+    assert lines["round trip, relative to the displacement"].value is not None
+
+
+def test_a_solver_of_the_users_own_is_left_alone(comm: MPI.Intracomm) -> None:
+    own = job(**SOFT, mesh=box(), solver={"petsc": {"pc_type": "gamg", "ksp_type": "fgmres"}}).solver
+    chosen = Chooser(model(box((1, 1, 1)), comm).unknowns, 2).choose(own)
+    assert chosen.is_own
+    assert chosen.other is None

@@ -1,0 +1,461 @@
+"""What is told of a sweep: its outlook, its status, its table, its diagrams; from records that are made up."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import h5py
+import pytest
+import yaml
+from helpers.sweeps import BLOCK, write_sweep
+from rich.console import Console
+
+from hpcinv.__main__ import main
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.tables import as_csv
+from hpcinv.errors import JobError
+from hpcinv.sweep.outlook import outlook
+from hpcinv.sweep.plan import Case, Plan, load_sweep
+from hpcinv.sweep.plot import is_even_in_log, plot
+from hpcinv.sweep.results import ledger_of, provenance, results
+from hpcinv.sweep.status import Status, follow, lines, status
+from hpcinv.sweep.table import as_hdf5, columns, units
+
+MU, DENSITY = "material.mu", "effects[0].density"
+FOLD = "no equilibrium"
+
+
+def plan(directory: Path, *axes: dict[str, Any], **more: Any) -> Plan:
+    return load_sweep(write_sweep(directory, list(axes), **more))
+
+
+def statistics(**changes: Any) -> dict[str, Any]:
+    """The parts of a summary that are looked at."""
+    legs = [{"factorizations": 3, "newton_iterations": 7}, {"factorizations": 2, "newton_iterations": 5}]
+    whole: dict[str, Any] = {
+        "mesh": {"unknowns": 375},
+        "machine": {"ranks": 2},
+        "legs": legs,
+        "quantities": {"top": -0.25},
+        "certificate": {"verdict": "pass", "lines": [], "estimate": None},
+        "peak_memory": {"ranks": [100, 300], "phases": {}},
+    }
+    return whole | changes
+
+
+def good(seconds: float = 1.0, **changes: Any) -> Record:
+    return Record("converged", "", statistics(**changes), seconds, 1)
+
+
+def bad(status: str = FOLD, seconds: float = 1.0) -> Record:
+    return Record(status, "Lower the load.", {}, seconds, 1)
+
+
+def look(found: Plan) -> Status:
+    ledger = ledger_of(found)
+    return status(found, ledger, results(found, ledger))
+
+
+@pytest.fixture
+def commit(tmp_path: Path) -> Iterator[Callable[[Case, Record], None]]:
+    """Put a record in the store, as a process does that has solved a case."""
+    with Holder(tmp_path / "store") as holder:
+        ledger = Ledger(tmp_path / "store", holder)
+
+        def done(case: Case, record: Record) -> None:
+            claim = ledger.claim(case.key)
+            assert claim is not None
+            assert ledger.commit(claim, record)
+
+        yield done
+
+
+# Statistics
+
+
+def test_statistics_of_each_branch_leave_out_what_failed(
+    tmp_path: Path, commit: Callable[[Case, Record], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    law = {"law": "neo-hookean", "lam": "40 kPa"}
+    values = {"soft": [1.0, 2.0, 6.0], "hard": [5.0]}
+    branches = {
+        label: {"set": {"material": law}, "axes": [{"grid": {MU: [5e3 * (10 * i + n) for n in range(4)]}}]}
+        for i, label in enumerate(values, start=1)
+    }
+    found = plan(tmp_path, {"name": "kind", "branches": branches})
+    for label, tops in values.items():
+        cases = [case for case in found.cases if case.parameters["kind"] == label]
+        for case, top in zip(cases, tops, strict=False):
+            commit(case, good(quantities={"top": top, "where": [top, 0.0, -top]}))
+        commit(cases[-1], bad())
+    assert main(["sweep", "statistics", str(found.path)]) == 0
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert [(row["kind"], row["quantity"]) for row in rows][:5] == [
+        ("soft", "top"),
+        ("soft", "where[0]"),
+        ("soft", "where[1]"),
+        ("soft", "where[2]"),
+        ("hard", "top"),
+    ]
+    soft, hard = rows[0], rows[4]
+    assert (soft["cases"], soft["unit"], soft["minimum"], soft["maximum"]) == ("3", "m", "1.0", "6.0")
+    assert float(soft["mean"]) == 3.0
+    assert float(soft["sd"]) == pytest.approx(math.sqrt(7.0))  # ((1-3)² + (2-3)² + (6-3)²) / 2
+    assert float(soft["sd of mean"]) == pytest.approx(math.sqrt(7 / 3))
+    assert float(soft["median"]) == 2.0
+    assert float(soft["95 %"]) == pytest.approx(2 + 0.9 * 4)
+    assert (hard["cases"], hard["sd"], float(hard["mean"])) == ("1", "", 5.0)
+
+
+# Outlook
+
+
+def test_the_outlook_tells_cases_sizes_and_time(tmp_path: Path, commit: Callable[[Case, Record], None]) -> None:
+    """Quadratic displacements on n × n × n cubes of 6 tetrahedra have 3 (2n + 1)³ unknowns."""
+    sizes = {f"mesh.parameters.n{axis}": [1, 2] for axis in "xyz"}
+    found = plan(tmp_path, {"zip": sizes}, {"grid": {MU: ["10 kPa", 1e4, 2e4]}})
+    text = outlook(found, ledger_of(found), 1)
+    assert text[0] == f"sweep: 6 cases; 0 finished in {tmp_path / 'store'}"
+    assert "4 of them are different" in text[1]
+    assert text[3].endswith(": 6 cells, 81 unknowns")
+    assert text[4].endswith(": 48 cells, 375 unknowns")
+    assert all("    2 cases such as case" in line for line in text[3:5])
+    assert "time: not known, since no case has been run yet; 'sweep run --first" in text[5]
+
+    commit(found.cases[2], good(8.0))
+    # One more like it takes 8 s, and two of the others as much more as they have more unknowns.
+    expected = (8 + 2 * 8 * 375 / 81) / 2
+    assert (
+        f"time: about {expected:.0f} s for 3 cases on 2 groups of ranks side by side, with 2 ranks a case"
+        in (outlook(found, ledger_of(found), 2)[-1])
+    )
+
+
+def test_a_mesh_that_cannot_be_made_is_told_in_the_outlook(tmp_path: Path) -> None:
+    (tmp_path / "broken.py").write_text("def build(gmsh):\n    raise RuntimeError('no such shape')\n")
+    meshes = [BLOCK["mesh"], {"file": "broken.py"}]
+    found = plan(tmp_path, {"grid": {"mesh": meshes}})
+    text = outlook(found, ledger_of(found), 1)
+    assert text[2].endswith(": 48 cells, 375 unknowns")
+    assert "no such shape" in text[3]
+
+
+# Status
+
+
+def test_the_status_counts_cases_by_where_they_stand(tmp_path: Path, commit: Callable[[Case, Record], None]) -> None:
+    found = plan(tmp_path, {"grid": {MU: ["10 kPa", 1e4, 2e4, 3e4, 4e4, 5e4, 6e4, 7e4]}})
+    empty = look(found)
+    assert (empty.done, empty.open, empty.total, empty.seconds, empty.is_over) == (0, 7, 7, None, False)
+    assert "time left: not known before the first case is finished" in lines(empty)[-1]
+
+    for number, record in {0: good(2.0), 2: good(4.0), 3: bad(seconds=3.0), 4: bad("too slow"), 5: bad()}.items():
+        commit(found.cases[number], record)
+    with Holder(tmp_path / "store") as holder:
+        assert Ledger(tmp_path / "store", holder).claim(found.cases[6].key)
+        now = look(found)
+        who = str(holder.identity)
+    assert (now.converged, now.open, now.done, now.total) == (2, 1, 5, 7)
+    assert now.failed == {FOLD: ("case 3, mu 30000", "case 5, mu 50000"), "too slow": ("case 4, mu 40000",)}
+    assert now.running == {who: 1}
+    assert now.seconds == 2 * 2.0  # two are left, of which one is running; the median of 2, 4, 3, 1 and 1 s
+    assert lines(now) == [
+        "sweep: 5 of 7 cases finished (8 rows)",
+        "  converged: 2",
+        "  failed: 3; 'sweep retry --failed' opens them again",
+        "    2 × no equilibrium; the first: case 3, mu 30000",
+        "    1 × too slow; the first: case 4, mu 40000",
+        "  running: 1",
+        f"    1 by {who}",
+        "  open: 1",
+        "  time left: about 4.0 s, with 1 case at a time",
+    ]
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_a_sweep_is_followed_to_its_end(
+    is_terminal: bool, tmp_path: Path, commit: Callable[[Case, Record], None]
+) -> None:
+    found = plan(tmp_path, {"grid": {MU: [1e4, 2e4, 3e4]}})
+    left = list(found.cases)
+    screen = Console(file=io.StringIO(), force_terminal=is_terminal, width=100)
+    last = follow(found, ledger_of(found), screen, sleep=lambda _: commit(left.pop(0), good()))
+    assert last.is_over
+    text = screen.file.getvalue()  # type: ignore[attr-defined]
+    for n in range(4):
+        assert f"sweep: {n} of 3 cases finished" in text
+    assert ("━" in text) == is_terminal
+
+
+# Table
+
+
+def rich_plan(directory: Path) -> Plan:
+    laws = {
+        "soft": {"set": {"sensitivities": {MU: 10}}, "axes": [{"grid": {MU: ["10 kPa", 2e4]}}]},
+        "stiff": {"set": {"material": {"law": "yeoh", "c1": 1e5, "c2": 0, "c3": 0, "kappa": 1e6}}},
+    }
+    random = {DENSITY: {"normal": ["963 kg/m^3", "10 kg/m^3"]}}
+    quantities = [*BLOCK["quantities"], {"name": "seconds", "of": "displacement", "at": [0, 0, 1]}]
+    return plan(
+        directory,
+        {"branches": laws, "name": "law"},
+        {"random": random, "count": 2},
+        {"grid": {"method": ["direct"], "certificate": [{"overlap": False}]}},
+        job=BLOCK | {"quantities": quantities},
+    )
+
+
+SENSITIVE: Mapping[str, Any] = {
+    "parameters": {MU: {"value": 1e4, "sd": 10.0}},
+    "quantities": {
+        "top": {"slopes": {MU: 2e-5}, "sd": 2e-4},
+        "seconds": {"slopes": {MU: [1.0, 2.0, 3.0]}, "sd": None},
+    },
+    "shape": {"largest": {MU: 1.0}, "sd": None, "sd_at": None},
+}
+
+
+def rich_results(found: Plan) -> dict[str, Record]:
+    estimate = {"quantities": {"top": 1e-6, "seconds": [0.0, 1e-7, None]}, "shape": 1e-6}
+    first = good(
+        12.5,
+        quantities={"top": -0.25, "seconds": [0.5, None, -0.25]},
+        certificate={"verdict": "warning", "lines": [], "estimate": estimate},
+        sensitivities=SENSITIVE,
+    )
+    return {
+        found.cases[0].key: Record(**(vars(first) | {"start": found.cases[3].key})),
+        found.cases[3].key: bad(seconds=0.5),
+        found.cases[4].key: good(quantities={"top": -0.125}, sensitivities=None),
+    }
+
+
+def test_the_table_has_a_row_for_each_case_in_si(tmp_path: Path) -> None:
+    found = rich_plan(tmp_path)
+    table = columns(found, rich_results(found))
+    assert {len(values) for values in table.values()} == {6}
+    assert table["number"] == [0, 1, 2, 3, 4, 5]
+    assert table["key"] == [case.key for case in found.cases]
+    assert table["law"] == ["soft"] * 4 + ["stiff"] * 2
+    assert table[MU] == [1e4, 1e4, 2e4, 2e4, None, None]
+    assert table[DENSITY] == [case.parameters[DENSITY] for case in found.cases]
+    assert table["method"] == ["direct"] * 6
+    assert table["parameters.certificate"] == ["False"] * 6  # 'certificate' is the verdict
+    assert table["status"] == ["converged", "open", "open", FOLD, "converged", "open"]
+    assert table["certificate"] == ["warning", "", "", "", "pass", ""]
+    assert table["top"] == [-0.25, None, None, None, -0.125, None]
+    assert table["top estimated error"] == [1e-6, None, None, None, None, None]
+    assert table[f"top slope in {MU}"][0] == 2e-5
+    assert table["top sd"][0] == 2e-4
+    assert [table[f"seconds[{i}]"][0] for i in range(3)] == [0.5, None, -0.25]
+    assert [table[f"seconds[{i}] estimated error"][0] for i in range(3)] == [0.0, 1e-7, None]
+    assert [table[f"seconds[{i}] slope in {MU}"][0] for i in range(3)] == [1.0, 2.0, 3.0]
+    assert "seconds[0] sd" not in table
+    assert table["seconds"] == [12.5, None, None, 0.5, 1.0, None]  # what it took
+    assert (table["factorizations"][0], table["newton_iterations"][0]) == (5, 12)
+    assert (table["unknowns"][0], table["ranks"][0], table["peak_memory"][0]) == (375, 2, 300)
+    assert (table["factorizations"][3], table["unknowns"][3], table["peak_memory"][3]) == (None, None, None)
+    assert table["started_from"] == [found.cases[3].key, "", "", "", "", ""]
+
+
+def test_a_quantity_with_the_name_of_a_cost_is_a_column_of_its_own(tmp_path: Path) -> None:
+    found = plan(tmp_path, {"grid": {MU: [1e4]}})
+    table = columns(found, {found.cases[0].key: good(3.0, quantities={"seconds": 7.0, "status": 8.0})})
+    assert (table["seconds"], table["quantities.seconds"], table["quantities.status"]) == ([3.0], [7.0], [8.0])
+
+
+def test_the_table_as_csv_and_hdf5_has_the_same_numbers(tmp_path: Path, commit: Callable[[Case, Record], None]) -> None:
+    found = rich_plan(tmp_path)
+    for case in found.cases:
+        if case.key in rich_results(found):
+            commit(case, rich_results(found)[case.key])
+    records, told_by = results(found, ledger_of(found)), provenance(found, ledger_of(found))
+    table = columns(found, records)
+    assert table == columns(found, rich_results(found)) | {"attempts": table["attempts"]}
+    known = units(found, records)
+    headers = {f"{name} [{known[name]}]" if known.get(name) else name: name for name in table}
+    assert {f"{MU} [Pa]", "top [m]", "seconds [s]", "status"} <= headers.keys()
+    written = csv.DictReader(io.StringIO(as_csv(table, known)))
+    rows = [{headers[header]: value for header, value in row.items()} for row in written]
+    with h5py.File(io.BytesIO(as_hdf5(found, records, told_by))) as file:
+        frame = {name: data[()] for name, data in file["cases"].items()}
+        told = {name: data.attrs["unit"] for name, data in file["cases"].items() if "unit" in data.attrs}
+        origins = [json.loads(text) for text in file["provenance"].asstr()[()]]
+    assert frame.keys() == table.keys() == rows[0].keys()
+    for name, values in table.items():
+        for value, row, kept in zip(values, rows, frame[name], strict=True):
+            if value is None:
+                assert row[name] == ""
+                assert math.isnan(kept)
+            elif isinstance(value, str):
+                assert row[name] == kept.decode() == value
+            else:
+                assert float(row[name]) == kept == value
+    assert told == {k: v for k, v in units(found, records).items() if k in table}
+    assert told[MU] == "Pa"
+    assert (told[DENSITY], told["top"], told["top sd"], told["seconds[1]"]) == ("kg/m^3", "m", "m", "m")
+    assert (told[f"top slope in {MU}"], told["seconds"], told["peak_memory"]) == ("m/Pa", "s", "B")
+    assert [part.get("machine") for part in origins] == [{"ranks": 2}, None, None, None, {"ranks": 2}, None]
+
+
+# Diagrams
+
+
+def drawn(files: Mapping[str, bytes], group: str) -> int:
+    """Number of markers in a group of the SVG."""
+    assert files["png"].startswith(b"\x89PNG")
+    root = ElementTree.fromstring(files["svg"].decode())
+    [found] = [element for element in root.iter() if element.get("id") == group]
+    return sum(element.tag.endswith("use") for element in found.iter())
+
+
+def groups(files: Mapping[str, bytes]) -> list[str]:
+    return sorted(re.findall(r'id="((?:series|failed|outcome)[-\d]*)"', files["svg"].decode()))
+
+
+def test_laws_are_lines_over_one_parameter_and_failed_cases_crosses(tmp_path: Path) -> None:
+    laws = {name: {"set": {"material.lam": lam}} for name, lam in (("soft", 4e4), ("stiff", 9e4))}
+    found = plan(tmp_path, {"branches": laws, "name": "law"}, {"grid": {DENSITY: [1, 2, 3, 4]}})
+    records = {case.key: good(quantities={"top": case.parameters[DENSITY]}) for case in found.cases[:7]}
+    records[found.cases[2].key] = bad()  # the last is open
+    files = plot(found, records, "top", [DENSITY]).files
+    assert groups(files) == ["failed", "series-0", "series-1"]
+    assert [drawn(files, name) for name in groups(files)] == [1, 3, 3]
+    text = files["svg"].decode()
+    assert all(label in text for label in (">soft<", ">stiff<", ">failed (1)<", f">{DENSITY}<", ">top / m<"))
+
+
+def test_samples_are_points_over_two_parameters(tmp_path: Path) -> None:
+    axis = {"sobol": {MU: {"log-uniform": ["1 kPa", "100 kPa"]}, DENSITY: [1, 2]}, "count": 32}
+    found = plan(tmp_path, axis)
+    records = {
+        case.key: bad() if case.parameters[MU] < 1e4 else good(quantities={"top": case.parameters[DENSITY]})
+        for case in found.cases
+    }
+    files = plot(found, records, "top", [MU, DENSITY]).files
+    assert groups(files) == ["failed-0", "series-0"]
+    assert [drawn(files, name) for name in groups(files)] == [16, 16]  # half of them are in each decade
+    files = plot(found, records, "failures", [MU, DENSITY]).files
+    assert groups(files) == ["outcome-0", "outcome-1"]
+    assert [drawn(files, name) for name in groups(files)] == [16, 16]
+    assert f">{FOLD} (16)<" in files["svg"].decode()
+
+
+def test_a_diagram_tells_which_cases_it_leaves_out(
+    tmp_path: Path, commit: Callable[[Case, Record], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Laws have different parameters: over one of them, cases of other laws have no place."""
+    branches = {
+        "neo-Hooke": {
+            "set": {"material": {"law": "neo-hookean", "lam": 4e4}},
+            "axes": [{"grid": {MU: [1e4, 2e4, 3e4]}}],
+        },
+        "Yeoh": {
+            "set": {"material": {"law": "yeoh", "c2": 0, "c3": 0, "kappa": 1e6}},
+            "axes": [{"grid": {"material.c1": [5e3, 1e4]}}],
+        },
+    }
+    found = plan(tmp_path, {"branches": branches, "name": "law"})
+    commit(found.cases[0], good())
+    commit(found.cases[1], good(quantities={}))
+    for case in found.cases[3:]:
+        commit(case, good())
+    told = ["1 of 5 cases, not finished (neo-Hooke)", f"2 of 5 cases, without {MU} (Yeoh)"]
+    told.append("1 of 5 cases, without top (neo-Hooke)")
+    diagram = plot(found, results(found, ledger_of(found)), "top", [MU])
+    assert list(diagram.left_out) == told
+    assert drawn(diagram.files, "series-0") == 1
+    assert all(f"left out: {text}" in diagram.files["svg"].decode() for text in told)
+    assert main(["sweep", "plot", str(found.path), "top", "--over", MU, "--output", str(tmp_path / "top")]) == 0
+    assert capsys.readouterr().out.splitlines()[2:] == [f"left out: {text}" for text in told]
+
+
+def test_an_axis_with_a_zero_is_not_logarithmic(tmp_path: Path) -> None:
+    """A grid in one branch may have a zero where another is sampled evenly in the logarithm."""
+    branches = {
+        "sample": {"axes": [{"random": {DENSITY: {"log-uniform": [1, 1000]}}, "count": 3}]},
+        "grid": {"axes": [{"grid": {DENSITY: [0, 10]}}]},
+    }
+    found = plan(tmp_path, {"branches": branches})
+    records = {case.key: good() for case in found.cases}
+    files = plot(found, records, "top", [DENSITY]).files
+    assert sum(drawn(files, name) for name in groups(files)) == 5
+
+
+def test_scales_are_logarithmic_where_values_are_even_in_that() -> None:
+    assert is_even_in_log([1, 10, 100, 1000])
+    assert is_even_in_log([2e3 * 100 ** (i / 9) for i in range(10)])
+    assert not is_even_in_log([1 + i for i in range(200)])
+    assert not is_even_in_log([1, 3, 10, 30])
+    assert not is_even_in_log([-1, 10, 1000])
+
+
+@pytest.mark.parametrize(
+    ("quantity", "over", "expected"),
+    [
+        ("tip", [MU], "there is no quantity 'tip'. Did you mean 'top'?"),
+        ("status", [MU], "there is no quantity 'status'"),
+        ("top", ["material.nu"], "there is no parameter 'material.nu'. Did you mean 'material.mu'?"),
+        ("top", [MU, MU], "a diagram is over one or two different parameters"),
+        ("failures", [MU], "the map of failures is over two parameters"),
+    ],
+)
+def test_what_cannot_be_drawn_is_told(quantity: str, over: list[str], expected: str, tmp_path: Path) -> None:
+    found = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
+    with pytest.raises(JobError) as caught:
+        plot(found, {found.cases[0].key: good()}, quantity, over)
+    [problem] = caught.value.problems
+    assert expected in problem
+
+
+def test_without_results_there_is_no_diagram(tmp_path: Path) -> None:
+    found = plan(tmp_path, {"grid": {MU: [1e4]}})
+    with pytest.raises(JobError, match=r"no case that has material\.mu is finished"):
+        plot(found, {}, "seconds", [MU])
+    with pytest.raises(JobError, match="no finished case has a unknowns"):
+        plot(found, {found.cases[0].key: bad()}, "unknowns", [MU])
+
+
+# Commands
+
+
+def test_the_commands_write_what_they_are_asked_for(
+    tmp_path: Path, commit: Callable[[Case, Record], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
+    for case, value in zip(found.cases, (0.5, 0.75), strict=True):
+        commit(case, good(quantities={"top": value}))
+    assert results(found, ledger_of(found)).keys() == {case.key for case in found.cases}
+    sweep = str(found.path)
+    assert main(["sweep", "status", sweep]) == 0
+    assert "2 of 2 cases finished" in capsys.readouterr().out
+    assert main(["sweep", "table", sweep]) == 0
+    assert [row["top [m]"] for row in csv.DictReader(io.StringIO(capsys.readouterr().out))] == ["0.5", "0.75"]
+    for name in ("deep/table.csv", "deep/table.h5"):
+        assert main(["sweep", "table", sweep, "--output", str(tmp_path / name)]) == 0
+        assert (tmp_path / name).stat().st_size > 0
+    assert main(["sweep", "plot", sweep, "top", "--over", MU, "--output", str(tmp_path / "top.over.mu")]) == 0
+    assert capsys.readouterr().out.splitlines() == [str(tmp_path / f"top.over.mu.{form}") for form in ("png", "svg")]
+    assert (tmp_path / "top.over.mu.svg").is_file()
+    assert main(["sweep", "table", sweep, "--output", "/proc/none/table.csv"]) == 2
+    assert "/proc/none/table.csv: cannot be written" in capsys.readouterr().err
+
+
+def test_a_look_makes_no_store(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = plan(tmp_path, {"grid": {MU: [1e4]}})
+    assert main(["sweep", "status", str(found.path)]) == 0
+    assert main(["sweep", "table", str(found.path)]) == 0
+    assert "open" in capsys.readouterr().out
+    assert not found.store.exists()
+    assert yaml.safe_load(found.path.read_text())["store"] == "store"

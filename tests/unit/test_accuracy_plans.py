@@ -1,0 +1,205 @@
+"""What a search for accuracy decides by: demands, forecasts, marks and judgements of errors, without any solve."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.verification import box, job
+
+from hpcinv.accuracy.assessment import Assessment, Finding, assess, hindsight
+from hpcinv.accuracy.forecast import AIM, BOLD, CAREFUL, Forecast, Places, Step, Work, cautious, choose, nodes
+from hpcinv.accuracy.marking import CLOSURE, plan
+from hpcinv.accuracy.record import Ending, Record, Row
+from hpcinv.certificate import Verdict
+from hpcinv.errors import JobError
+
+GOOD: dict[str, Any] = {
+    "mesh": box(),
+    "material": {"law": "neo-hookean", "mu": 1.0, "lam": 4.0},
+    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
+    "quantities": [
+        {"name": "tip", "of": "displacement", "at": [1, 1, 1]},
+        {"name": "stretch", "of": "z/Z", "at": [1, 1, 1]},
+        {"name": "stress", "of": "szz", "at": [0.5, 0.5, 0.5]},
+        {"name": "volume", "of": 1, "on": "block", "reduce": "integral", "over": "reference"},
+    ],
+}
+
+
+def test_demands_are_read_in_the_units_of_their_quantities() -> None:
+    read = job(**GOOD, accuracy={"tip": "0.1 mm", "stretch": "0.1 %", "stress": "2 kPa", "volume": "1 cm^3"})
+    assert read.accuracy == {"tip": 1e-4, "stretch": 1e-3, "stress": 2e3, "volume": pytest.approx(1e-6)}
+    assert job(**GOOD).accuracy == {}
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"accuracy": {"tp": 1}}, "accuracy.tp: there is no such quantity in 'quantities'. Did you mean 'tip'?"),
+        ({"accuracy": {"tip": "1 kg"}}, "accuracy.tip: must be a length, as the quantity is, but '1 kg' is a mass"),
+        ({"accuracy": {"stress": "1 mm"}}, "accuracy.stress: must be a stress, as the quantity is"),
+        ({"accuracy": {"tip": 0}}, "accuracy.tip: must be above 0, not 0"),
+        ({"accuracy": {"tip": [1]}}, "accuracy.tip: must be a number or a quantity"),
+        ({"accuracy": 1e-3}, "accuracy: must be a mapping of names of quantities to their largest errors, not 0.001"),
+        ({"accuracy": {"tip": 1}, "method": "sellier"}, "accuracy: needs 'method: direct'"),
+        ({"accuracy": {"tip": 1}, "expected_shape": {"file": "../meshes/box.py"}}, "cannot go with 'expected_shape'"),
+        ({"solver": {"maximum_unknowns": 10}}, "accuracy: is needed if solver.maximum_unknowns is given"),
+    ],
+)
+def test_demands_that_cannot_be_are_refused(changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(JobError) as caught:
+        job(**GOOD, **changes)
+    assert text in str(caught.value)
+
+
+def steps(
+    sizes: Sequence[float | None], degrees: Sequence[int], *, power: float = 1.5, compilation: float = 0.0
+) -> list[Step]:
+    """As a machine would make them that takes ``1e-6 N^power`` seconds for a factorization and hardly any else."""
+    made = []
+    for size, degree in zip(sizes, degrees, strict=True):
+        cells = round(1000 / (size or 1.0) ** 3)
+        n, finer = cells * degree**3, cells * (degree + 1) ** 3
+
+        def work(degree: int, n: int, count: int, cells: int = cells) -> Work:
+            assembly = 1e-9 * cells * nodes("tetrahedron", degree) ** 3
+            return Work(degree, n, count, count * assembly, count * 1e-6 * n**power)
+
+        made.append(Step("tetrahedron", size, cells, work(degree, n, 2), work(degree + 1, finer, 1), compilation))
+    return made
+
+
+def test_orders_and_costs_are_learnt() -> None:
+    forecast = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.5, 2**-7.0], 10.0)
+    assert forecast.order(2) == pytest.approx(3.5)
+    assert forecast.power == pytest.approx(1.5)
+    assert forecast.needed(2) == pytest.approx((10 / AIM) ** (1 / 3.5))
+    finer = forecast.everywhere(2.0, 2)
+    assert finer.excess == pytest.approx(10 * 2**-3.5)
+    assert finer.unknowns == 8 * forecast.last.unknowns
+    n = finer.unknowns
+    of_assembly = 1e-9 * 8 * forecast.last.cells * (1.5 * nodes("tetrahedron", 2) ** 3 + nodes("tetrahedron", 3) ** 3)
+    assert finer.seconds == pytest.approx(1e-6 * (1.5 * n**1.5 + (n * 27 / 8) ** 1.5) + of_assembly)
+
+
+def test_orders_are_presumed_with_care() -> None:
+    one = Forecast(steps([1.0], [2]), [1.0], 10.0)
+    assert (one.order(2), one.order(3), one.is_known(2)) == (3.0, 4.0, False)
+    two = Forecast(steps([1.0, 0.5], [2, 2]), [1.0, 2**-2.5], 10.0)
+    assert (two.order(2), two.order(3)) == (pytest.approx((2.5 + 3) / 2), 4.0)
+    rough = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 0.5, 0.25], 10.0)
+    assert (rough.order(2), rough.order(3)) == (pytest.approx(1.0), pytest.approx(1.0))  # a corner limits both
+    raised = Forecast(steps([1.0, 1.0], [2, 3]), [1.0, 0.05], 10.0)
+    assert raised.gain(2) == pytest.approx(0.05)
+    factors = [1.5, 2.0, 3.0, 4.0, 6.0, 8.0]
+    assert cautious(one, one.everywhere(8.0, 2), factors) == CAREFUL
+    assert cautious(rough, rough.everywhere(8.0, 2), factors) == BOLD
+    assert cautious(one, one.everywhere(1.5, 2), factors) == 1.5
+
+
+def test_the_cheapest_that_is_enough_is_chosen() -> None:
+    factors = [1.25, 1.5, 2.0, 4.0]
+    smooth = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 5.0)
+    choice = choose(smooth, factors, None, limit=10**9, highest=2)
+    assert choice is not None
+    assert (choice.kind, choice.degree, choice.factor) == ("everywhere", 2, 2.0)
+    # A far better mesh costs more than a degree more, unless its kernels take long to compile.
+    demanding = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 100.0)
+    assert getattr(choose(demanding, factors, None, limit=10**9, highest=3), "degree", None) == 3
+    slow = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2], compilation=1e9), [1.0, 2**-3.0, 2**-6.0], 50.0)
+    assert getattr(choose(slow, factors, None, limit=10**9, highest=3), "degree", None) == 2
+    # Refinement in places pays where it takes fewer cells.
+    few, many = Places(3.0, 0.1), Places(60.0, 0.1)
+    assert getattr(choose(smooth, factors, few, limit=10**9, highest=2), "kind", None) == "in places"
+    assert getattr(choose(smooth, factors, many, limit=10**9, highest=2), "kind", None) == "everywhere"
+
+
+def test_within_a_limit_what_comes_nearest_is_chosen_if_it_is_worth_it() -> None:
+    forecast = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 100.0)
+    n = forecast.last.unknowns
+    choice = choose(forecast, [1.1, 1.5, 2.0], None, limit=4 * n, highest=2)
+    assert choice is not None
+    assert (choice.factor, choice.excess > 1) == (1.5, True)
+    assert choose(forecast, [1.1, 1.5, 2.0], None, limit=n, highest=2) is None
+    assert choose(Forecast(forecast.steps, [1.0, 0.95, 0.9], 100.0), [1.25], None, limit=4 * n, highest=2) is None
+
+
+def test_marks_take_the_fewest_cells() -> None:
+    """Against all other ways to halve five cells up to twice."""
+    shares, order = np.array([0.6, 0.25, 0.1, 0.04, 0.01]), 3.0
+    best = {}
+    for levels in itertools.product(range(4), repeat=5):
+        error = float(np.sum(shares * 2.0 ** (-order * np.array(levels))))
+        best[levels] = (error, sum(8.0**level for level in levels))
+    for reduction in (2.0, 5.0, 20.0, 100.0):
+        found = plan(shares, reduction, order)
+        error, cells = best[tuple(found.levels.tolist())]
+        assert error <= 1 / reduction
+        assert error == pytest.approx(found.places.error)
+        assert found.places.cells == pytest.approx(1 + CLOSURE * (cells / 5 - 1))
+        fewest = min(c for e, c in best.values() if e <= 1 / reduction)
+        print(f"error divided by {reduction}: {found.levels.tolist()}, {cells:.0f} cells, fewest {fewest:.0f}")
+        assert cells <= 4 * fewest  # cells are halved whole, and all with the same threshold
+
+
+def findings(error: Any, sizes: Sequence[float], seen: float = 1.0, unseen: Any = lambda h: 0.0) -> list[Finding]:
+    """Of the value 1, with errors that an estimate sees in part, and others that it does not see."""
+    return [
+        Finding(i, h, 2, {"q": 1 + error(h) + unseen(h)}, {"q": 1 + (1 - seen) * error(h) + unseen(h)})
+        for i, h in enumerate(sizes)
+    ]
+
+
+def judged(found: Sequence[Finding], order: float | None) -> list[Assessment]:
+    made: list[Assessment] = []
+    for i in range(len(found)):
+        made.append(assess(found[: i + 1], {"q": 1e-3}, order, made[-1] if made else None))
+    return made
+
+
+@pytest.mark.parametrize("seen", [0.4, 0.7, 1.0, 1.4])
+@pytest.mark.parametrize("order", [1.0, 3.0])
+def test_an_estimate_that_sees_too_little_is_found_out(seen: float, order: float) -> None:
+    found = findings(lambda h: 0.05 * h**order, [1.0, 0.5, 0.25], seen)
+    for assessment, finding in list(zip(judged(found, None), found, strict=True))[1:]:
+        value = finding.values["q"]
+        assert isinstance(value, float)
+        assert abs(value - 1) <= assessment.bounds["q"] <= 8 * abs(value - 1)
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("sizes", [(1.0, 0.5), (1.0, 0.5, 0.4), (1.0, 0.8, 0.4, 0.3)])
+def test_what_the_estimate_does_not_see_is_told_by_other_meshes(order: float, sizes: Sequence[float]) -> None:
+    found = findings(lambda h: 1e-9 * h**3, sizes, unseen=lambda h: 0.01 * h**order)
+    *_, last = judged(found, min(order, 2.0))
+    error = 0.01 * sizes[-1] ** order
+    assert error <= last.bounds["q"] <= 5 * error
+
+
+def test_one_mesh_cannot_tell_of_its_shape() -> None:
+    found = findings(lambda h: 1e-6, [1.0])
+    assert judged(found, None)[0].excess == pytest.approx(2 * 1e-6 / 1e-3)
+    assert math.isinf(judged(found, 2.0)[0].excess)
+
+
+def test_errors_of_vectors_are_lengths() -> None:
+    found = Finding(0, 1.0, 2, {"q": [1.0, 0.0, 0.0]}, {"q": [1.0, 3e-4, 4e-4]})
+    assert assess([found], {"q": 1e-3}, None).errors["q"] == pytest.approx(5e-4)
+    assert hindsight([found], {"q": 1e-3}) == [pytest.approx(0.5)]
+
+
+@pytest.mark.parametrize("left_out", ["", ", the error of the geometry is not included"])
+def test_the_certificate_tells_which_demand_is_not_met(left_out: str) -> None:
+    step = Row("as it is", 48, 2, 375, {}, {}, {}, None, left_out, 3, 1.0)
+    record = Record({"a": 1.0, "b": 1.0}, [step], 0, {"a": 0.5, "b": math.inf}, Ending.LIMIT, 1.0)
+    met, missed = record.lines()
+    assert (met.verdict, met.note) == (Verdict.PASS, left_out.removeprefix(", "))
+    assert missed.verdict is Verdict.FAIL
+    assert "not met" in missed.note
+    assert missed.note.endswith(left_out)
+    assert "solver.maximum_unknowns" in missed.note

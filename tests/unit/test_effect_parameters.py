@@ -1,0 +1,122 @@
+"""What effects refuse: parameters without a meaning when the job is read, and regions before anything is solved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.mesh_cases import write_msh22
+from helpers.verification import BOX, job
+
+from hpcinv.effects import effects
+from hpcinv.errors import JobError, MeshError
+from hpcinv.job.job import Job, parse
+from hpcinv.mesh import build_body
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
+
+MATERIAL = {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"}
+HELD = [{"region": "z0", "fix": ["x", "y", "z"]}]
+FIBRES = {"muscle": {"direction": [1, 0, 0], "given_on": "reference"}}
+
+
+def case(effect: dict[str, Any], **changes: Any) -> Job:
+    """A block under one effect: its example, with some of its keys replaced, or removed (``...``)."""
+    given = {k: v for k, v in (effects()[effect["effect"]].example | effect).items() if v is not ...}
+    common: dict[str, Any] = {"mesh": {"file": BOX}, "material": MATERIAL, "supports": HELD, "fibres": FIBRES}
+    return job(**(common | {"effects": [given]} | changes))
+
+
+ALONG = {"fibre": "muscle", "stretch": ..., "along": 1.2, "across": 0.9}
+
+CASES: list[tuple[dict[str, Any], str]] = [
+    ({"effect": "centrifugal", "axis": [0, 0.0, 0]}, ".axis: must not be zero"),
+    ({"effect": "centrifugal", "axis": ["1 m", 0, 0]}, ".axis[0]: must be "),
+    ({"effect": "centrifugal", "angular_velocity": "3 m/s"}, ".angular_velocity: must be "),
+    ({"effect": "hydrostatic-pressure", "acceleration": [0, 0, 0]}, ".acceleration: must not be zero: without weight"),
+    ({"effect": "hydrostatic-pressure", "level": [0, 0, "9.81 m/s^2"]}, ".level[2]: must be a length"),
+    ({"effect": "elastic-foundation", "normal": ..., "tangential": ...}, ": needs a stiffness: normal, tangential or"),
+    ({"effect": "elastic-foundation", "normal": -1}, ".normal: must be at least 0, not -1"),
+    ({"effect": "elastic-foundation", "normal": "5 kPa"}, ".normal: must be "),
+    ({"effect": "elastic-foundation", "case": "first"}, ".case: has no use: springs are there in every load case"),
+    ({"effect": "traction", "area_in": ...}, ".area_in: is needed: configuration whose area"),
+    ({"effect": "traction", "area_in": "spatial"}, ".area_in: must be 'reference' or 'current', not 'spatial'"),
+    ({"effect": "traction", "traction": [1, 2]}, ".traction[2]: is needed"),
+    ({"effect": "traction", "region": ...}, ".region: is needed: region of the boundary"),
+    ({"effect": "pressure", "pressure": "12 mm"}, ".pressure: must be "),
+    ({"effect": "gravity", "density_in": "deformed"}, ".density_in: must be 'reference' or 'current'"),
+    ({"effect": "thermal-expansion", "coefficient": "3e-4 1/m"}, ".coefficient: must be "),
+    ({"effect": "growth", "stretch": ...}, ".stretch: is needed in growth without fibres"),
+    ({"effect": "growth", "stretch": 0}, ".stretch: must be above 0, not 0"),
+    ({"effect": "growth", "stretch": -1.1}, ".stretch: must be above 0, not -1.1"),
+    ({"effect": "growth", "along": 1.2}, ".along: has no use in growth without fibres"),
+    ({"effect": "growth", "across": 1.2}, ".across: has no use in growth without fibres"),
+    ({"effect": "growth"} | ALONG | {"stretch": 1.1}, ".stretch: has no use in growth along fibres"),
+    ({"effect": "growth"} | ALONG | {"across": ...}, ".across: is needed in growth along fibres"),
+    ({"effect": "growth"} | ALONG | {"along": -0.1}, ".along: must be above 0, not -0.1"),
+    ({"effect": "growth"} | ALONG | {"fibre": "muscel"}, ".fibre: there are no fibres 'muscel'; define them in"),
+    ({"effect": "active-stress", "fibre": "muscel"}, ".fibre: there are no fibres 'muscel'; define them in 'fibres'"),
+    ({"effect": "active-stress", "fibre": "muscel"}, "Did you mean 'muscle'?"),
+    ({"effect": "gravity", "case": "secnd"}, ".case: 'secnd' is not among 'load_cases'. Did you mean 'second'?"),
+]
+
+
+@pytest.mark.parametrize(("effect", "message"), CASES, ids=[f"{e['effect']}{message[:50]}" for e, message in CASES])
+def test_what_has_no_meaning_is_refused_with_its_place(effect: dict[str, Any], message: str) -> None:
+    with pytest.raises(JobError) as caught:
+        case(effect, load_cases=["first", "second"])
+    (problem,) = caught.value.problems
+    place, text = problem.split(": ", 1)[1].split(":", 1)
+    assert place.startswith("effects[0]")
+    assert message in f"{place.removeprefix('effects[0]')}:{text}"
+
+
+@pytest.mark.parametrize("name", effects())
+def test_every_example_can_be_read_and_no_other_key(name: str) -> None:
+    families = effects()[name].model_validate(effects()[name].example).families
+    fibres = dict.fromkeys(families, FIBRES["muscle"])
+    assert case({"effect": name}, fibres=fibres).effects[0].effect == name  # type: ignore[attr-defined]
+    with pytest.raises(JobError, match=r"effects\[0\]\.strength: unknown key"):
+        case({"effect": name, "strength": 1}, fibres=fibres)
+
+
+def test_springs_hold_a_body_that_nothing_else_holds() -> None:
+    assert case({"effect": "elastic-foundation"}, supports=[]).supports == ()
+    with pytest.raises(JobError, match="supports: leave the body free to move along x and y and z"):
+        case({"effect": "gravity"}, supports=[])
+
+
+def refused(case: Job) -> str:
+    """Why there is no scene of a job that can be read."""
+    with pytest.raises(MeshError) as caught:
+        Model(case, build_body(case.mesh, case.regions, MPI.COMM_SELF, resolve=case.resolve), Timings()).scene(
+            "inverse"
+        )
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", [name for name, effect in effects().items() if "region" in effect.model_fields])
+def test_a_region_must_be_one_of_the_boundary(name: str, tmp_path: Path) -> None:
+    unknown = refused(case({"effect": name, "region": "x10"}))
+    assert unknown.startswith("effects[0].region: ")
+    assert "box.py: no region 'x10'. Did you mean 'x1'?" in unknown
+    assert "There are: block, boundary, x0, x1, y0, y1, z0, z1." in unknown
+    assert "box.py: region 'block' has cells but no facets" in refused(case({"effect": name, "region": "block"}))
+    # Two tetrahedra, and the triangle between them.
+    write_msh22(
+        tmp_path / "two.msh",
+        [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)],
+        [(4, 1, 1, (1, 2, 3, 4)), (4, 1, 1, (2, 3, 4, 5)), (2, 2, 2, (2, 3, 4)), (2, 3, 3, (1, 2, 3))],
+        [(3, 1, "body"), (2, 2, "between"), (2, 3, "z0")],
+    )
+    effect = effects()[name].example | {"region": "between"}
+    data = {"mesh": {"file": "two.msh"}, "material": MATERIAL, "supports": HELD, "effects": [effect]}
+    inside = refused(parse(data, tmp_path / "job.yaml"))
+    assert "two.msh: region 'between' has 1 facets inside of the body\n  What acts on a surface needs one of" in inside
+
+
+def test_a_stretch_that_is_not_positive_somewhere_is_told_before_the_solve() -> None:
+    message = refused(case({"effect": "growth", "stretch": "1 - 2*X/(1 m)"}))
+    assert "box.py: effects[0].stretch must be above 0, but is " in message

@@ -1,0 +1,427 @@
+"""From a job file to a typed job, or to everything that is wrong with it."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import json
+import math
+import pickle
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import pytest
+import yaml
+from pydantic import ValidationError
+
+import hpcinv
+from hpcinv.effects.base import Direction, Effect
+from hpcinv.errors import JobError
+from hpcinv.job.fingerprint import difference, fingerprint
+from hpcinv.job.job import Job, json_schema, parse
+from hpcinv.materials import laws
+from hpcinv.study.plan import is_study, load_plan
+from hpcinv.sweep.plan import is_sweep, load_sweep
+
+GENERATOR = """
+from hpcinv.quantity.quantity import Length
+def build(gmsh, *, length: Length = 0.182, size: Length = 2e-3) -> None: ...
+"""
+BEAM = """
+mesh: {file: ../meshes/beam.py, parameters: {size: 2 mm}, geometry_degree: 2}
+material: {law: mooney-rivlin, c1: 101709.668 Pa, c2: 151065.460 Pa, d1: 7.965272689e8 Pa}
+effects:
+  - {effect: gravity, acceleration: [0, -9.81, 0], density: 963 kg/m^3, density_in: current}
+supports:
+  - {region: clamp, fix: [x, y, z]}
+"""
+
+JARGON = re.compile(r"pydantic|Input should|validat|function-|tagged|\[key\]|NoneType|dict|tuple")
+
+type Edit = Callable[[dict[str, Any]], object]
+type Loader = Callable[..., Job]
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Loader:
+    """Loads the beam's job after an edit of its contents."""
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "meshes" / "beam.py").write_text(GENERATOR)
+    (tmp_path / "meshes" / "beam.geo").write_text("DefineConstant [ size = {0.002} ];")
+    (tmp_path / "meshes" / "beam.msh").write_text("$MeshFormat\n")
+
+    def load(edit: Edit = lambda job: None, name: str = "arm.yaml") -> Job:
+        contents = yaml.safe_load(BEAM)
+        edit(contents)
+        path = tmp_path / "jobs" / name
+        path.write_text(json.dumps(contents))  # JSON is YAML 1.2
+        return hpcinv.load(path)
+
+    return load
+
+
+@pytest.fixture
+def problems(load: Loader) -> Callable[[Edit], list[str]]:
+    """The errors of the beam's job after an edit, without the name of the file that each must begin with."""
+
+    def problems(edit: Edit) -> list[str]:
+        with pytest.raises(JobError) as caught:
+            load(edit)
+        prefix = re.compile(r".*/jobs/arm\.yaml: ")
+        assert all(prefix.match(p) for p in caught.value.problems)
+        return [prefix.sub("", p, count=1) for p in caught.value.problems]
+
+    return problems
+
+
+def test_a_job_is_read_in_si_with_defaults(load: Loader) -> None:
+    job = load()
+    assert job.job == "arm"
+    assert job.analysis == "inverse"
+    assert job.legs == ("inverse",)
+    assert job.mesh.parameters == {"size": 0.002}
+    assert job.mesh.partition == "metis"
+    assert job.material.shear_modulus(job.material) == pytest.approx(2 * (101709.668 + 151065.460))
+    assert job.material.bulk_modulus(job.material) == pytest.approx(2 * 7.965272689e8)
+    assert job.supports[0].held == {"x", "y", "z"}
+    assert (job.is_mixed, job.pressure_degree) == (True, 1)
+    assert job.solver.strategy == "adaptive"
+    assert job.path is not None
+    assert job.resolve(job.mesh.file).resolve() == job.path.parent.parent / "meshes" / "beam.py"
+
+
+def test_a_job_is_immutable_and_travels_between_processes(load: Loader) -> None:
+    job = load()
+    with pytest.raises(ValidationError):
+        job.analysis = "forward"  # type: ignore[misc]
+    copy = pickle.loads(pickle.dumps(job))
+    assert copy == job
+    assert copy.path == job.path
+
+
+def test_a_round_trip_has_two_legs(load: Loader) -> None:
+    assert load(lambda j: j.update(analysis="round_trip")).legs == ("inverse", "forward")
+    assert load(lambda j: j.update(analysis="round_trip", first="forward")).legs == ("forward", "inverse")
+
+
+def test_young_and_poisson_stand_for_the_lame_parameters(load: Loader) -> None:
+    def edit(job: dict[str, Any]) -> None:
+        job["material"] = {"law": "neo-hookean", "young": "90 kPa", "poisson": 0.25}
+
+    material = load(edit).material
+    assert material.model_dump() == pytest.approx({"law": "neo-hookean", "mu": 36e3, "lam": 36e3})
+    assert material.bulk_modulus(material) == pytest.approx(60e3)  # E / (3 (1 - 2 nu))
+
+
+@pytest.mark.parametrize(
+    ("material", "mixed"),
+    [
+        ({"law": "neo-hookean", "mu": 1.0, "lam": 9.0}, False),
+        ({"law": "neo-hookean", "mu": 1.0, "lam": 10.0}, True),
+        ({"law": "neo-hookean", "young": 1.0, "poisson": 0.5}, True),
+        ({"law": "mooney-rivlin", "c1": 1.0, "c2": 0.0, "d1": "incompressible"}, True),
+        ({"law": "mooney-rivlin", "c1": 1.0, "c2": 0.0, "d1": 9.0}, False),
+    ],
+)
+def test_the_form_follows_from_the_ratio_of_moduli(load: Loader, material: dict[str, Any], mixed: bool) -> None:
+    job = load(lambda j: j.update(material=material))
+    assert job.is_mixed is mixed
+    assert job.pressure_degree == (1 if mixed else None)
+
+
+def test_the_form_that_a_job_states_is_taken(load: Loader) -> None:
+    assert not load(lambda j: j.update(discretisation={"formulation": "displacement"})).is_mixed
+    job = load(lambda j: j.update(discretisation={"displacement": 3, "pressure": 1}))
+    assert job.pressure_degree == 1
+
+
+CASES: list[tuple[dict[str, Any], str]] = [
+    ({"analysis": "invers"}, "analysis: must be 'inverse', 'forward' or 'round_trip', not 'invers'. Did you mean"),
+    ({"first": "forward"}, "first: has a use only with 'analysis: round_trip'"),
+    ({"job": "my arm"}, "job: 'my arm' is not allowed: up to 100 letters, digits, dots"),
+    ({"otput": {}}, "otput: unknown key. Did you mean 'output'?"),
+    ({"mesh": None}, "mesh: must be a mapping of keys to values, not nothing"),
+    ({"mesh": {}}, "mesh.file: is needed: path from the job file"),
+    ({"mesh": {"file": "../meshes/baem.py"}}, "mesh.file: there is no file"),
+    ({"mesh": {"file": "../meshes/baem.py"}}, "Did you mean 'beam.py'?"),
+    ({"mesh": {"file": "../meshes/beam.stl"}}, "mesh.file: '../meshes/beam.stl' is no mesh that can be read"),
+    ({"mesh": {"file": "../meshes/beam.py", "parameters": {"sise": 1}}}, "mesh.parameters.sise: beam.py has no such"),
+    ({"mesh": {"file": "../meshes/beam.py", "parameters": {"size": "1 kg"}}}, "mesh.parameters.size: must be a length"),
+    ({"mesh": {"file": "../meshes/beam.geo", "unit": "mm"}}, "mesh.unit: has no use with a .geo script"),
+    ({"mesh": {"file": "../meshes/beam.msh", "unit": "kg"}}, "mesh.unit: must be a length"),
+    ({"mesh": {"file": "../meshes/beam.msh", "parameters": {"a": 1}}}, "mesh.parameters: only generators have"),
+    ({"mesh": {"file": "../meshes/beam.msh", "geometry_degree": 3}}, "mesh.geometry_degree: must be 1 or 2, not 3"),
+    ({"regions": {"a b": "x < 1"}}, "regions.a b: 'a b' is no name: use letters"),
+    ({"regions": {"boundary": "x < 1"}}, "regions.boundary: is already the name"),
+    ({"regions": {"a": "x"}}, "regions.a: must be a condition, such as x < 1 mm, but 'x' is a length"),
+    ({"regions": {"a": "x < 1 kg"}}, "regions.a: 'x < 1 kg' adds or compares a length and a mass"),
+    ({"regions": {"a": "r < 1"}}, "regions.a: unknown name 'r'"),
+    ({"regions": {"a": True}}, "regions.a: must be a formula or a number"),
+    ({"material": {"law": "neohookean"}}, "material.law: unknown law 'neohookean'. Did you mean 'neo-hookean'?"),
+    ({"material": {}}, f"material.law: is needed. Known: {', '.join(laws())}."),
+    ({"material": {"law": ["neo-hookean"]}}, "material.law: unknown law ['neo-hookean']"),
+    ({"material": "steel"}, "material: must be a mapping with the key 'law', not 'steel'"),
+    ({"material": {"law": "neo-hookean", "mu": 1}}, "material.lam: is needed: Lamé's first parameter"),
+    (
+        {"material": {"law": "neo-hookean", "mu": 1, "young": 1, "poisson": 0.3}},
+        "material.young: give any two moduli, not 3: young, poisson, mu",
+    ),
+    (
+        {"material": {"law": "neo-hookean", "young": 1}},
+        "material.young: needs a second modulus beside it: one of poisson",
+    ),
+    (
+        {"material": {"law": "neo-hookean", "young": 1, "poisson": 0.6}},
+        "material.poisson: must be above -1 and at most",
+    ),
+    ({"material": {"law": "neo-hookean", "mu": -1, "lam": 9}}, "material: the shear modulus that follows from these"),
+    ({"material": {"law": "neo-hookean", "mu": 3, "lam": -2}}, "material: the bulk modulus that follows from these"),
+    ({"effects": [{"effect": "gravty"}]}, "effects[0].effect: unknown effect 'gravty'. Did you mean 'gravity'?"),
+    ({"effects": {}}, "effects: must be a list"),
+    ({"supports": []}, "supports: leave the body free to move along x and y and z"),
+    ({"supports": [{"region": "a", "fix": ["x", "y"]}]}, "supports: leave the body free to move along z"),
+    ({"supports": [{"region": "a", "fix": ["q"]}]}, "supports[0].fix[0]: must be 'x', 'y' or 'z', not 'q'"),
+    ({"supports": [{"region": "a"}]}, "supports[0]: needs exactly one of 'fix'"),
+    ({"supports": [{"region": "a", "fix": ["x"], "displacement": [0, 0, 0]}]}, "supports[0]: needs exactly one of"),
+    ({"supports": [{"region": "a", "displacement": [0, 0]}]}, "supports[0].displacement[2]: is needed"),
+    ({"supports": [{"region": "a", "displacement": [None] * 3}]}, "supports[0]: holds no component"),
+    ({"supports": [{"region": "a", "displacement": ["k*y", 0, 0]}]}, "supports[0].displacement[0]: unknown name 'k'"),
+    ({"supports": [{"region": "a", "displacement": ["x < 1", 0, 0]}]}, "must be a length, but 'x < 1' is a condition"),
+    ({"supports": [{"region": "a", "displacement": ["x*y", 0, 0]}]}, "must be a length, but 'x*y' is an area"),
+    (
+        {"supports": [{"region": "a", "displacement": [0, 0, 0], "constants": {"x": 1}}]},
+        "supports[0].constants.x: is already the name of something else",
+    ),
+    ({"supports": [{"region": "a", "fix": ["x"], "constants": {"k": 1}}]}, "supports[0].constants: have no use"),
+    ({"supports": [{"region": "a", "fix": ["x", "y", "z"]}] * 2}, "supports[1]: prescribes x on 'a' a second time"),
+    ({"discretisation": {"displacement": 5}}, "discretisation.displacement: must be at most 4, not 5"),
+    ({"discretisation": {"pressure": 2}}, "discretisation.pressure: must be below the displacement's degree 2"),
+    ({"discretisation": {"displacement": 1}}, "discretisation.displacement: must be 2 or more: the material is nearly"),
+    ({"discretisation": {"formulation": "mixed", "displacement": 1}}, "discretisation.displacement: must be 2 or more"),
+    ({"discretisation": {"formulation": "displacement", "pressure": 1}}, "discretisation.pressure: has no use"),
+    ({"solver": {"steps": 4}}, "solver.steps: has no use with 'strategy: adaptive'; remove it, or take"),
+    ({"solver": {"strategy": "fixed", "initial_step": 0.1}}, "solver.initial_step: has no use with 'strategy: fixed'"),
+    ({"solver": {"initial_step": 1e-4}}, "solver.minimum_step: must not exceed initial_step, which is 0.0001"),
+    ({"solver": {"tolerance": "1e-8"}}, "solver.tolerance: must be a number, not '1e-8'"),
+    ({"solver": {"maximum_iterations": True}}, "solver.maximum_iterations: must be a whole number, not True"),
+    ({"solver": {"reuse_tangent": 1}}, "solver.reuse_tangent: must be true or false, not 1"),
+    ({"solver": {"petsc": {"-ksp_type": "cg"}}}, "solver.petsc.-ksp_type: is written without the dash: ksp_type"),
+    ({"solver": {"petsc": {"a": [1]}}}, "solver.petsc.a: must be text, a number, true, false or nothing"),
+    ({"checkpoint": {"every": -1}}, "checkpoint.every: must be at least 0, not -1"),
+    ({"output": {"mesh": ["stl"]}}, "output.mesh[0]: must be 'bp', 'msh' or 'vtu', not 'stl'"),
+    ({"quantities": [{"name": "a", "of": "x"}]}, "quantities[0]: needs exactly one of 'at'"),
+    ({"quantities": [{"name": "a", "of": "x", "on": "side"}]}, "quantities[0].reduce: is needed on a region"),
+    ({"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0], "reduce": "max"}]}, "quantities[0].reduce: has no use"),
+    (
+        {"quantities": [{"name": "a", "of": "displacement", "on": "s", "reduce": "max"}]},
+        "quantities[0].of: is a vector",
+    ),
+    ({"quantities": [{"name": "a", "of": "reaction"}]}, "quantities[0].on: is needed for a reaction"),
+    ({"quantities": [{"name": "a", "of": "reaction", "on": "s", "reduce": "max"}]}, "quantities[0].reduce: has no use"),
+    (
+        {"quantities": [{"name": "a", "of": "reaction", "on": "clam"}]},
+        "quantities[0].on: 'clam' is not the region of a support: those with supports are clamp",
+    ),
+    (
+        {"quantities": [{"name": "a", "of": "reaction", "on": "clamp", "about": [0, 0, 0]}]},
+        "quantities[0].about: has a use only with 'of: reaction_moment'",
+    ),
+    (
+        {"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0], "about": [0, 0, 0]}]},
+        "quantities[0].about: has a use only with 'of: reaction_moment'",
+    ),
+    (
+        {"quantities": [{"name": "a", "of": "reaction", "on": "clamp"}], "accuracy": {"a": "1 N"}},
+        "accuracy.a: is a reaction, which has no error estimate",
+    ),
+    ({"quantities": [{"name": "a", "of": "x < 1", "at": [0, 0, 0]}]}, "quantities[0].of: must be a number, but"),
+    ({"quantities": [{"name": "a", "of": "x + w", "at": [0, 0, 0]}]}, "quantities[0].of: unknown name 'w'"),
+    ({"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0]}] * 2}, "quantities[1].name: 'a' is the name of an"),
+    ({"expected_shape": {"file": "../meshes/none.py"}}, "expected_shape.file: there is no file"),
+    ({"mesh": {"file": "else/where.msh"}}, "where.msh'. Paths start from the directory of the job file"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), CASES, ids=[message[:60] for _, message in CASES])
+def test_each_mistake_is_told_by_its_place(
+    problems: Callable[[Edit], list[str]], change: dict[str, Any], message: str
+) -> None:
+    found = problems(lambda job: job.update(change))
+    assert [p for p in found if message in p], found
+    for problem in found:
+        assert not JARGON.search(problem)
+
+
+@pytest.mark.parametrize("key", ["mesh", "material"])
+def test_what_is_missing_is_told_with_its_meaning(problems: Callable[[Edit], list[str]], key: str) -> None:
+    [problem] = problems(lambda job: job.pop(key))
+    assert re.fullmatch(f"{key}: is needed: .{{20,}}", problem)
+
+
+JUNK = (None, True, 3, "x", "1 mm", [], [1], [[]], {}, {"a": 1}, {"law": []}, {"effect": {}}, math.nan, 10**400)
+
+
+def places(data: Any, where: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data if isinstance(data, list) else ()):
+        yield (*where, key)
+        yield from places(value, (*where, key))
+
+
+@pytest.mark.parametrize("junk", JUNK, ids=repr)
+def test_junk_anywhere_ends_in_a_job_or_in_plain_words(load: Loader, tmp_path: Path, junk: object) -> None:
+    load()
+    full = yaml.safe_load(BEAM) | {
+        "regions": {"a": "x < 1"},
+        "solver": {"petsc": {"a": 1}},
+        "output": {"mesh": ["msh"]},
+    }
+    for where in places(full):
+        contents = copy.deepcopy(full)
+        functools.reduce(lambda part, key: part[key], where[:-1], contents)[where[-1]] = junk
+        found: list[str] = []
+        try:
+            parse(contents, tmp_path / "jobs" / "arm.yaml")
+        except JobError as error:
+            found = error.problems
+        assert not [problem for problem in found if JARGON.search(problem)]
+
+
+def test_all_mistakes_are_told_at_once(problems: Callable[[Edit], list[str]]) -> None:
+    def edit(job: dict[str, Any]) -> None:
+        job["analysis"] = "backward"
+        job["mesh"]["parameters"] = {"size": "1 s", "sizes": 1}
+        job["material"].update(c1="3 mm", c3=1)
+        job["effects"][0].update(density="963 g", acceleration=[0, 1])
+        job["supports"] = [{"region": "a", "fix": ["w"]}]
+        job["solver"] = {"steps": 3}
+
+    places = [p.split(":")[0] for p in problems(edit)]
+    assert places == [
+        *("analysis", "mesh.parameters.size", "mesh.parameters.sizes", "material.c1", "material.c3"),
+        *("effects[0].acceleration[2]", "effects[0].density", "supports[0].fix[0]", "solver.steps"),
+    ]
+
+
+def test_an_effect_is_refused_in_a_direction_that_it_cannot_serve(
+    load: Loader, problems: Callable[[Edit], list[str]]
+) -> None:
+    class OnlyForward(Effect):
+        directions: ClassVar[frozenset[Direction]] = frozenset({"forward"})
+        effect: Literal["only-forward"] = "only-forward"
+
+        def virtual_work(self, k: Any, v: Any, load: Any, par: Any) -> Any: ...
+
+    def edit(analysis: str) -> Edit:
+        return lambda job: job.update(analysis=analysis, effects=[{"effect": "only-forward"}])
+
+    assert isinstance(load(edit("forward")).effects[0], OnlyForward)
+    for analysis in ("inverse", "round_trip"):
+        assert problems(edit(analysis)) == [f"effects[0]: cannot serve 'analysis: {analysis}'; it knows forward only"]
+
+
+def test_a_unit_of_a_ready_made_mesh_is_a_length(load: Loader) -> None:
+    for unit, metres in {"mm": 1e-3, "25.4 mm": 0.0254, "in": 0.0254, "µm": 1e-6}.items():
+        job = load(lambda j, unit=unit: j.update(mesh={"file": "../meshes/beam.msh", "unit": unit}))
+        assert job.mesh.unit == metres
+
+
+def test_a_checkpoint_can_be_turned_off(load: Loader) -> None:
+    assert load(lambda j: j.update(checkpoint={"every": False})).checkpoint.every == 0
+
+
+JOBS = sorted((Path(__file__).parents[2] / "jobs").rglob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", JOBS, ids=lambda p: p.name)
+def test_the_jobs_studies_and_sweeps_that_come_with_the_project_are_valid_and_say_what_they_show(path: Path) -> None:
+    if is_study(path):
+        assert load_plan(path).runs
+    elif is_sweep(path):
+        assert load_sweep(path).cases
+    else:
+        assert hpcinv.load(path).path == path
+    assert path.read_text().startswith("# ")
+
+
+# fingerprints
+
+
+def test_the_fingerprint_ignores_how_the_same_physics_is_written_and_solved(load: Loader, tmp_path: Path) -> None:
+    def edit(job: dict[str, Any]) -> None:
+        job["material"]["c1"] = "101.709668 kPa"
+        job["mesh"].update(partition="scotch", file="../meshes/moved.py")
+        job["discretisation"] = {"formulation": "mixed", "pressure": 1}
+        job["solver"] = {"strategy": "fixed"}
+        job["output"] = {"fields": False}
+
+    (tmp_path / "meshes" / "moved.py").write_text(GENERATOR)
+    assert difference(fingerprint(load()), fingerprint(load(edit))) == []
+
+
+def test_the_fingerprint_is_json_and_tells_other_physics(load: Loader) -> None:
+    def edit(job: dict[str, Any]) -> None:
+        job["material"].update(c1=99999, d1="incompressible")
+        job["effects"][0]["density_in"] = "reference"
+        job["supports"].append({"region": "tip", "fix": ["x"]})
+
+    old, new = fingerprint(load()), fingerprint(load(edit))
+    assert difference(json.loads(json.dumps(old)), new) == [
+        "material.c1: 101709.668 -> 99999.0",
+        "material.d1: 796527268.9 -> incompressible",
+        "effects[0].density_in: current -> reference",
+        "supports[1].region: absent -> tip",
+        "supports[1].fix[0]: absent -> x",
+    ]
+
+
+def test_the_fingerprint_follows_the_contents_of_the_mesh_file(load: Loader, tmp_path: Path) -> None:
+    old = fingerprint(load())
+    (tmp_path / "meshes" / "beam.py").write_text(GENERATOR + "\n# changed\n")
+    [line] = difference(old, fingerprint(load()))
+    assert line.startswith("mesh.sha256: ")
+
+
+def test_the_fingerprint_of_an_xdmf_mesh_covers_its_hdf5_file(load: Loader, tmp_path: Path) -> None:
+    (tmp_path / "meshes" / "m.xdmf").write_text('<DataItem Format="HDF">m.h5:/Mesh/topology</DataItem>')
+    (tmp_path / "meshes" / "m.h5").write_bytes(b"one")
+    old = fingerprint(load(lambda j: j.update(mesh={"file": "../meshes/m.xdmf"})))
+    (tmp_path / "meshes" / "m.h5").write_bytes(b"two")
+    assert old != fingerprint(load(lambda j: j.update(mesh={"file": "../meshes/m.xdmf"})))
+
+
+# JSON Schema
+
+
+def test_the_json_schema_describes_every_key_of_a_job() -> None:
+    schema = json_schema()
+    assert json.loads(json.dumps(schema)) == schema
+    assert set(schema["properties"]) == set(Job.model_fields)
+    assert schema["required"] == ["mesh", "material"]
+    assert all("description" in p for p in schema["properties"].values())
+    known = {choice["properties"]["law"]["const"]: choice for choice in schema["properties"]["material"]["oneOf"][:-1]}
+    assert schema["properties"]["material"]["oneOf"][-1]["additionalProperties"]["oneOf"] == [*known.values()]
+    assert known["guccione"]["required"] == ["law", "kappa", "c", "b_f", "b_t", "b_fs"]
+    assert known["mooney-rivlin"]["required"] == ["law", "c2"]  # two moduli may stand for the others
+    assert {"young", "poisson", "mu", "lam"} <= set(known["neo-hookean"]["properties"])
+
+
+def test_infinite_moduli_do_not_leak_into_json(load: Loader) -> None:
+    job = load(lambda j: j["material"].update(d1="incompressible"))
+    assert math.isinf(job.material.bulk_modulus(job.material))
+    assert json.loads(job.model_dump_json())["material"]["d1"] == "incompressible"
+
+
+def test_long_lists_are_refused_before_anything_in_them_is_checked(problems: Callable[[Edit], list[str]]) -> None:
+    assert problems(lambda j: j.update(quantities=[{}] * 10_001)) == [
+        "quantities: has 10,001 entries, and may have 10,000"
+    ]
+
+
+def test_the_first_of_many_problems_are_told_and_the_others_counted(problems: Callable[[Edit], list[str]]) -> None:
+    found = problems(lambda j: j.update({f"unknown{i}": 1 for i in range(9000)}))
+    assert len(found) == 51
+    assert found[0].startswith("unknown0: unknown key")
+    assert found[-1] == "and 8,950 more problems like these"

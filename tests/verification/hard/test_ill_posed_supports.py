@@ -1,0 +1,213 @@
+"""Supports that leave a body free, or contradict each other, and loads that do nothing: told before a solve."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import hpcinv as command
+from helpers.hard_case import JOBS, job, solve
+from helpers.mesh_cases import write_msh22
+
+from hpcinv.certificate.check import Verdict
+from hpcinv.certificate.ineffective_loads import idle_loads
+from hpcinv.errors import MeshError
+from hpcinv.mesh import build_body
+from hpcinv.model.rigid_motions import Frame, free_motions, names
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
+
+NAME = "free-to-turn"
+SPRINGS: dict[str, Any] = {"effect": "elastic-foundation", "region": "x1", "normal": "5 kPa/m"}
+
+
+def model(comm: MPI.Intracomm, **changes: Any) -> Model:
+    """The model of a job, as far as it is made before a solve: equations too, since springs need them."""
+    case = job(NAME, **changes)
+    body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
+    found = Model(case, body, Timings())
+    found.equilibrium(found.scene("inverse"), lambda: False).destroy()
+    return found
+
+
+def refusal(comm: MPI.Intracomm, **changes: Any) -> str:
+    with pytest.raises(MeshError) as caught:
+        model(comm, **changes)
+    assert caught.value.exit_code == 2
+    assert comm.allreduce(str(caught.value) != comm.bcast(str(caught.value))) == 0  # every rank says the same
+    return caught.value.message
+
+
+def held(**faces: str) -> dict[str, Any]:
+    return {"supports": [{"region": face, "fix": list(axes)} for face, axes in faces.items()]}
+
+
+# Rigid motions
+
+
+@pytest.mark.parallel(3)
+def test_what_is_left_free_is_named(comm: MPI.Intracomm) -> None:
+    about_x = "supports: leave the body free to turn about the axis through (0, 0, 0) m along x"
+    assert refusal(comm) == about_x
+    found = refusal(comm, supports=held(x0="x")["supports"], effects=[SPRINGS])
+    assert found == (
+        "supports: leave the body free to move along y and z and to turn about the axis through (0, 0.5, 0.5) m along x"
+    )
+    along_z = refusal(comm, supports=held(x0="x")["supports"], effects=[SPRINGS | {"region": "y1"}])
+    assert along_z == "supports: leave the body free to move along z"
+
+
+HOLDING = {
+    "a clamp": held(x0="xyz"),
+    "three planes": held(x0="x", y0="y", z0="z"),
+    "a plane and a hinge": held(x0="x", x1="yz"),
+    "two planes": held(z0="xy", z1="z"),
+    "springs in all directions": {"supports": [], "effects": [SPRINGS | {"tangential": "1 Pa/m"}]},
+    "springs all around": {"supports": [], "effects": [SPRINGS | {"region": "boundary"}]},
+    "a plane and springs": held(x0="x") | {"effects": [SPRINGS | {"tangential": "1 kPa/m"}]},
+}
+
+
+@pytest.mark.parametrize("supports", HOLDING.values(), ids=HOLDING)
+def test_what_holds_is_let_be(supports: dict[str, Any], comm: MPI.Intracomm) -> None:
+    model(comm, **supports)
+
+
+@pytest.mark.parallel(2)
+def test_every_part_of_a_body_must_be_held(comm: MPI.Intracomm, run_directory: Path) -> None:
+    """Two tetrahedra, 2 m apart along x."""
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    if comm.rank == 0:
+        write_msh22(
+            run_directory / "apart.msh",
+            [*corners, *((x + 2, y, z) for x, y, z in corners)],
+            [(4, 1, 1, (1, 2, 3, 4)), (4, 1, 1, (5, 6, 7, 8))],
+            [(3, 1, "body")],
+        )
+    comm.barrier()
+    apart = {
+        "mesh": {"file": str(run_directory / "apart.msh")},
+        "regions": {"first": "x < 1e-9 m", "second": "x > 1.999999 m and x < 2.000001 m", "side": "z < 1e-9 m"},
+    }
+    assert refusal(comm, **apart, **held(first="xyz")) == (
+        "supports: leave its part of 1 cell around (2.5, 0.5, 0.5) m free to move and turn in every way"
+    )
+    assert refusal(comm, **apart, **held(first="xyz", second="xy")) == (
+        "supports: leave its part of 1 cell around (2.5, 0.5, 0.5) m free to move along z"
+    )
+    model(comm, **apart, **held(first="xyz", second="xyz"))
+
+
+def test_rigid_motions_against_their_definition() -> None:
+    """Random single constraints: the motions that are found do nothing to them, and are as many as there must be."""
+    random = np.random.default_rng(4)
+    for count in range(7):
+        points, axes = random.normal(size=(count, 3)), random.integers(3, size=count)
+        frame = Frame(random.normal(size=3), 1.7)
+        rows = frame.motions(points)[np.arange(count), axes]
+        free = free_motions(rows)
+        assert free.shape == (6, 6 - np.linalg.matrix_rank(rows))
+        assert np.abs(rows @ free).max(initial=0.0) < 1e-12
+
+
+def test_the_axis_of_a_turn_is_where_nothing_moves() -> None:
+    """Held along z in a line of points and along x and y in one of them: free to turn about that line."""
+    line = np.array([[1.0, 2.0, 0.5], [2.0, 4.0, 0.5], [4.0, 8.0, 0.5]])
+    frame = Frame(np.array([0.3, -0.2, 0.9]), 2.0)
+    motions = frame.motions(line)
+    rows = np.concatenate([motions[:, 2], motions[:, 0], motions[:, 1]])
+    (text,) = names(free_motions(rows), frame, 10.0)
+    assert text == "turn about the axis through (0, 0, 5) m along (0.447214, 0.894427, 0)"
+
+
+def test_a_screw_is_called_one() -> None:
+    """All but a turn about z that takes the body along z with it."""
+    screw = np.array([0, 0, 0.5, 0, 0, 1.0])
+    rows = np.linalg.svd(screw[None])[2][1:]
+    assert names(free_motions(rows), Frame(np.zeros(3), 1.0), 1.0) == [
+        "screw about the axis through (0, 0, 0) m along z"
+    ]
+
+
+# Contradictions
+
+
+@pytest.mark.parallel(3)
+def test_a_contradiction_is_told_with_its_supports_its_place_and_its_values(comm: MPI.Intracomm) -> None:
+    contradiction = job("contradicting-supports").supports
+    found = refusal(comm, supports=[s.model_dump(exclude_none=True) for s in contradiction])
+    assert re.fullmatch(
+        r"supports\[0\].fix and supports\[1\].displacement: 'z0' and 'x1' share nodes, where they prescribe different"
+        r" displacements along x: 0 m and 0.1 m at \(1, [\d.]+, 0\) m",
+        found,
+    )
+
+
+def test_supports_that_agree_where_they_meet_may_overlap(comm: MPI.Intracomm) -> None:
+    """By different formulas, up to rounding errors, the displacement being small."""
+    shear = ["1e-9*(z - 0.1 m) + 1e-10 m", 0, 0], ["1e-9*z", 0, 0]
+    model(comm, supports=[{"region": f, "displacement": d} for f, d in zip(("z0", "x1"), shear, strict=True)])
+
+
+@pytest.mark.parametrize(("case", "refused"), [("push", False), ("pull", True)])
+def test_supports_of_different_load_cases_contradict_each_other_on_the_way(
+    case: str, refused: bool, comm: MPI.Intracomm
+) -> None:
+    moved = {"displacement": ["0.1 m", 0, 0]}
+    data = {
+        "load_cases": ["push", "pull"],
+        "supports": [{"region": "z0", "case": "push", **moved}, {"region": "x1", "case": case, **moved}],
+    }
+    if refused:
+        assert "0.1 m (push) and 0.1 m (pull) at (1," in refusal(comm, **data)
+    else:
+        model(comm, **data)
+
+
+def test_the_command_line_tells_it_once_and_ends_with_2(tmp_path: Path) -> None:
+    ended = command(2, "run", JOBS / "contradicting-supports.yaml", cwd=tmp_path)
+    assert ended.returncode == 2
+    assert ended.stderr.count("supports[0].fix and supports[1].displacement: 'z0' and 'x1' share nodes") == 1
+    assert "Traceback" not in ended.stderr
+    assert not (tmp_path / "results").exists()
+
+
+# Loads that do nothing
+
+
+def test_a_load_on_a_held_face_moves_nothing_and_is_warned_of(comm: MPI.Intracomm) -> None:
+    result = solve("load-on-a-held-face", comm)
+    assert result.quantities["largest-displacement"] == 0.0
+    assert result.legs[0].solves[-1].outcome.accepted
+    case = job("load-on-a-held-face")
+    (line,) = idle_loads(Model(case, build_body(case.mesh, case.regions, comm, resolve=case.resolve), Timings()))
+    print(line)
+    assert (line.value, line.verdict) == (1.0, Verdict.WARN)
+    assert "effects[0] pressure on 'z0'" in line.note
+
+
+def test_a_load_on_a_face_that_is_free_somewhere_is_not_warned_of(comm: MPI.Intracomm) -> None:
+    for region in ("x1", "boundary"):
+        case = job("load-on-a-held-face", effects=[{"effect": "pressure", "region": region, "pressure": 1e3}])
+        body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
+        assert not [*idle_loads(Model(case, body, Timings()))]
+
+
+@pytest.mark.parametrize(
+    ("analysis", "effects"),
+    [("inverse", []), ("round_trip", [{"effect": "pressure", "region": "x1", "pressure": 0}])],
+    ids=["no load", "a load of nothing"],
+)
+def test_without_a_load_the_body_stays_as_it_is(
+    analysis: str, effects: list[dict[str, Any]], comm: MPI.Intracomm
+) -> None:
+    """With the whole certificate, which has nothing to divide by."""
+    result = solve("load-on-a-held-face", comm, analysis=analysis, effects=effects, certificate={})
+    assert result.quantities["largest-displacement"] == 0.0
+    verdicts = {line["name"]: line["verdict"] for line in result.statistics["certificate"]["lines"]}
+    print(verdicts)
+    assert result.certificate.verdict is Verdict.PASS

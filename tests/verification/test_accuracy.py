@@ -1,0 +1,213 @@
+"""Jobs that demand an accuracy: the promise against closed forms, on several ranks, and what is said if it fails."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from accuracy_cases import Case, cases
+from helpers.command_line import NO_CERTIFICATE, ROOT, hpcinv, write_job
+from helpers.mesh_cases import spec
+from helpers.verification import box, job
+
+import hpcinv as package
+from hpcinv.accuracy.decision import indicators_of
+from hpcinv.accuracy.marking import plan
+from hpcinv.accuracy.meshes import Meshes, is_straight
+from hpcinv.accuracy.transfer import begin_with
+from hpcinv.accuracy.trial import attempt
+from hpcinv.certificate import Verdict
+from hpcinv.errors import Interrupted, SolveError
+from hpcinv.job.job import Job
+from hpcinv.mesh import build_body, read_source
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.leg import leg_of
+from hpcinv.solver.problem import Model
+
+
+def kept(case: Case, result: Result) -> bool:
+    """Print a line of the table."""
+    record = result.accuracy
+    assert record is not None
+    row, error = record.rows[record.chosen], abs(result.quantities["q"] - case.exact)
+    estimated = row.errors["q"]
+    assert estimated is not None
+    print(
+        f"{case.name:34} demand {case.demand:7.1e}, error {error:7.1e}, estimated {estimated:7.1e}"
+        f" (effectivity {estimated / error if error else math.inf:4.2f}), promised {record.bounds['q']:7.1e};"
+        f" {len(record.rows)} steps to degree {row.degree}, {row.unknowns} unknowns, {record.seconds:4.1f} s"
+    )
+    assert record.ending.name == "MET"
+    assert record.bounds["q"] <= case.demand
+    assert result.certificate.verdict is not Verdict.FAIL
+    return error <= case.demand
+
+
+def test_the_promise_holds_in_at_least_19_of_20(comm: MPI.Intracomm) -> None:
+    held = [kept(case, package.run(case.job(), comm)) for case in cases()]
+    assert len(held) == 20
+    assert sum(held) >= 19
+
+
+@pytest.mark.parallel([2])
+def test_the_promise_holds_on_more_ranks(comm: MPI.Intracomm) -> None:
+    names = ("column, density of the body at rest",)
+    for case in cases():
+        if case.name in names:
+            found = package.run(case.job(), comm)
+            assert kept(case, found)
+            steps = found.statistics["accuracy"]["steps"]
+            assert comm.bcast(steps) == steps  # one decision for all
+            assert found.statistics["mesh"]["unknowns"] == steps[found.statistics["accuracy"]["chosen"]]["unknowns"]
+
+
+def test_a_round_trip_begins_with_the_leg_that_was_made_accurate(comm: MPI.Intracomm) -> None:
+    (case,) = (c for c in cases() if c.name == "column, density of the body at rest")
+    mesh = case.data["mesh"] | {"geometry_degree": 2}  # with which the way back is exact
+    found = package.run(case.job(analysis="round_trip", mesh=mesh), comm)
+    assert kept(case, found)
+    assert [leg.direction for leg in found.legs] == ["inverse", "forward"]
+    assert found.errors["round_trip"]["relative"] < 1e-11
+    rows = found.statistics["accuracy"]["steps"]
+    assert found.legs[0].factorizations == sum(row["factorizations"] for row in rows)
+    # Each step began with the solution of the one before.
+    assert all(row["factorizations"] < rows[0]["factorizations"] for row in rows[1:])
+
+
+def clamped(demand: float, *, hexahedra: bool, **solver: Any) -> Job:
+    """A block under its weight: the stress at the edges of its clamped end has no bound."""
+    return job(
+        mesh=box((4, 1, 1), lx=0.4, ly=0.1, lz=0.1, hexahedra=hexahedra),
+        material={"law": "neo-hookean", "mu": "100 kPa", "lam": "400 kPa"},
+        effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}],
+        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+        quantities=[{"name": "tip", "of": "displacement", "at": [0.4, 0.05, 0.05]}],
+        accuracy={"tip": demand},
+        solver=solver,
+    )
+
+
+def test_two_kinds_of_cells_agree_where_the_stress_is_singular(comm: MPI.Intracomm) -> None:
+    tips, bounds = [], []
+    for hexahedra in (False, True):
+        found = package.run(clamped(2e-3, hexahedra=hexahedra), comm)
+        assert found.accuracy is not None
+        print("\n".join(row.text for row in found.accuracy.rows))
+        tips.append(np.array(found.quantities["tip"]))
+        bounds.append(found.accuracy.bounds["tip"])
+    assert max(bounds) <= 2e-3
+    assert np.linalg.norm(tips[1] - tips[0]) <= sum(bounds)
+
+
+def test_refinement_in_places_pays_there(comm: MPI.Intracomm) -> None:
+    """A smaller estimate with fewer unknowns than refinement everywhere."""
+    demanding, timings = clamped(1e-3, hexahedra=False), Timings()
+    meshes = Meshes(demanding, comm)
+
+    def solved(variant: Any, body: Any, before: Any) -> tuple[Any, float]:
+        trial = attempt(meshes.job_on(variant), variant, body, timings, lambda: False, before)
+        assert trial.estimate is not None
+        return trial, math.hypot(*trial.estimate.quantities["tip"])
+
+    coarse = meshes.everywhere(meshes.first, meshes.build(meshes.first), 2.0)
+    first, _ = solved(coarse, meshes.build(coarse), None)
+    even = meshes.everywhere(coarse, first.body, 2.0)
+    everywhere, error = solved(even, meshes.build(even), first)
+    marked = plan(indicators_of(first), 6.0, 3.0)
+    local = meshes.in_places(coarse, first.body, np.minimum(marked.levels, 2))
+    in_places, smaller = solved(local, meshes.build(local), first)
+    sizes = [t.model.unknowns.size for t in (everywhere, in_places)]
+    print(f"everywhere: {sizes[0]} unknowns, {error:.2e} m; in places: {sizes[1]} unknowns, {smaller:.2e} m")
+    assert sizes[1] < sizes[0]
+    assert smaller < error
+
+
+def test_a_demand_that_is_not_met_is_told_with_what_was_reached(tmp_path: Path) -> None:
+    data = clamped(1e-6, hexahedra=True, maximum_unknowns=600).model_dump(mode="json", exclude_unset=True)
+    data["mesh"]["file"] = str(ROOT / "meshes" / "box.py")
+    path = write_job(tmp_path / "tip.yaml", data, certificate=NO_CERTIFICATE)
+    done = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
+    assert done.returncode == 6, done.stdout + done.stderr
+    assert "fail: error of tip" in done.stdout
+    assert "not met" in done.stdout
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert found["accuracy"]["ending"] == "LIMIT"
+    assert found["accuracy"]["bounds"]["tip"] > 1e-6
+    assert found["mesh"]["unknowns"] == found["accuracy"]["steps"][found["accuracy"]["chosen"]]["unknowns"] <= 600
+    assert (tmp_path / "out" / "shape.vtu").exists()
+
+
+def test_a_load_that_is_not_reached_is_diagnosed_as_ever(comm: MPI.Intracomm) -> None:
+    case = cases()[0]
+    effects = [{"effect": "pressure", "region": "inner", "pressure": 2.5}]
+    with pytest.raises(SolveError, match="stopped at load factor"):
+        package.run(case.job(effects=effects, solver={"rescue": []}), comm)
+
+
+def test_a_signal_ends_the_search(comm: MPI.Intracomm) -> None:
+    asked = iter([*[False] * 8, *[True] * 1000])
+    with pytest.raises(Interrupted, match="towards the accuracy demanded; nothing was saved"):
+        package.run(clamped(1e-6, hexahedra=True), comm, stop_asked=lambda: next(asked))
+
+
+@pytest.mark.parallel([1, 3])
+def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path) -> None:
+    """Quadratic displacements and linear pressures between meshes that do not fit, of other scales and curved ones."""
+
+    def u(x: np.ndarray) -> np.ndarray:
+        return np.stack([x[0] ** 2 - x[1] * x[2], x[0] * x[2], 1 + x[1] ** 2])
+
+    def model_on(file: str, degree: int, parameters: dict[str, Any], unit: float = 1.0) -> Model:
+        mesh = spec(meshes / file, parameters=parameters, geometry_degree=degree)
+        body = build_body(mesh, {}, comm)
+        body.mesh.geometry.x[:] *= unit
+        body = type(body)(body.mesh, body.length_scale / unit, body.regions, body.partition, body.source)
+        its = job(
+            mesh=mesh.model_dump(exclude_unset=True),
+            material={"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"},
+            supports=[{"region": "boundary", "fix": ["x", "y", "z"]}],
+        )
+        return Model(its, body, Timings())
+
+    cases: Sequence[tuple[str, int, dict[str, Any], float]] = (
+        ("box.py", 1, {}, 1e-13),
+        ("pdms_beam.py", 1, {"length": 0.02, "size": 0.004}, 1e-13),
+        ("pdms_beam.py", 2, {"length": 0.02, "size": 0.004}, 1e-5),
+    )
+    for file, degree, coarse, tolerance in cases:
+        finer = {"nx": 7, "ny": 5, "nz": 6} if file == "box.py" else coarse | {"size": 0.0025}
+        there, here = model_on(file, degree, coarse), model_on(file, degree, finer, 2.0)
+        v, p = there.solution()
+        assert p is not None
+        length = there.body.length_scale
+        v.interpolate(lambda x, length=length: u(x * length))
+        p.interpolate(lambda x, length=length: x[0] * length)
+        there.set_solution(v, p)
+        begin_with(here, leg_of(there, "forward", there.scene("forward"), ()), there.body)
+        found, pressure = here.solution()
+        assert pressure is not None
+        length = here.body.length_scale
+        for function, exact in ((found, u), (pressure, lambda x: x[0])):
+            expected = type(function)(function.function_space)
+            expected.interpolate(lambda x, exact=exact, length=length: exact(x * length))
+            size = np.abs(expected.x.array).max()
+            worst = comm.allreduce(float(np.abs(function.x.array - expected.x.array).max(initial=0.0)), op=MPI.MAX)
+            print(f"{file}, degree {degree}: {worst / size:.1e}")
+            assert worst <= tolerance * size
+
+
+def test_a_body_with_flat_faces_is_told_from_a_curved_one(comm: MPI.Intracomm, meshes: Path) -> None:
+    for file, flat in (("box.py", True), ("pdms_beam.py", False), ("thick_sphere.py", False)):
+        assert is_straight(read_source(spec(meshes / file, geometry_degree=2), meshes / file)) is flat
+        for degree in (1, 2):
+            mesh = {"file": f"../meshes/{file}", "geometry_degree": degree}
+            its = job(**(clamped(1.0, hexahedra=False).model_dump(exclude_unset=True) | {"mesh": mesh}))
+            found = Meshes(its, comm)
+            assert found.have_one_shape(found.build(found.first)) is flat

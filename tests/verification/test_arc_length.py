@@ -1,0 +1,501 @@
+"""Arc-length continuation: turning points of the load, and the states beyond them, against closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, root
+from helpers.paths import INNER, J_LIMIT, LIMIT, OCTANT, OUTER, SPHERE, cube, tension
+from helpers.verification import box, job
+from petsc4py import PETSc
+
+import hpcinv
+from hpcinv.certificate.check import Verdict
+from hpcinv.errors import Interrupted, JobError, SolveError
+from hpcinv.model.outcome import Outcome
+from hpcinv.output.progress import Progress
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.arc_length import ArcLengthSteps, trace
+from hpcinv.solver.bordering import Bordering
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
+
+# Small systems of equations, without finite elements.
+
+
+class SmallSystem:
+    """Equations of a few unknowns in numpy arrays, which Newton's method solves at fixed loads."""
+
+    limit, reuse = 25, 0.3
+
+    def __init__(
+        self,
+        size: int,
+        residual: Callable[[np.ndarray, float], np.ndarray],
+        tangent: Callable[[np.ndarray], np.ndarray],
+    ) -> None:
+        self.x, self.load = PETSc.Vec().createSeq(size), 0.0
+        self._residual, self._tangent, self.K = residual, tangent, np.eye(size)
+
+    def position(self) -> PETSc.Vec:
+        return self.x.copy()
+
+    def set_state(self, x: PETSc.Vec) -> None:
+        x.copy(self.x)
+
+    def set_load(self, load: float) -> None:
+        self.load = load
+
+    def residual(self, b: PETSc.Vec) -> None:
+        b.array[:] = self._residual(self.x.array, self.load)
+
+    def tangent(self) -> None:
+        self.K = self._tangent(self.x.array)
+
+    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        if np.linalg.det(self.K) == 0:
+            return False
+        x.array[:] = np.linalg.solve(self.K, b.array)
+        return True
+
+    def sign_of_determinant(self) -> int:
+        return int(np.sign(np.linalg.det(self.K)))
+
+    def fault(self) -> Outcome | None:
+        return None
+
+    fault_of_solution = fault
+
+    def interrupted(self) -> bool:
+        return False
+
+    def solve(self, load: float, tolerance: float) -> Solve:
+        monitor, start, outcome, signs = NewtonMonitor(tolerance, 25, 0.0), self.position(), None, []
+        b, d = self.position(), self.position()
+        self.load = load
+        while outcome is None:
+            self.residual(b)
+            self.tangent()
+            signs.append(self.sign_of_determinant())
+            self.solve_linear(b, d)
+            self.x.axpy(-1.0, d)
+            outcome = monitor.judge(NewtonIteration(d.norm(), self.x.norm(), b.norm(), True))
+        if not outcome.accepted:
+            self.set_state(start)
+        return Solve(load, outcome, tuple(monitor.history), len(signs), tuple(signs))
+
+
+def force(w: float) -> float:
+    """Of a shallow truss: it turns at ``w = 1 ∓ 1/√3``, where it is ±`TOP`."""
+    return w * (w - 1) * (w - 2)
+
+
+TOP, TURNS = 2 / 3**1.5, (1 - 3**-0.5, 1 + 3**-0.5)
+
+
+def truss(full: float) -> SmallSystem:
+    """``λ full = force(w)``."""
+    return SmallSystem(
+        1,
+        lambda x, load: np.array([force(x[0]) - load * full]),
+        lambda x: np.array([[3 * x[0] ** 2 - 6 * x[0] + 2]]),
+    )
+
+
+def truss_and_spring(full: float, k: float) -> SmallSystem:
+    """The truss pushed through a spring: with a soft one its other end goes back as well (snap-back)."""
+    return SmallSystem(
+        2,
+        lambda x, load: np.array([force(x[0]) - k * (x[1] - x[0]), k * (x[1] - x[0]) - load * full]),
+        lambda x: np.array([[3 * x[0] ** 2 - 6 * x[0] + 2 + k, -k], [-k, k]]),
+    )
+
+
+def test_the_first_state_at_full_load_is_the_answer_if_the_load_does_not_turn_before() -> None:
+    system = truss(0.9 * TOP)
+    *_, last = trace(system, ArcLengthSteps(), 1e-12)
+    assert (last.outcome, last.load, last.strategy) == (Outcome.CONVERGED, 1.0, "arc-length")
+    assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - 0.9 * TOP, 0.0, TURNS[0]), rel=1e-10)
+
+
+@pytest.mark.parametrize("first", [1.0, 0.3, 0.05])
+def test_the_turning_point_is_found_and_ends_the_path(first: float) -> None:
+    system = truss(1.5 * TOP)
+    solves = list(trace(system, ArcLengthSteps(first), 1e-12))
+    assert [s.turning_point for s in solves[-2:]] == [True, False]
+    assert solves[-1].outcome is Outcome.FOLD
+    assert solves[-1].load * 1.5 == pytest.approx(1.0, abs=1e-8)
+    assert system.x.array[0] == pytest.approx(TURNS[0], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("share", "folds", "low", "high"), [(0.9, 1, TURNS[0], 1.0), (0.9, 2, 2.0, 3.0), (1.5, 2, 2.0, 3.0)]
+)
+def test_states_beyond_turning_points_are_found_in_order(share: float, folds: int, low: float, high: float) -> None:
+    system = truss(share * TOP)
+    solves = list(trace(system, ArcLengthSteps(folds=folds), 1e-12))
+    assert sum(s.turning_point for s in solves) == folds
+    assert (solves[-1].outcome, solves[-1].load) == (Outcome.CONVERGED, 1.0)
+    assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - share * TOP, low, high), rel=1e-10)
+
+
+def test_a_branch_that_ends_in_one_more_turning_point_than_allowed_says_so() -> None:
+    """Beyond the maximum the load falls to its minimum at -TOP, and never meets the full load on the way."""
+    system = truss(1.5 * TOP)
+    solves = list(trace(system, ArcLengthSteps(folds=1), 1e-12))
+    assert [s.load * 1.5 for s in solves if s.turning_point] == pytest.approx([1.0, -1.0], abs=1e-7)
+    assert solves[-1].outcome is Outcome.FOLD
+
+
+def test_snap_back_is_followed() -> None:
+    k = 0.2  # the whole path goes back where force'(w) < -k
+    system = truss_and_spring(1.5 * TOP, k)
+    ends = []
+    solves = []
+    for solve in trace(system, ArcLengthSteps(folds=2), 1e-12):
+        solves.append(solve)
+        ends.append(system.x.array[1])
+    w = root(lambda w: force(w) - 1.5 * TOP, 2.0, 3.0)
+    assert system.x.array == pytest.approx([w, w + 1.5 * TOP / k], rel=1e-10)
+    assert solves[-1].outcome.accepted
+    assert min(np.diff(ends)) < 0  # the loaded end has moved against its load
+
+
+def test_the_search_is_bounded() -> None:
+    """A load that nears its limit for ever: ``λ = 1 - exp(-x)``."""
+    system = SmallSystem(
+        1, lambda x, load: np.array([1 - np.exp(-x[0]) - 2 * load]), lambda x: np.array([[np.exp(-x[0])]])
+    )
+    solves = list(trace(system, ArcLengthSteps(most=12, easy=0, first=0.2), 1e-12))
+    assert solves[-1].outcome is Outcome.STEP_LIMIT
+    assert len(solves) <= 13
+
+
+def test_a_correction_that_wanders_to_another_path_fails() -> None:
+    """The paths are ``x = (λ, y)`` with ``y`` = -1, 0 or 1; from 0.45 corrections grow twice, then reach -1."""
+    system = SmallSystem(
+        2,
+        lambda x, load: np.array([x[0] - load, x[1] ** 3 - x[1]]),
+        lambda x: np.diag([1.0, 3 * x[1] ** 2 - 1]),
+    )
+    t, bordering = system.position(), Bordering(system, system.position(), limit=25, reuse=0.0)
+    t.array[:] = 1.0, 0.0
+    ends = {}
+    for y in (0.2, 0.45):
+        start = system.position()
+        start.array[:] = 0.5, y
+        found = bordering.correct(start, 0.5, t, 1e-10, direction=1, scale=1.0)
+        ends[y] = found.outcome
+        assert not found.outcome.accepted or abs(found.x.array[1]) < 1e-8
+    assert ends == {0.2: Outcome.CONVERGED, 0.45: Outcome.DIVERGED}
+
+
+# A cube under tension from all sides.
+
+
+@pytest.mark.parametrize("analysis", ["inverse", "forward"])
+@pytest.mark.parallel([2])
+def test_two_shapes_carry_the_same_tension(analysis: str, comm: MPI.Intracomm) -> None:
+    for folds, low, high in ((0, 1.0, J_LIMIT), (1, J_LIMIT, 20.0)):
+        result = hpcinv.run(cube(0.9, analysis, folds=folds), comm)
+        J = root(lambda J: tension(J) - 0.9 * LIMIT, low, high)
+        found = result.legs[0].J.x.array
+        print(f"{analysis}, {folds} turning points: J = {found[0]:.10f}, closed form {J:.10f}")
+        assert np.abs(found - J).max() < 1e-9 * J
+        assert sum(s.turning_point for s in result.legs[0].solves) == folds
+
+
+def test_the_certificate_says_that_another_shape_carries_the_same_load(comm: MPI.Intracomm) -> None:
+    given = cube(0.9, folds=1)
+    asked = given.model_copy(update={"certificate": given.certificate.model_copy(update={"stability": True})})
+    lines = {line.name: line for line in hpcinv.run(asked, comm).certificate.lines}
+    fold = lines["fold of the path"]
+    assert (fold.value, fold.verdict) == (1.0, Verdict.WARN)
+    assert "the path reaches the full load once before, where other shapes carry it" in fold.note
+
+
+@pytest.mark.parametrize("analysis", ["inverse", "forward"])
+def test_the_largest_tension_is_told(analysis: str, comm: MPI.Intracomm, run_directory: Path) -> None:
+    with pytest.raises(SolveError, match=r"the load turns back here \(fold\)") as caught:
+        hpcinv.run(cube(1.25, analysis), comm)
+    reached = float(str(caught.value).split("load factor ")[1].split(" of")[0])
+    assert reached == pytest.approx(0.8, abs=1e-5)
+
+
+@pytest.mark.parallel([2])
+def test_a_run_interrupted_beyond_the_turning_point_goes_on_there(comm: MPI.Intracomm, run_directory: Path) -> None:
+    file = run_directory / "cube.yaml"
+    on_root(comm, lambda: file.write_text(cube(0.9, folds=1).model_dump_json(exclude_unset=True)))
+    job, solves = hpcinv.load(file), list[Solve]()
+
+    class Listener(Progress):
+        def solve(self, solve: Solve, largest_displacement: float, min_mesh_J: float) -> None:
+            solves.append(solve)
+
+    def beyond() -> bool:
+        return any(solve.turning_point for solve in solves)
+
+    with pytest.raises(Interrupted):
+        hpcinv.run(job, comm, directory=run_directory / "run", progress=Listener(comm, None), stop_asked=beyond)
+    result = hpcinv.run(job, comm, directory=run_directory / "run", resume=True)
+    J = root(lambda J: tension(J) - 0.9 * LIMIT, J_LIMIT, 20.0)
+    assert np.abs(result.legs[0].J.x.array - J).max() < 1e-9 * J
+    assert sum(s.turning_point for s in result.legs[0].solves) == 1
+
+
+# A thick balloon, incompressible: its pressure has a maximum.
+
+
+def pressure(a: float) -> float:
+    """Of a neo-Hookean balloon (μ = 1 Pa) with the undeformed radii, inflated to the inner radius ``a``."""
+
+    def g(stretch: float) -> float:
+        return 0.5 * (4 / stretch + stretch**-4)
+
+    return g((OUTER**3 - INNER**3 + a**3) ** (1 / 3) / OUTER) - g(a / INNER)
+
+
+A_LIMIT = root(lambda a: pressure(a + 1e-5) - pressure(a - 1e-5), 1.2, 2.5)
+
+
+def balloon(comm: MPI.Intracomm, share: float, *, hexahedra: bool, **solver: Any) -> Result:
+    return hpcinv.run(
+        job(
+            analysis="forward",
+            mesh=SPHERE | {"parameters": SPHERE["parameters"] | {"hexahedra": hexahedra}},
+            material={"law": "mooney-rivlin", "c1": 0.5, "c2": 0.0, "d1": "incompressible"},
+            effects=[{"effect": "pressure", "region": "inner", "pressure": share * pressure(A_LIMIT)}],
+            supports=OCTANT,
+            solver={"strategy": "arc-length"} | solver,
+            quantities=[{"name": "radius", "of": "norm(x, y, z)", "on": "inner", "reduce": "mean"}],
+        ),
+        comm,
+    )
+
+
+@pytest.mark.parametrize(
+    ("hexahedra", "folds", "radius_within", "limit_within"),
+    [(True, 0, 1e-3, 0.0), (True, 1, 1e-3, 3e-4), (False, 1, 8e-3, 3e-3)],
+    ids=["hexes before", "hexes beyond", "tets beyond"],
+)
+def test_balloon_before_and_beyond_its_largest_pressure(
+    hexahedra: bool, folds: int, radius_within: float, limit_within: float, comm: MPI.Intracomm
+) -> None:
+    low, high = (A_LIMIT, 6.0) if folds else (1.0, A_LIMIT)
+    a = root(lambda a: pressure(a) - 0.9 * pressure(A_LIMIT), low, high)
+    result = balloon(comm, 0.9, hexahedra=hexahedra, folds=folds)
+    found = result.quantities["radius"]
+    print(f"{folds} turning points: inner radius {found:.6f}, closed form {a:.6f}")
+    assert found == pytest.approx(a, rel=radius_within)
+    turned = [solve.load for solve in result.legs[0].solves if solve.turning_point]
+    assert len(turned) == folds
+    for load in turned:
+        print(f"largest pressure: {0.9 * load:.6f} of the closed form's")
+        assert 0.9 * load == pytest.approx(1.0, abs=limit_within)
+
+
+# A thick sphere that softens: two cavities at rest lead to the one that is seen.
+
+C1, C2 = 1.0, -0.25
+SOFTENING = {"law": "mooney-rivlin", "c1": C1, "c2": C2, "d1": "incompressible"}
+
+
+def soft_pressure(A: float) -> float:
+    """That made the sphere as large as it is seen, from the inner radius ``A`` at rest."""
+
+    def g(stretch: float) -> float:
+        return C1 * (4 / stretch + stretch**-4) + C2 * (2 / stretch**2 - 4 * stretch)
+
+    return g(OUTER / (OUTER**3 - INNER**3 + A**3) ** (1 / 3)) - g(INNER / A)
+
+
+A_SOFT_LIMIT = root(lambda A: soft_pressure(A + 1e-5) - soft_pressure(A - 1e-5), 0.3, 0.9)
+SOFT_LIMIT = soft_pressure(A_SOFT_LIMIT)  # 1.0540177 Pa, at 0.5290292
+ELLIPTIC_FROM = (-C2 / C1) ** 0.5  # inner radius at rest, 0.5: below it c1 + c2 λ² < 0 at the inner wall
+
+
+def soft_sphere(comm: MPI.Intracomm, n: int, p: float, *, hexahedra: bool, **solver: Any) -> Result:
+    parameters = {"radial": n, "along": n, "hexahedra": hexahedra}
+    return hpcinv.run(
+        job(
+            mesh=SPHERE | {"parameters": SPHERE["parameters"] | parameters},
+            material=SOFTENING,
+            effects=[{"effect": "pressure", "region": "inner", "pressure": p}],
+            supports=OCTANT,
+            solver={"strategy": "arc-length"} | solver,
+            quantities=[
+                {"name": name, "of": "norm(X, Y, Z)", "on": "inner", "reduce": reduce}
+                for name, reduce in (("radius", "mean"), ("least", "min"), ("largest", "max"))
+            ],
+        ),
+        comm,
+    )
+
+
+def out_of_round(sphere: Result) -> float:
+    """How much the inner radii at rest differ, relative to their mean."""
+    found = sphere.quantities
+    return (found["largest"] - found["least"]) / found["radius"]
+
+
+@pytest.mark.parametrize(
+    ("hexahedra", "radius_within", "limit_within"), [(False, 3e-4, 0.015), (True, 5e-5, 0.02)], ids=["tets", "hexes"]
+)
+def test_first_root_and_largest_pressure_of_a_sphere_that_softens(
+    hexahedra: bool, radius_within: float, limit_within: float, comm: MPI.Intracomm
+) -> None:
+    """The limit is approached from above on hexahedra and from below on tetrahedra, two cells being few."""
+    first = root(lambda A: soft_pressure(A) - 0.3, A_SOFT_LIMIT, 1.0)
+    A = soft_sphere(comm, 2, 0.3, hexahedra=hexahedra).quantities["radius"]
+    print(f"inner radius at rest {A:.7f}, closed form {first:.7f}")
+    assert pytest.approx(first, rel=radius_within) == A
+    with pytest.raises(SolveError, match=r"the load turns back here \(fold\)") as caught:
+        soft_sphere(comm, 2, 1.2, hexahedra=hexahedra)
+    assert "folds: 1" not in str(caught.value)  # beyond one limit point the load only falls
+    reached = 1.2 * float(str(caught.value).split("load factor ")[1].split(" of")[0])
+    print(f"largest pressure {reached:.5f} Pa, closed form {SOFT_LIMIT:.7f}")
+    assert reached == pytest.approx(SOFT_LIMIT, rel=limit_within)
+
+
+def test_second_root_of_a_sphere_that_softens_where_it_is_elliptic(comm: MPI.Intracomm) -> None:
+    """Compared at the same share of the largest pressure: next to it, its own error decides on the radius."""
+    p = 1.058
+    found = soft_sphere(comm, 3, p, hexahedra=True, folds=1)
+    (limit,) = (p * solve.load for solve in found.legs[0].solves if solve.turning_point)
+    second = root(lambda A: soft_pressure(A) - p / limit * SOFT_LIMIT, ELLIPTIC_FROM, A_SOFT_LIMIT)
+    A = found.quantities["radius"]
+    print(f"largest pressure {limit:.5f} Pa, closed form {SOFT_LIMIT:.5f}")
+    print(
+        f"at {p / limit:.5f} of it: radius {A:.5f}, closed form {second:.5f}, out of round by {out_of_round(found):.4f}"
+    )
+    assert limit == pytest.approx(SOFT_LIMIT, rel=0.01)
+    assert pytest.approx(second, rel=0.03) == A  # the first root is 6 % larger
+    assert out_of_round(found) < 0.02
+
+
+def test_wrinkles_are_not_taken_for_the_second_root(comm: MPI.Intracomm) -> None:
+    """On coarse tetrahedra the path is lost just beyond the limit, at 1.0445 Pa."""
+    found, said = None, ""
+    try:
+        found = soft_sphere(comm, 2, 1.04, hexahedra=False, folds=1)
+    except SolveError as error:
+        said = str(error)
+    if found is None:
+        assert "beyond the solution at full load that the path" in said
+    else:
+        assert out_of_round(found) < 0.05
+
+
+def test_the_other_root_where_it_is_lost_is_said_with_advice_that_holds(comm: MPI.Intracomm) -> None:
+    """Beyond a radius of 0.5 the equations are not elliptic; a coarse mesh does not come to the second root there."""
+    with pytest.raises(SolveError, match="beyond the solution at full load that the path") as caught:
+        soft_sphere(comm, 2, 0.3, hexahedra=True, folds=1)
+    assert "lower the load" not in str(caught.value).lower()
+    assert "'folds: 0'" in str(caught.value)
+
+
+# A thick sphere, compressible: how large was it, before a pressure made it as large as the balloon?
+
+
+def radius_before(p: float, steps: int = 50) -> float:
+    """Inner radius at rest of the neo-Hookean sphere that now has the radii `INNER` and `OUTER`.
+
+    ``dσ_r/dr = 2 (σ_θ - σ_r)/r``, ``dR/dr = 1/λ_r``, ``λ_θ = r/R``, ``σ_r(INNER) = -p``, ``σ_r(OUTER) = 0``: by
+    shooting with Runge and Kutta's method.
+    """
+
+    def slope(r: float, y: np.ndarray) -> np.ndarray:
+        R, radial = y
+        hoop = r / R
+
+        def stress(stretch: float) -> float:
+            J = stretch * hoop**2
+            return float((MU * (stretch**2 - 1) + LAM * np.log(J)) / J)
+
+        along = root(lambda stretch: stress(stretch) - radial, 0.05, 3.0)
+        J = along * hoop**2
+        return np.array([1 / along, 2 * MU * (hoop**2 - along**2) / (J * r)])
+
+    def outside(A: float) -> float:
+        y, h = np.array([A, -p]), (OUTER - INNER) / steps
+        for r in INNER + np.arange(steps) * h:
+            a = slope(r, y)
+            b = slope(r + h / 2, y + h / 2 * a)
+            c = slope(r + h / 2, y + h / 2 * b)
+            y = y + h / 6 * (a + 2 * b + 2 * c + slope(r + h, y + h * c))
+        return float(y[1])
+
+    low, high = 0.5, 1.0
+    for _ in range(24):  # to 1e-7
+        middle = (low + high) / 2
+        low, high = (low, middle) if outside(middle) < 0 else (middle, high)
+    return low
+
+
+def test_a_compressible_sphere_at_rest(comm: MPI.Intracomm) -> None:
+    p = 0.5 * MU
+    result = hpcinv.run(
+        job(
+            mesh=SPHERE | {"parameters": SPHERE["parameters"] | {"radial": 3, "along": 3}},
+            material=NEO_HOOKEAN,
+            effects=[{"effect": "pressure", "region": "inner", "pressure": p}],
+            supports=OCTANT,
+            solver={"strategy": "arc-length", "initial_step": 0.3},
+            quantities=[{"name": "radius", "of": "norm(X, Y, Z)", "on": "inner", "reduce": "mean"}],
+        ),
+        comm,
+    )
+    A = radius_before(p)
+    print(f"inner radius at rest {result.quantities['radius']:.6f}, by quadrature {A:.6f}")
+    assert result.quantities["radius"] == pytest.approx(A, rel=1e-4)
+    assert len(result.legs[0].solves) > 2
+
+
+# The rest
+
+
+def test_load_cases_and_prescribed_displacements(comm: MPI.Intracomm) -> None:
+    """The same state as by load steps, with the path's corners at the ends of the cases."""
+
+    def pushed(**solver: Any) -> Result:
+        return hpcinv.run(
+            job(
+                analysis="forward",
+                mesh=box((2, 1, 1), hexahedra=True),
+                material=NEO_HOOKEAN,
+                load_cases=["push", "weight", "pull"],
+                effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 300, "case": "weight"}],
+                supports=[
+                    {"region": "x0", "fix": ["x", "y", "z"]},
+                    {"region": "x1", "displacement": ["-0.2 m", None, None], "case": "push"},
+                    {"region": "z1", "displacement": [None, "0.1*x", None], "case": "pull"},
+                ],
+                solver=solver,
+            ),
+            comm,
+        )
+
+    arc = pushed(strategy="arc-length", initial_step=0.4)
+    assert {1 / 3, 2 / 3} < {s.load for s in arc.legs[0].solves}
+    assert np.abs(arc.shape - pushed().shape).max() < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("solver", "complaint"),
+    [
+        ({"folds": 1}, "solver.folds: has no use with 'strategy: adaptive'; remove it, or take 'strategy: arc-length'"),
+        ({"strategy": "fixed", "rescue": []}, "solver.rescue: has no use with 'strategy: fixed'"),
+        ({"strategy": "arc-length", "steps": 3}, "solver.steps: has no use with 'strategy: arc-length'"),
+        ({"strategy": "arc-length", "folds": -1}, "solver.folds: "),
+        ({"rescue": ["prayer"]}, "solver.rescue"),
+    ],
+)
+def test_options_without_use_are_refused(solver: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(JobError) as caught:
+        job(mesh=box(), material=NEO_HOOKEAN, supports=[{"region": "x0", "fix": ["x", "y", "z"]}], solver=solver)
+    assert complaint in str(caught.value)

@@ -1,0 +1,166 @@
+"""What is tried where the job's strategy fails: who wins, with which answer and at what cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.closed_forms import root
+from helpers.paths import OCTANT, SPHERE, cube, tried
+from helpers.verification import box, job
+
+import hpcinv
+from hpcinv.job.job import Job
+from hpcinv.methods import fallbacks
+from hpcinv.methods.fallbacks import Attempt, attempts
+from hpcinv.model.outcome import Outcome
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.newton import NewtonIteration
+
+MU, B = 1.0, 10.0  # Fung–Demiray
+
+
+def sphere(pressure: float, analysis: str = "forward", *, radial: int = 2, **solver: Any) -> Job:
+    """A thick sphere of an incompressible material that stiffens exponentially."""
+    return job(
+        analysis=analysis,
+        mesh=SPHERE | {"parameters": SPHERE["parameters"] | {"radial": radial}},
+        material={"law": "fung-demiray", "mu": MU, "b": B, "kappa": "incompressible"},
+        effects=[{"effect": "pressure", "region": "inner", "pressure": pressure}],
+        supports=OCTANT,
+        solver=solver,
+        quantities=[{"name": "radius", "of": "norm(x, y, z)", "on": "inner", "reduce": "mean"}],
+    )
+
+
+def carried(a: float) -> float:
+    """Pressure that takes the inner radius from 1 to ``a``, ``∫ dW/dλ / (λ³ - 1) dλ`` from ``λ_b`` to ``λ_a`` by Gauss.
+
+    ``W = μ/2b (exp(b (I1 - 3)) - 1)``, ``I1 = 2 λ² + λ⁻⁴``.
+    """
+    low, high = (1.5**3 - 1 + a**3) ** (1 / 3) / 1.5, a
+    points, weights = np.polynomial.legendre.leggauss(60)
+    stretch = (high + low) / 2 + (high - low) / 2 * points
+    I1 = 2 * stretch**2 + stretch**-4
+    slope = MU / 2 * np.exp(B * (I1 - 3)) * (4 * stretch - 4 * stretch**-5)
+    return float(np.sum(weights * slope / (stretch**3 - 1)) * (high - low) / 2)
+
+
+def winners(result: Result) -> list[str]:
+    return [attempt.strategy for attempt in attempts(result.legs[0].solves)]
+
+
+def test_arc_length_reaches_a_load_of_which_the_smallest_step_is_too_large(comm: MPI.Intracomm) -> None:
+    result = hpcinv.run(sphere(30.0, radial=4, minimum_step=0.02), comm)
+    found, exact = result.quantities["radius"], root(lambda a: carried(a) - 30.0, 1.01, 2.0)
+    failed, won = attempts(result.legs[0].solves)
+    print(f"inner radius {found:.5f}, closed form {exact:.5f}; {failed}, {won}")
+    assert found == pytest.approx(exact, rel=1e-3)
+    assert (failed.strategy, failed.load, won.strategy, won.load) == ("load steps", None, "arc-length", 1.0)
+    assert won.outcome.accepted
+    assert failed.factorizations + won.factorizations == result.legs[0].factorizations
+    assert won.factorizations < fallbacks.EFFORT["arc-length"]
+
+
+@pytest.mark.parametrize("rescue", ["arc-length", "line-search"])
+def test_every_rescue_finds_what_small_steps_find(rescue: str, comm: MPI.Intracomm) -> None:
+    small = hpcinv.run(sphere(1.0), comm)
+    assert winners(small) == ["load steps"]
+    one_step = hpcinv.run(sphere(1.0, minimum_step=0.9, rescue=[rescue]), comm)
+    assert winners(one_step) == ["load steps", rescue]
+    assert np.abs(one_step.shape - small.shape).max() < 1e-9
+    exact = root(lambda a: carried(a) - 1.0, 1.01, 2.0)
+    assert one_step.quantities["radius"] == pytest.approx(exact, rel=1e-3)
+
+
+def test_a_bulk_modulus_that_grows_reaches_a_load_that_steps_do_not(comm: MPI.Intracomm) -> None:
+    """Bent in the displacement form; with a moderate bulk modulus small steps reach the load as well."""
+
+    def bent(ratio: float, **solver: Any) -> Result:
+        return hpcinv.run(
+            job(
+                analysis="forward",
+                mesh=box((4, 1, 1), lx=4.0, hexahedra=True),
+                material={"law": "neo-hookean", "mu": 1e3, "lam": ratio * 1e3},
+                effects=[{"effect": "gravity", "acceleration": [0, -0.5, 0], "density": 100}],
+                supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+                discretisation={"formulation": "displacement"},
+                solver=solver,
+            ),
+            comm,
+        )
+
+    small, grown = bent(100.0), bent(100.0, minimum_step=0.9)
+    assert (winners(small), winners(grown)) == (["load steps"], ["load steps", "bulk-modulus"])
+    assert np.abs(grown.shape - small.shape).max() < 1e-9
+    stiff = bent(1e4, minimum_step=0.9)
+    print(attempts(stiff.legs[0].solves))
+    assert winners(stiff) == ["load steps", "bulk-modulus"]
+    assert np.abs(stiff.legs[0].J.x.array - 1).max() < 1e-3  # the material is as stiff as it was given
+
+
+def failing(*_: Any, **__: Any) -> Iterator[Solve]:
+    yield Solve(1.0, Outcome.DIVERGED, (NewtonIteration(1.0, 1.0, 1.0, True),), 1)
+
+
+def test_a_fixed_point_leads_to_the_direct_solution(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    direct = hpcinv.run(sphere(0.2, "inverse"), comm)
+    monkeypatch.setattr(fallbacks, "follow", failing)
+    options = {"snes_linesearch_maxstep": 1e3, "snes_linesearch_maxstp": 1e3}
+    result = hpcinv.run(sphere(0.2, "inverse", rescue=["anderson"], petsc=options), comm)
+    assert winners(result) == ["load steps", "anderson"]
+    assert np.abs(result.shape - direct.shape).max() < 1e-9
+    assert np.abs(result.legs[0].displacement.x.array - direct.legs[0].displacement.x.array).max() < 1e-9
+
+
+def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fallbacks, "EFFORT", dict.fromkeys(fallbacks.EFFORT, 5))
+    found = attempts(tried(sphere(30.0, radial=4, minimum_step=0.02), comm))
+    print(found)
+    assert [attempt.strategy for attempt in found] == ["load steps", "arc-length", "line-search"]
+    assert found[1].outcome is Outcome.STEP_LIMIT
+    assert all(attempt.factorizations <= 5 + 25 for attempt in found[1:])  # the one that exceeds them is finished
+
+
+def test_nothing_is_tried_in_vain(comm: MPI.Intracomm) -> None:
+    """Beyond a fold, where no body can be in the state, and where the first tangent is singular."""
+    beyond_fold = attempts(tried(cube(1.25), comm))
+    no_shape = job(
+        mesh=SPHERE,
+        material={"law": "mooney-rivlin", "c1": 0.5, "c2": 0.0, "d1": "incompressible"},
+        effects=[{"effect": "pressure", "region": "inner", "pressure": 2.5}],
+        supports=OCTANT,
+    )
+    nowhere_to_go = job(
+        analysis="forward",
+        mesh=box((2, 1, 1), hexahedra=True),
+        material={"law": "neo-hookean", "mu": 1e3, "lam": "incompressible"},
+        supports=[{"region": "boundary", "displacement": ["0.1*y", 0, 0]}],
+    )
+    print(beyond_fold)
+    assert [attempt.strategy for attempt in beyond_fold] == ["arc-length"]
+    assert {solve.strategy for solve in tried(nowhere_to_go, comm)} == {"load steps"}
+    # The limit load of a body that keeps no volume beyond it looks like a fold from below: that alone is looked for.
+    solves = tried(no_shape, comm)
+    assert {solve.strategy for solve in solves} <= {"load steps", "arc-length"}
+    assert solves[-1].outcome is Outcome.VOLUME_CHANGED
+
+
+def test_attempts_are_counted_by_strategy() -> None:
+    iteration = NewtonIteration(1.0, 1.0, 1.0, True)
+    solves = [
+        Solve(0.5, Outcome.CONVERGED, (iteration,) * 2, 2),
+        Solve(1.0, Outcome.DIVERGED, (iteration,) * 3, 3),
+        Solve(0.7, Outcome.CONVERGED, (iteration,), 1, strategy="arc-length"),
+        Solve(1.0, Outcome.ROUND_OFF, (iteration,), 1, strategy="arc-length"),
+    ]
+    assert attempts(solves) == [
+        Attempt("load steps", 0.5, Outcome.DIVERGED, 2, 5, 5),
+        Attempt("arc-length", 1.0, Outcome.ROUND_OFF, 2, 2, 2),
+    ]

@@ -1,0 +1,276 @@
+"""The certificate: each of its lines against what is known otherwise, and what it does to exit code and summary."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.closed_forms import root
+from helpers.command_line import NO_CERTIFICATE, ROOT, write_job
+from helpers.command_line import hpcinv as command
+from helpers.verification import box, job
+from petsc4py import PETSc
+from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
+
+import hpcinv
+from hpcinv.certificate import Line, Verdict, at_least, at_most
+from hpcinv.certificate.check import Certificate
+from hpcinv.certificate.equilibrium_residual import balance
+from hpcinv.certificate.inertia import inertia
+from hpcinv.mesh import build_body
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
+
+ESTIMATE = NO_CERTIFICATE | {"estimate": True}
+
+
+def line(result: Result, name: str) -> Line:
+    (found,) = [one for one in result.certificate.lines if one.name.startswith(name)]
+    return found
+
+
+def column(divisions: int, **changes: Any) -> Any:
+    return job(
+        mesh=box((1, 1, divisions), lx="0.2 m", ly="0.2 m"),
+        material={"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+        effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000, "density_in": "current"}],
+        supports=[{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
+        quantities=[{"name": "length", "of": "Z", "on": "z1", "reduce": "mean"}],
+        **{"certificate": ESTIMATE, **changes},
+    )
+
+
+def cantilever(geometry_degree: int, certificate: dict[str, Any]) -> Any:
+    return job(
+        mesh=box((3, 1, 1), lx=3.0) | {"geometry_degree": geometry_degree},
+        material={"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
+        effects=[{"effect": "gravity", "acceleration": [0, 0, -0.3], "density": 1000}],
+        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+        certificate=certificate,
+    )
+
+
+def sphere(divisions: int, hexahedra: bool) -> Any:
+    mesh = {"inner": INNER, "outer": OUTER, "radial": divisions, "along": divisions, "hexahedra": hexahedra}
+    return job(
+        mesh={"file": "../meshes/thick_sphere.py", "parameters": mesh, "geometry_degree": 2},
+        material={"law": "mooney-rivlin", "c1": 0.5, "c2": 0.0, "d1": "incompressible"},
+        effects=[{"effect": "pressure", "region": "inner", "pressure": PRESSURE}],
+        supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
+        quantities=[{"name": name, "of": "norm(X, Y, Z)", "on": name, "reduce": "mean"} for name in ("inner", "outer")],
+        certificate=ESTIMATE,
+    )
+
+
+def effectivities(result: Result, exact: dict[str, float]) -> dict[str, float]:
+    assert result.estimate is not None
+    return {name: result.estimate.quantities[name] / (value - result.quantities[name]) for name, value in exact.items()}
+
+
+@pytest.mark.parametrize(("divisions", "hexahedra"), [(2, True), (4, True), (2, False), (4, False)])
+def test_the_error_of_the_sphere_is_estimated(divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> None:
+    A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
+    found = effectivities(hpcinv.run(sphere(divisions, hexahedra), comm), {"inner": A, "outer": before(A)})
+    print(f"{divisions} divisions, hexahedra {hexahedra}: effectivity {found}")
+    assert all(0.5 < value < 2 for value in found.values())
+
+
+@pytest.mark.parametrize("divisions", [2, 4, 8])
+def test_the_error_of_the_column_is_estimated(divisions: int, comm: MPI.Intracomm) -> None:
+    found = effectivities(hpcinv.run(column(divisions), comm), {"length": 1.0802799})
+    print(f"{divisions} divisions: effectivity {found}")
+    assert 0.5 < found["length"] < 2
+
+
+@pytest.mark.parallel([1, 2])
+def test_the_error_of_the_beam_is_estimated(comm: MPI.Intracomm) -> None:
+    """The exact tip is that of cubic displacements on a finer mesh."""
+
+    def beam(size: str, degree: int, certificate: dict[str, Any]) -> Result:
+        return hpcinv.run(
+            job(
+                analysis="forward",
+                mesh={"file": "../meshes/pdms_beam.py", "parameters": {"size": size}, "geometry_degree": 2},
+                material={"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8},
+                effects=[{"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 963}],
+                supports=[{"region": "clamp", "fix": ["x", "y", "z"]}],
+                quantities=[{"name": "tip", "of": "norm(ux, uy, uz)", "at": [0.182, 0, 0]}],
+                discretisation={"displacement": degree},
+                certificate=certificate,
+            ),
+            comm,
+        )
+
+    exact = beam("3 mm", 3, NO_CERTIFICATE).quantities["tip"]
+    found = effectivities(beam("4 mm", 2, ESTIMATE), {"tip": exact})
+    print(f"{comm.size} rank(s): exact {exact:.6f} m, effectivity {found}")
+    assert 0.5 < found["tip"] < 2
+
+
+def test_the_estimate_says_where_the_error_is(comm: MPI.Intracomm) -> None:
+    """A cantilever bends most at its clamp, and the clamp's edges are sharp."""
+    found = hpcinv.run(cantilever(1, ESTIMATE), comm)
+    assert found.estimate is not None
+    mesh = found.body.mesh
+    corners = mesh.geometry.x[mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local]]
+    x = corners.mean(axis=1)[:, 0] * found.body.length_scale
+    clamped, free = (found.estimate.cells[where].sum() for where in (x < 1, x > 2))
+    assert clamped > 5 * free > 0
+
+
+@pytest.mark.parallel([1, 2])
+def test_inertia_counts_signs_of_eigenvalues(comm: MPI.Intracomm) -> None:
+    random = np.random.default_rng(3)
+    dense = random.normal(size=(30, 30))
+    dense = dense + dense.T + 1e-3 * random.normal(size=(30, 30))
+    values = np.linalg.eigvalsh((dense + dense.T) / 2)
+    matrix = PETSc.Mat().createAIJ((30, 30), comm=comm)
+    matrix.setUp()
+    begin, end = matrix.getOwnershipRange()
+    matrix.setValues(range(begin, end), range(30), dense[begin:end])
+    matrix.assemble()
+    found = inertia(matrix)
+    assert found is not None
+    assert (found.negative, found.zero, found.positive) == ((values < 0).sum(), 0, (values > 0).sum())
+    assert found.asymmetry == pytest.approx(np.linalg.norm(dense - dense.T) / 2 / np.linalg.norm(dense))
+
+
+@pytest.mark.parametrize(("share", "unstable"), [(0.97, 0), (1.05, 2), (8.7, 2), (9.5, 4)])
+@pytest.mark.parametrize("formulation", ["displacement", "mixed"])
+def test_a_column_beyond_its_euler_load_is_unstable(
+    share: float, unstable: int, formulation: str, comm: MPI.Intracomm
+) -> None:
+    """Clamped below and free above, it buckles at ``(2n - 1)² π² E I/4 L²``, to both sides of its square section."""
+    length, side, young = 1.0, 0.02, 1e6
+    euler = np.pi**2 * young * side**4 / 12 / (4 * length**2)
+    result = hpcinv.run(
+        job(
+            mesh=box((1, 1, 20), lx=side, ly=side, lz=length, hexahedra=True),
+            material={"law": "neo-hookean", "young": young, "poisson": 0.0 if formulation == "displacement" else 0.3},
+            effects=[
+                {
+                    "effect": "traction",
+                    "region": "z1",
+                    "area_in": "reference",
+                    "traction": [0, 0, float(-share * euler / side**2)],
+                }
+            ],
+            supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
+            discretisation={"formulation": formulation},
+            certificate=NO_CERTIFICATE | {"stability": True},
+        ),
+        comm,
+    )
+    found = line(result, "stability")
+    print(f"{share} of Euler's load: {found}")
+    assert found.value == unstable
+    assert result.certificate.verdict is (Verdict.FAIL if unstable else Verdict.PASS)
+
+
+def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
+    one = column(4)
+    model = Model(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
+    equilibrium = model.equilibrium(model.scene("inverse"), lambda: False)
+    (unloaded,) = balance(model, equilibrium)
+    # Undeformed, all of the weight is unbalanced but what the supports carry at once.
+    weight, held = equilibrium.forces(1.0), model.supports.prescribed
+    free = np.setdiff1d(np.arange(len(weight)), np.concatenate([part.dofs for part in held]))
+    assert unloaded.value == pytest.approx(np.linalg.norm(weight[free]) / np.linalg.norm(weight))
+    assert unloaded.verdict is Verdict.FAIL
+    assert equilibrium.solve(1.0, 1e-12).outcome.accepted
+    (loaded,) = balance(model, equilibrium)
+    assert loaded.value is not None
+    assert loaded.value < 1e-10
+    equilibrium.destroy()
+
+
+@pytest.mark.parametrize("start", ["near", "path"])
+def test_the_way_back_closes_where_the_cells_bend_along(start: str, comm: MPI.Intracomm) -> None:
+    def gap(geometry_degree: int) -> Line:
+        result = hpcinv.run(cantilever(geometry_degree, NO_CERTIFICATE | {"round_trip": start}), comm)
+        return line(result, "round trip")
+
+    curved, straight = gap(2), gap(1)
+    print(f"{start}: {curved.value}, {straight.value} with straight cells")
+    assert curved.value is not None
+    assert straight.value is not None
+    assert curved.value < 1e-10 < 1e-5 < straight.value
+    assert "geometry" in straight.note
+    assert "geometry" not in curved.note
+
+
+def test_verdicts() -> None:
+    nan = float("nan")
+    assert [at_most("", v, 1, 2).verdict.value for v in (1, 1.5, 2.5, nan)] == ["pass", "warning", "fail", "fail"]
+    assert [at_least("", v, 2, 1).verdict.value for v in (2, 1.5, 1, nan)] == ["pass", "warning", "fail", "fail"]
+    lines = [Line("", None, "", "", verdict) for verdict in Verdict]
+    assert [Certificate(tuple(lines[:n])).verdict.value for n in (0, 1, 2, 3, 4, 5)] == [
+        "pass",
+        "pass",
+        "pass",
+        "not decided",
+        "warning",
+        "fail",
+    ]
+    assert [v.exit_code() for v in Verdict] == [0, 0, 0, 0, 6]
+    assert [v.exit_code(strict=True) for v in Verdict] == [0, 0, 7, 7, 6]
+
+
+COLUMN: dict[str, Any] = {
+    "analysis": "forward",
+    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"lx": 0.1, "ly": 0.1, "nx": 1, "ny": 1, "nz": 2}},
+    "material": {"law": "neo-hookean", "young": 1e6, "poisson": 0.0},
+    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
+}
+
+
+@pytest.mark.parametrize(
+    ("share", "certificate", "options", "code", "verdict"),
+    [
+        (0.5, NO_CERTIFICATE, ["--strict"], 0, "pass"),
+        (0.5, NO_CERTIFICATE | {"estimate": True}, [], 0, "warning"),
+        (0.5, NO_CERTIFICATE | {"estimate": True}, ["--strict"], 7, "warning"),
+        (1.5, NO_CERTIFICATE | {"stability": True}, [], 6, "fail"),
+    ],
+)
+def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
+    share: float, certificate: dict[str, Any], options: list[str], code: int, verdict: str, tmp_path: Path
+) -> None:
+    """Two cells bend too little, as the estimate tells; beyond Euler's load the column buckles."""
+    euler = np.pi**2 * 1e6 * 0.1**2 / 12 / 4
+    path = write_job(
+        tmp_path / "column.yaml",
+        COLUMN,
+        effects=[
+            {
+                "effect": "traction",
+                "region": "z1",
+                "area_in": "reference",
+                "traction": [0, float(0.01 * euler), float(-share * euler)],
+            }
+        ],
+        certificate=certificate,
+    )
+    ended = command(2, "run", path, "--output", tmp_path / "out", *options, cwd=tmp_path)
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
+    assert ended.returncode == code, ended.stdout + ended.stderr
+    assert found["verdict"] == verdict
+    assert f"certificate: {verdict}" in ended.stdout
+    assert found["lines"][0].keys() == {"name", "value", "unit", "rule", "verdict", "note"}
+
+
+def test_what_a_certificate_costs_stands_apart() -> None:
+    timings = Timings()
+    with timings.as_one("certificate"), timings("tangent"):
+        timings.move("tangent", "factorization", 1.0)
+    with timings("residual"):
+        pass
+    assert timings.seconds.keys() == {"certificate", "residual"}
+    assert timings.seconds["certificate"] >= 0
+    assert timings.within["factorization"] == 1.0
+    assert timings.within["tangent"] == pytest.approx(-1.0, abs=0.1)

@@ -1,0 +1,185 @@
+"""The error estimate with the error of the geometry in it: against closed forms, and what is said where it is not."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import test_thick_cylinder as cylinder
+import ufl
+from dolfinx import fem
+from helpers.closed_forms import root
+from helpers.command_line import NO_CERTIFICATE, hpcinv, write_job
+from helpers.mesh_cases import spec
+from helpers.verification import job
+from test_certificate import sphere
+from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
+
+import hpcinv as package
+from hpcinv.job.job import Job
+from hpcinv.mesh import Body, MeshSource, build_body, read_source, write_mesh
+from hpcinv.mesh.refine.finer_geometry import NO_CAD, OTHER_CELLS, FinerGeometry, of_generator
+from hpcinv.parallel.runtime import MPI
+
+A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
+EXACT_WALL = math.pi / 6 * (OUTER**3 - INNER**3)
+EXACT = {"inner": A, "outer": before(A), "volume": EXACT_WALL, "point": A}
+ESTIMATE = NO_CERTIFICATE | {"estimate": True}
+MESHES = Path(__file__).parents[2] / "meshes"
+
+
+def body_of(given: Job, comm: MPI.Intracomm) -> Body:
+    return build_body(given.mesh, {}, comm, resolve=given.resolve)
+
+
+def hollow_sphere(divisions: int, degree: int, *, hexahedra: bool) -> Job:
+    """That of the certificate, with the volume of its wall, and a point of its surface that is no vertex."""
+    given = sphere(divisions, hexahedra)
+    at = np.array([np.cos(np.pi / 8 / divisions), np.sin(np.pi / 8 / divisions), 0.0]) * INNER
+    quantities = [
+        *(json.loads(q.model_dump_json(exclude_none=True)) for q in given.quantities),
+        {"name": "volume", "of": 1, "on": "wall", "reduce": "integral", "over": "reference"},
+        {"name": "point", "of": "norm(X, Y, Z)", "at": at.tolist()},
+    ]
+    data = given.model_dump(mode="json", exclude_unset=True) | {"quantities": quantities}
+    return job(**(data | {"mesh": data["mesh"] | {"geometry_degree": degree}}))
+
+
+def effectivities(found: package.Result, exact: dict[str, float]) -> dict[str, float]:
+    assert found.estimate is not None
+    assert not found.estimate.without_geometry
+    return {name: found.estimate.quantities[name] / (value - found.quantities[name]) for name, value in exact.items()}
+
+
+@pytest.mark.parallel([1, 3])
+@pytest.mark.parametrize("hexahedra", [False, True])
+def test_the_error_of_straight_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intracomm) -> None:
+    """Without the geometry the estimate would be 0.04 to 0.23 of the error of the radii."""
+    found = effectivities(package.run(hollow_sphere(2, 1, hexahedra=hexahedra), comm), EXACT)
+    print(found)
+    assert all(0.8 < value < 1.25 for value in found.values())
+
+
+@pytest.mark.parametrize("hexahedra", [False, True])
+def test_the_error_of_curved_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intracomm) -> None:
+    """Without the geometry there would be no error of the volume, which is incompressible."""
+    found = effectivities(package.run(hollow_sphere(2, 2, hexahedra=hexahedra), comm), EXACT)
+    print(found)
+    assert 0.8 < found["volume"] < 1.25
+    assert all(0.5 < found[name] < 2 for name in ("inner", "outer"))
+
+
+@pytest.mark.parametrize("direction", ["inverse", "forward"])
+def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Intracomm) -> None:
+    inner, outer = (cylinder.INNER, cylinder.OUTER) if direction == "inverse" else (cylinder.A, cylinder.B)
+    letters = "X, Y" if direction == "inverse" else "x, y"
+    mesh = {"inner": inner, "outer": outer, "radial": 2, "around": 4, "along": 1, "length": 0.25, "hexahedra": True}
+    found = package.run(
+        job(
+            analysis=direction,
+            mesh={"file": "../meshes/thick_cylinder.py", "parameters": mesh},
+            material={"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"},
+            effects=[{"effect": "pressure", "region": "inner", "pressure": cylinder.PRESSURE}],
+            supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"] + [{"region": "z1", "fix": ["z"]}],
+            quantities=[{"name": "radius", "of": f"norm({letters})", "on": "inner", "reduce": "mean"}],
+            certificate=ESTIMATE,
+        ),
+        comm,
+    )
+    exact = {"radius": cylinder.A if direction == "inverse" else cylinder.INNER}
+    (ratio,) = effectivities(found, exact).values()
+    print(ratio)
+    assert 0.8 < ratio < 1.25
+
+
+@pytest.mark.parallel([1, 3])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_finer_body_has_the_same_cells_and_a_truer_surface(degree: int, comm: MPI.Intracomm) -> None:
+    given = body_of(hollow_sphere(2, degree, hexahedra=False), comm)
+    finer, unknown = given.with_finer_geometry
+    assert unknown == ""
+    assert finer is not None
+    assert finer.source.degree == 2 * degree
+    assert given.with_finer_geometry[0] is finer  # made once
+    assert np.array_equal(finer.mesh.topology.original_cell_index, given.mesh.topology.original_cell_index)
+
+    volumes = [comm.allreduce(fem.assemble_scalar(fem.form(1.0 * ufl.dx(b.mesh)))) for b in (given, finer)]
+    errors = [abs(v * given.length_scale**3 - EXACT_WALL) for v in volumes]
+    assert errors[1] < 0.05 * errors[0]
+
+
+def test_flat_faces_have_no_error_and_files_none_that_is_known(tmp_path: Path, comm: MPI.Intracomm) -> None:
+    block = build_body(spec(MESHES / "box.py"), {}, comm)
+    assert block.with_finer_geometry == (block, "")
+    curved = body_of(hollow_sphere(1, 2, hexahedra=True), comm)
+    write_mesh(tmp_path / "curved.msh", curved, curved.mesh.geometry.x * curved.length_scale)
+    assert build_body(spec(tmp_path / "curved.msh"), {}, comm).with_finer_geometry == (None, NO_CAD)
+    straight = build_body(spec(tmp_path / "curved.msh", geometry_degree=1), {}, comm)
+    finer, unknown = straight.with_finer_geometry
+    assert unknown == ""
+    assert finer is not None
+    assert finer.source.degree == 2
+
+
+def test_a_generator_without_cad_tells_nothing(tmp_path: Path, comm: MPI.Intracomm) -> None:
+    (tmp_path / "ball.py").write_text(
+        "def build(gmsh):\n"
+        "    gmsh.model.occ.addSphere(0, 0, 0, 1)\n"
+        "    gmsh.model.occ.synchronize()\n"
+        "    gmsh.option.setNumber('Mesh.MeshSizeMin', 0.6)\n"
+        "    gmsh.option.setNumber('Mesh.SecondOrderLinear', 1)\n"
+        "    gmsh.model.mesh.generate(3)\n"
+    )
+    assert build_body(spec(tmp_path / "ball.py"), {}, comm).with_finer_geometry == (None, NO_CAD)
+
+
+def test_other_cells_tell_nothing_unless_faces_are_flat() -> None:
+    def made(name: str, degree: int, **parameters: object) -> MeshSource:
+        path = MESHES / f"{name}.py"
+        return read_source(spec(path, geometry_degree=degree, parameters=parameters), path)
+
+    assert of_generator(made("thick_sphere", 1), lambda d: made("thick_sphere", d, radial=5)).unknown == OTHER_CELLS
+    assert of_generator(made("box", 1), lambda d: made("box", d, nx=5)) == FinerGeometry()
+
+
+def of_a_file(tmp_path: Path) -> dict[str, Any]:
+    """A sphere whose generator is not there any more."""
+    given = hollow_sphere(1, 1, hexahedra=True)
+    body = body_of(given, MPI.COMM_SELF)
+    write_mesh(tmp_path / "sphere.msh", body, body.mesh.geometry.x * body.length_scale)
+    data = given.model_dump(mode="json", exclude_unset=True)
+    return data | {"job": "sphere", "mesh": {"file": "sphere.msh"}}
+
+
+def test_what_is_printed_says_what_it_leaves_out(tmp_path: Path) -> None:
+    path = write_job(tmp_path / "job.yaml", of_a_file(tmp_path))
+    ended = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert re.search(r"inner: \S+ \(estimated error \S+, without that of the geometry\)", ended.stdout)
+    assert re.search(r"discretisation error .* m, without the error of the geometry: the mesh file", ended.stdout)
+    estimate = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]["estimate"]
+    assert (estimate["geometry"], estimate["without_geometry"]) == ("left out", NO_CAD)
+
+
+@pytest.mark.parametrize("from_file", [False, True])
+def test_an_output_has_one_error_of_a_quantity(from_file: bool, tmp_path: Path) -> None:
+    data, size = of_a_file(tmp_path), {"inner": INNER, "outer": OUTER, "radial": 2, "along": 2, "hexahedra": True}
+    if not from_file:
+        data["mesh"] = {"file": str(MESHES / "thick_sphere.py"), "parameters": size}
+    path = write_job(tmp_path / "job.yaml", data, accuracy={"inner": "50 mm"})
+    ended = hpcinv(1, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    (promised,) = re.findall(r"error of inner (\S+)", ended.stdout)
+    (printed,) = re.findall(r"^inner: \S+ \(error at most ([^\s,)]+)", ended.stdout, re.MULTILINE)
+    steps = re.findall(r"inner ± (\S+)", ended.stdout)
+    assert printed == promised == steps[summary["accuracy"]["chosen"]]
+    assert ended.stdout.count("without the error of the geometry") >= (2 if from_file else 0)
+    assert ("without that of the geometry" in ended.stdout) == from_file
+    if not from_file:
+        assert abs(summary["quantities"]["inner"] - A) <= summary["accuracy"]["bounds"]["inner"]

@@ -1,0 +1,58 @@
+"""Fully incompressible bodies: they keep their volume, and come back, for both laws, tetrahedra and hexahedra."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from helpers.verification import box, job
+
+import hpcinv
+from hpcinv.errors import SolveError
+from hpcinv.parallel.runtime import MPI
+
+LAWS: dict[str, dict[str, Any]] = {
+    "neo-hookean": {"law": "neo-hookean", "mu": "30 kPa", "lam": "incompressible"},
+    "mooney-rivlin": {"law": "mooney-rivlin", "c1": "10 kPa", "c2": "5 kPa", "d1": "incompressible"},
+}
+
+
+@pytest.mark.parallel([1, 2])
+def test_bent_block_keeps_its_volume_and_comes_back(comm: MPI.Intracomm) -> None:
+    for law, material in LAWS.items():
+        for hexahedra in (False, True):
+            for first in ("inverse", "forward"):
+                mesh = box((4, 2, 2), lx=2.0, hexahedra=hexahedra) | {"geometry_degree": 2}
+                result = hpcinv.run(
+                    job(
+                        analysis="round_trip",
+                        first=first,
+                        mesh=mesh,
+                        material=material,
+                        effects=[{"effect": "gravity", "acceleration": [0, -3.0, 0], "density": "1 g/cm^3"}],
+                        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+                        quantities=[{"name": "sag", "of": "uy", "on": "x1", "reduce": "mean"}],
+                    ),
+                    comm,
+                )
+                closure, sag = result.errors["round_trip"]["relative"], result.quantities["sag"]
+                cells = "hexahedra" if hexahedra else "tetrahedra"
+                print(f"{law}, {cells}, {first}: sag {sag:.3f} m, closes to {closure:.1e}")
+                assert sag < -0.2
+                assert closure < 1e-10
+                for leg in result.legs:
+                    volume_ratio = leg.J.x.array
+                    assert abs(comm.allreduce(volume_ratio.mean(), op=MPI.SUM) / comm.size - 1) < 5e-3
+
+
+@pytest.mark.parallel([1, 2])
+def test_a_body_with_nowhere_to_go_is_diagnosed_and_not_a_crash(comm: MPI.Intracomm) -> None:
+    """Held all around, an incompressible body has any pressure: each tangent is singular, also after the first."""
+    closed = job(
+        analysis="forward",
+        mesh=box((2, 2, 2)),
+        material=LAWS["neo-hookean"],
+        supports=[{"region": "boundary", "displacement": ["0.1*y", 0, 0]}],
+    )
+    with pytest.raises(SolveError, match="the tangent is singular"):
+        hpcinv.run(closed, comm)

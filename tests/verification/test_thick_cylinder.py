@@ -1,0 +1,83 @@
+"""A thick tube with a pressure inside, incompressible and in plane strain: how wide was it before?
+
+Neo-Hookean: ``b² - B² = a² - A²``, and with ``λ = r/R``
+
+    p = μ (ln(λ_a/λ_b) + ½ (1/λ_b² - 1/λ_a²)).
+"""
+
+from __future__ import annotations
+
+from math import log
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.closed_forms import root
+from helpers.verification import job
+
+import hpcinv
+from hpcinv.parallel.runtime import MPI
+
+INNER, OUTER, PRESSURE = 1.0, 1.5, 0.2  # of the loaded tube, m and Pa; the shear modulus is 1 Pa
+
+
+def before(A: float) -> float:
+    """The outer radius that belongs to an inner one, at rest."""
+    return float((OUTER**2 - INNER**2 + A**2) ** 0.5)
+
+
+def carried(A: float) -> float:
+    """Pressure that takes the inner radius from ``A`` to `INNER`."""
+    a, b = INNER / A, OUTER / before(A)
+    return log(a / b) + (b**-2 - a**-2) / 2
+
+
+A = root(lambda A: carried(A) - PRESSURE, 0.5, 1.0)
+B = before(A)
+
+
+def radii(direction: str, divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> list[float]:
+    """Radii of the tube that is looked for, from the exact ones of the other."""
+    inner, outer = (A, B) if direction == "forward" else (INNER, OUTER)
+    mesh = {"radial": divisions, "around": 2 * divisions, "along": 1, "length": 0.5 / divisions, "hexahedra": hexahedra}
+    radius = "norm(x, y)" if direction == "forward" else "norm(X, Y)"
+    found: dict[str, Any] = dict(
+        hpcinv.run(
+            job(
+                analysis=direction,
+                mesh={
+                    "file": "../meshes/thick_cylinder.py",
+                    "parameters": {"inner": inner, "outer": outer, **mesh},
+                    "geometry_degree": 2,
+                },
+                material={"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"},
+                effects=[{"effect": "pressure", "region": "inner", "pressure": PRESSURE}],
+                supports=[
+                    {"region": "x0", "fix": ["x"]},
+                    {"region": "y0", "fix": ["y"]},
+                    {"region": "z0", "fix": ["z"]},
+                    {"region": "z1", "fix": ["z"]},
+                ],
+                quantities=[{"name": name, "of": radius, "on": name, "reduce": "mean"} for name in ("inner", "outer")],
+            ),
+            comm,
+        ).quantities
+    )
+    return [found["inner"], found["outer"]]
+
+
+def test_the_closed_form_has_the_radii_known_for_it() -> None:
+    assert [round(A, 7), round(B, 7)] == [0.8286610, 1.3916461]
+
+
+@pytest.mark.parametrize("direction", ["inverse", "forward"])
+@pytest.mark.parametrize(("hexahedra", "order", "best"), [(True, 3.2, 1e-7), (False, 2.6, 1e-6)])
+def test_radii_converge(hexahedra: bool, order: float, best: float, direction: str, comm: MPI.Intracomm) -> None:
+    exact = [A, B] if direction == "inverse" else [INNER, OUTER]
+    errors = np.abs(np.array([radii(direction, n, hexahedra, comm) for n in (4, 8, 16)]) / exact - 1)
+    largest = errors.max(axis=1)
+    orders = np.log2(largest[:-1] / largest[1:])
+    cells = "hexahedra" if hexahedra else "tetrahedra"
+    print(f"{direction}, {cells}: errors {errors.tolist()}, orders of the larger {orders.round(2).tolist()}")
+    assert orders.min() > order
+    assert largest[-1] < best

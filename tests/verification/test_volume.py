@@ -1,0 +1,113 @@
+"""The volume lines of the certificate: what a nearly incompressible material may do, and what shows a coarse mesh."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from helpers.command_line import NO_CERTIFICATE
+from helpers.verification import box, job
+from test_certificate import sphere
+
+import hpcinv
+from hpcinv.certificate import Line, Verdict
+from hpcinv.certificate.volume import UNACCOUNTED
+from hpcinv.parallel.runtime import MPI
+
+INCOMPRESSIBLE = {"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"}
+
+VARYING = {"law": "neo-hookean", "mu": "1 Pa*(1 + X/(100 m))", "lam": 49.0}
+
+
+def nearly(poisson: float) -> dict[str, Any]:
+    return {"law": "neo-hookean", "young": 3.0, "poisson": poisson}
+
+
+def unaccounted(job: hpcinv.Job, comm: MPI.Intracomm) -> Line | None:
+    certificate = hpcinv.run(job, comm).certificate
+    found = [line for line in certificate.lines if line.name == UNACCOUNTED]
+    print(*(f"{line.name} {line.value}" for line in certificate.lines if "volume" in line.name))
+    return found[0] if found else None
+
+
+def sheared(material: Any, divisions: int, force: float, *, effects: tuple[Any, ...] = (), **changes: Any) -> Any:
+    """A cube that stands on its clamped bottom, pulled sideways at its top."""
+    traction = {"effect": "traction", "region": "z1", "area_in": "reference", "traction": [force, 0, 0]}
+    return job(
+        analysis="forward",
+        mesh=box((divisions,) * 3),
+        material=material,
+        supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
+        effects=[traction, *effects],
+        certificate=NO_CERTIFICATE,
+        **changes,
+    )
+
+
+@pytest.mark.parallel([1, 3])
+@pytest.mark.parametrize(
+    ("material", "discretisation"),
+    [
+        (INCOMPRESSIBLE, {}),
+        (nearly(0.49), {}),
+        (nearly(0.49), {"formulation": "displacement", "displacement": 1}),
+        (VARYING, {"formulation": "displacement", "displacement": 1}),
+    ],
+    ids=["incompressible", "mixed", "linear displacements", "moduli that vary"],
+)  # fmt: skip
+def test_a_coarse_mesh_changes_volumes_that_cannot_change(
+    material: Any, discretisation: dict[str, Any], comm: MPI.Intracomm
+) -> None:
+    """At single points J is far from 1, while the material can change its volume by 2 % at most."""
+    line = unaccounted(sheared(material, 4, 0.5, discretisation=discretisation), comm)
+    assert line is not None
+    assert line.verdict is Verdict.WARN
+    assert "too coarse" in line.note
+
+
+def test_good_answers_pass(comm: MPI.Intracomm) -> None:
+    for good in (sphere(2, hexahedra=True), sheared(INCOMPRESSIBLE, 3, 0.02), sheared(nearly(0.49), 3, 0.02)):
+        line = unaccounted(good, comm)
+        assert line is not None
+        assert line.verdict is Verdict.PASS
+        assert line.value is not None
+        assert 0 < line.value < 0.02
+
+
+def test_a_compressible_material_may_change_its_volume(comm: MPI.Intracomm) -> None:
+    assert unaccounted(sheared(nearly(0.3), 2, 0.5), comm) is None
+
+
+def test_growth_is_no_elastic_change_of_volume(comm: MPI.Intracomm) -> None:
+    """A free cube that doubles its volume is free of stress."""
+    grown = job(
+        analysis="forward",
+        mesh=box((2, 2, 2)),
+        material=INCOMPRESSIBLE,
+        effects=[{"effect": "growth", "stretch": 2 ** (1 / 3)}],
+        supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
+        certificate=NO_CERTIFICATE,
+    )
+    line = unaccounted(grown, comm)
+    assert line is not None
+    assert line.value == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parallel([1, 2])
+def test_only_what_is_nearly_incompressible_counts(comm: MPI.Intracomm) -> None:
+    """The soft foam below changes its volume by tens of per cent; what lies on it hardly does."""
+    line = unaccounted(
+        job(
+            analysis="forward",
+            mesh=box((2, 2, 4)),
+            regions={"below": "z < 0.501 m"},
+            material={"below": nearly(0.0) | {"young": 0.3}, "elsewhere": nearly(0.49)},
+            supports=[{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
+            effects=[{"effect": "traction", "region": "z1", "area_in": "reference", "traction": [0, 0, -0.15]}],
+            discretisation={"formulation": "displacement"},
+            certificate=NO_CERTIFICATE,
+        ),
+        comm,
+    )
+    assert line is not None
+    assert line.verdict is Verdict.PASS
