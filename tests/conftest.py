@@ -11,6 +11,7 @@ import pytest
 from hpcinv.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[1]
+UNIT = ROOT / "tests" / "unit"
 
 # mpi-pytest starts "mpiexec" by name, and the one that belongs to this Python is beside it.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
@@ -24,6 +25,13 @@ if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
 def pytest_xdist_auto_num_workers() -> int:
     """Two tests at a time, so that kernels compile side by side; the ranks of a parallel test share its one process."""
     return 0 if "_PYTEST_MPI_CHILD_PROCESS" in os.environ else min(2, os.cpu_count() or 1)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as fast what is in tests/unit, unless it is slow or starts several ranks: ``pytest -m fast``."""
+    for item in items:
+        if UNIT in item.path.parents and not any(item.iter_markers("slow")) and not any(item.iter_markers("parallel")):
+            item.add_marker("fast")
 
 
 @pytest.fixture

@@ -16,6 +16,8 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.diagnosis import Diagnosis, diagnose
 from hpcinv.solver.equilibrium import Solve
 
+pytestmark = pytest.mark.slow
+
 
 def sphere_beyond_its_limit() -> Job:
     """See `test_thick_sphere`: no cavity, however small, carries more than 2.0919 Pa."""

@@ -15,6 +15,8 @@ from hpcinv.mesh import build_body
 from hpcinv.mesh.io import gmsh_model
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.slow
+
 # Two tetrahedra on one facet, and the facets of the first.
 TWO = (*TETRAHEDRON, (1.0, 1.0, 1.0))
 FIRST, SECOND = (4, 1, 1, (1, 2, 3, 4)), (4, 1, 1, (2, 3, 4, 5))

@@ -15,6 +15,8 @@ from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.slow
+
 REGULAR = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], dtype=float)
 
 

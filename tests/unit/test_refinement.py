@@ -20,6 +20,8 @@ from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import DataArray
 from hpcinv.parallel.runtime import MPI, on_root
 
+pytestmark = pytest.mark.slow
+
 CASES: dict[str, tuple[str, int, dict[str, Any]]] = {
     "block of tetrahedra": ("box.py", 1, {"nx": 2, "ny": 3, "nz": 2}),
     "block of bricks": ("box.py", 1, {"nx": 2, "ny": 3, "nz": 2, "hexahedra": True}),

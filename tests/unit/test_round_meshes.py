@@ -15,6 +15,8 @@ from hpcinv.mesh import MeshSource, build_body, read_source
 from hpcinv.mesh.cells import FACET_KIND, scalar_element
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.slow
+
 A, B, L = 0.4, 1.1, 1.3
 TUBE = {"inner": A, "outer": B, "length": L}
 PARTS = {"wall", "inner", "outer", "z0", "z1"}

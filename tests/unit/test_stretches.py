@@ -21,6 +21,8 @@ from hpcinv.kinematics.principal_stretches import IsochoricStretches
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.slow
+
 I = np.eye(3)
 ALPHAS = (2.0, -2.0, 1.3, 5.0, -3.0, 0.01)
 STEEP = (30.0, -30.0)

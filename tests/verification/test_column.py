@@ -10,6 +10,8 @@ from helpers.verification import Solved, box, job
 
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.fast
+
 SPATIAL, REFERENCE = 1.0802799, 1.0846655  # undeformed length for a density per current, per reference volume
 
 

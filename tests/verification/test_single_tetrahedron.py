@@ -13,6 +13,8 @@ from helpers.verification import job
 import hpcinv
 from hpcinv.parallel.runtime import MPI
 
+pytestmark = pytest.mark.fast
+
 LAWS = {
     "neo-hookean": {"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
     "mooney-rivlin": {"law": "mooney-rivlin", "c1": "2 kPa", "c2": "1 kPa", "d1": "20 kPa"},

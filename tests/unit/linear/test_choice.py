@@ -17,6 +17,8 @@ from hpcinv.solver.linear.cost_model import Forecast, Shape, shape_of
 from hpcinv.solver.linear.selection import Chooser
 from hpcinv.solver.problem import Model
 
+pytestmark = pytest.mark.slow
+
 SOFT: dict[str, Any] = {
     "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
     "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}],
