@@ -8,8 +8,8 @@ from typing import Any
 
 import yaml
 
-from hpcinv.batch.ledger.record import Record
 from helpers.command_line import BLOCK
+from hpcinv.batch.ledger.record import Record
 from hpcinv.sweep.plan import Plan, load_sweep
 from hpcinv.sweep.results import ledger_of
 
