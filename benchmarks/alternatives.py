@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+from bodies import WITHOUT_CERTIFICATE, block
+
 import hpcinv.parallel.runtime  # its import order first
 
 # isort: split
@@ -25,7 +27,6 @@ from scipy import sparse
 
 import hpcinv.assembly.tangent
 from hpcinv.assembly.tangent import CompiledTangent
-from hpcinv.bench.bodies import WITHOUT_CERTIFICATE, block
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job, parse
 from hpcinv.model.spaces import Unknowns

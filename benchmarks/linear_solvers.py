@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 import hpcinv
-from hpcinv.bench.bodies import WITHOUT_CERTIFICATE
+from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE
 from hpcinv.job.job import parse
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI

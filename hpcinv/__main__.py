@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from hpcinv.bench.command import add_bench
+from hpcinv.cli.bench import add_bench
 from hpcinv.cli.compile import add_compile
 from hpcinv.cli.mesh import add_mesh
 from hpcinv.cli.sweep import add_sweep

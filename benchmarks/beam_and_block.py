@@ -1,0 +1,64 @@
+"""The sections of ``hpcinv bench`` on the paper's beam and on a block, and the phases of a whole run.
+
+Command: python benchmarks/beam_and_block.py linear|ranks|phases [--sizes N …] [--repeat 3]
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from bodies import beam, block, measure, sagging_beam
+
+from hpcinv.cli.bench import linear, ranks
+from hpcinv.cli.bench_runs import SOLVER, Bench, Findings, Run, median
+from hpcinv.parallel.timings import WORK
+
+SIZES = {"linear": [5_000, 15_000, 50_000], "ranks": [41_000, 250_000], "phases": [41_000]}
+
+
+def section(bench: Bench, options: argparse.Namespace) -> list[Findings]:
+    sizes = sorted(options.sizes or SIZES[options.section])
+    sagging = {"beam": lambda size: beam(size, mesh=sagging_beam(bench, size)), "block": block}
+    match options.section:
+        case "linear":
+            return [linear(bench, {"beam": beam, "block": block}, sizes, options.repeat)]
+        case "ranks":
+            return [ranks(bench, sagging, sizes, (1, 2), options.repeat)]
+    jobs = {name: (body(sizes[-1]), 1) for name, body in sagging.items()}
+    return [phases(bench.alternating(jobs, options.repeat), options.repeat)]
+
+
+def phases(runs: dict[str, list[Run]], repeat: int) -> Findings:
+    """Microseconds per unknown in each phase, and the share outside of kernels, PETSc and MPI."""
+    names = dict.fromkeys(("mesh", "set-up", *SOLVER, "certificate"))
+    names |= {name: None for of in runs.values() for name in of[0].phases if name != "compile"}
+    found = {
+        body: {name: median(of, lambda run, name=name: run.phases.get(name, 0.0)) for name in names}
+        for body, of in runs.items()
+    }
+    unknowns = {body: of[0].unknowns for body, of in runs.items()}
+    rows = [(name, *(f"{1e6 * found[body][name] / unknowns[body]:.2f}" for body in runs)) for name in names]
+    outside = [median(of, lambda run: run.found["timings"]["overhead"]) for of in runs.values()]
+    before = [median(of, _outside_before_certificate) for of in runs.values()]
+    return Findings(
+        f"phases: inverse, 1 rank, medians of {repeat}",
+        ("µs per unknown", *(f"{body}, {n} unknowns" for body, n in unknowns.items())),
+        [
+            *rows,
+            ("outside of kernels, PETSc and MPI", *(f"{share:.1%}" for share in outside)),
+            ("the same before the certificate", *(f"{share:.1%}" for share in before)),
+        ],
+        data={"unknowns": unknowns, "seconds": found, "outside": outside, "before the certificate": before},
+    )
+
+
+def _outside_before_certificate(run: Run) -> float:
+    of = run.phases
+    return 1 - sum(of.get(name, 0.0) for name in WORK) / (run.found["timings"]["total"] - of["certificate"])
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("section", choices=SIZES)
+    parser.add_argument("--sizes", type=int, nargs="+", help="unknowns, about")
+    measure(parser, section)

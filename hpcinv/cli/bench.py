@@ -1,0 +1,295 @@
+"""``hpcinv bench``: is this machine set up well, which linear solver suits it, and how many ranks are worth while?
+
+Two bodies of silicone are measured, which it makes itself: a cube that stands on its clamped bottom, and a rod 20 times
+as long as wide, clamped at one end; both under their own weight, inverse, in the mixed form.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.errors import OutputError, SolveError
+
+if TYPE_CHECKING:
+    from hpcinv.cli.bench_runs import Bench, Findings, JobData, Run
+
+SECTIONS = ("setup", "linear", "ranks")
+LINEAR_SOLVERS = ("direct", "iterative")
+_SIZES = {"linear": (5_000, 15_000, 50_000), "ranks": (40_000,)}
+_PHASES = ("tangent", "factorization", "linear solve")
+_GEOMETRY = """SetFactory("OpenCASCADE");
+Box(1) = {{0, 0, 0, {length}, {width}, {width}}};
+Transfinite Curve {{1:8}} = {across} + 1;
+Transfinite Curve {{9:12}} = {along} + 1;
+Transfinite Surface {{:}};
+Transfinite Volume {{1}};
+Physical Volume("silicone") = {{1}};
+Physical Surface("clamp") = {{1}};
+"""
+
+
+def add_bench(commands: Any) -> None:
+    """Add the command ``bench`` to a parser's."""
+    bench = commands.add_parser("bench", help="measure this machine: set-up, linear solvers, ranks (without mpirun)")
+    bench.add_argument("sections", nargs="*", metavar="section", help=f"{', '.join(SECTIONS)} (default: all)")
+    bench.add_argument(
+        "--sizes",
+        type=_whole,
+        nargs="+",
+        metavar="N",
+        help="unknowns, about (linear: 5000 15000 50000; ranks: 40000)",
+    )
+    bench.add_argument(
+        "--ranks", type=_whole, nargs="+", metavar="N", help="ranks that are compared (1, 2, 4 … up to the cores)"
+    )
+    bench.add_argument("--repeat", type=_whole, default=3, metavar="N", help="rounds, for medians (3)")
+    bench.add_argument("--out", type=Path, metavar="FILE", help="all figures as JSON")
+    bench.set_defaults(command=_bench)
+
+
+def _whole(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError("must be 1 or more")
+    return number
+
+
+def _bench(options: argparse.Namespace) -> int:
+    if unknown := [name for name in options.sections if name not in SECTIONS]:
+        raise OutputError(f"bench: unknown section '{unknown[0]}'", f"There are {', '.join(SECTIONS)}.")
+    if options.out is not None and not options.out.parent.is_dir():
+        raise OutputError(f"--out {options.out}: no such directory")
+    from hpcinv.cli.bench_runs import Bench
+
+    counts = sorted(set(options.ranks or _up_to_the_cores()))
+    found: dict[str, Any] = {"machine": {"processor": platform.processor() or platform.machine()}}
+    with tempfile.TemporaryDirectory(prefix="hpcinv-bench-") as directory:
+        bench = Bench(Path(directory), lambda text: print(text, file=sys.stderr, flush=True))
+        for name in options.sections or SECTIONS:
+            sizes = sorted(set(options.sizes or _SIZES.get(name, ())))
+            match name:
+                case "setup":
+                    findings = setup(bench, counts)
+                case "linear":
+                    findings = linear(bench, bodies(bench), sizes, options.repeat)
+                case _:
+                    findings = ranks(bench, bodies(bench), sizes, counts, options.repeat)
+            findings.show()
+            found[name] = findings.data
+            if options.out is not None:
+                options.out.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+def _up_to_the_cores() -> list[int]:
+    return [2**k for k in range(len(os.sched_getaffinity(0)).bit_length())]
+
+
+def bodies(bench: Bench) -> Mapping[str, Callable[[int], JobData]]:
+    """A cube and a rod, as jobs of about a number of unknowns; their geometry is written to the bench's directory."""
+    return {
+        "cube": lambda unknowns: _body(bench, unknowns, 1.0, 1, [-9.81, 0, 0]),
+        "rod": lambda unknowns: _body(bench, unknowns, 0.01, 20, [0, -9.81, 0]),
+    }
+
+
+def _body(bench: Bench, unknowns: int, width: float, slenderness: int, acceleration: Sequence[float]) -> JobData:
+    """A box of quadratic tetrahedra, whose cells are up to twice as long as wide."""
+
+    def along(n: int) -> int:
+        return math.ceil(slenderness / 2) * n
+
+    def count(n: int) -> int:
+        return 3 * (2 * n + 1) ** 2 * (2 * along(n) + 1) + (n + 1) ** 2 * (along(n) + 1)
+
+    across = min(range(1, 100), key=lambda n: abs(count(n) - unknowns))
+    file = bench.directory / f"box-{slenderness}-{across}.geo"
+    file.write_text(
+        _GEOMETRY.format(length=slenderness * width, width=width, across=across, along=along(across)), encoding="utf-8"
+    )
+    return {
+        "job": "bench",
+        "mesh": {"file": str(file)},
+        "material": {"law": "mooney-rivlin", "c1": 101709.668, "c2": 151065.460, "d1": 7.965272689e8},
+        "effects": [{"effect": "gravity", "acceleration": list(acceleration), "density": 963}],
+        "supports": [{"region": "clamp", "fix": ["x", "y", "z"]}],
+        "checkpoint": {"every": 0},
+        "output": {"fields": False, "mesh": []},
+    }
+
+
+def setup(bench: Bench, counts: Sequence[int]) -> Findings:
+    """Whether the launcher's ranks find each other, how long imports take, and what memory bandwidth ranks share."""
+    from hpcinv.cli.bench_runs import Findings
+
+    bench.note("set-up: warming up")
+    bench.output("hpcinv.cli.bench_runs")
+    found = {}
+    for count in counts:
+        bench.note(f"set-up, on {count}")
+        text = bench.output("hpcinv.cli.bench_runs", ranks=count)
+        try:
+            found[count] = json.loads(text)
+        except ValueError:  # each of them is alone, and prints
+            raise SolveError(
+                f"the launcher starts {count} separate processes, not {count} ranks of one run",
+                "Set HPCINV_LAUNCHER to the one of the MPI that mpi4py was built with, such as 'srun --mpi=pmi2'.",
+            ) from None
+    alone = found[counts[0]]
+    return Findings(
+        "setup: imports and memory",
+        ("ranks", "imports (s)", "memory (GB/s)", "times that of the first"),
+        [
+            (
+                str(count),
+                f"{of['imports']:.2f}",
+                f"{of['bandwidth'] / 1e9:.1f}",
+                f"{of['bandwidth'] / alone['bandwidth']:.2f}",
+            )
+            for count, of in found.items()
+        ],
+        [
+            f"{len(os.sched_getaffinity(0))} cores may be used; the ranks of each row are in one communicator",
+            "Iterative solves are limited by memory: more ranks help them as far as this column rises.",
+            "Where imports take longer on more ranks, read docs/start-up.md.",
+        ],
+        {str(count): of for count, of in found.items()},
+    )
+
+
+def linear(
+    bench: Bench, measured: Mapping[str, Callable[[int], JobData]], sizes: Sequence[int], repeat: int
+) -> Findings:
+    """Direct against iterative linear solver over size, on one rank: seconds, memory, and where they cross."""
+    from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings
+
+    rows: list[tuple[str, ...]] = []
+    notes: list[str] = []
+    data = dict[str, list[dict[str, float]]]()
+    for name, body in measured.items():
+        jobs = [{**body(size), "certificate": WITHOUT_CERTIFICATE} for size in sizes]
+        bench.compile(name, {**jobs[-1], "solver": {"linear": "iterative"}})
+        for size, job in zip(sizes, jobs, strict=True):
+            runs: dict[str, list[Run]] = {kind: [] for kind in LINEAR_SOLVERS}
+            for _ in range(repeat):
+                for kind, of in runs.items():
+                    title = f"{name}, about {size} unknowns, {kind}"
+                    of.append(bench.run(title, {**job, "solver": {"linear": kind}}, log=True))
+                    if not of[-1].solved:
+                        notes.append(f"{title}: {of[-1].ending}")
+            found = _figures(runs)
+            data.setdefault(name, []).append(found)
+            rows.append((name, *_cells(found)))
+        notes += [f"{name}: {_crossing(figure, data[name])}" for figure in ("seconds", "bytes")]
+    return Findings(
+        f"linear: inverse, 1 rank, medians of {repeat}",
+        ("body", "unknowns", *(f"{k} {unit}" for unit in ("s", "MB") for k in LINEAR_SOLVERS), "Krylov / Newton"),
+        rows,
+        notes,
+        {"repeat": repeat, "series": data},
+    )
+
+
+def _figures(runs: Mapping[str, Sequence[Run]]) -> dict[str, float]:
+    """Medians over the runs of each linear solver, without those that did not always solve."""
+    from hpcinv.cli.bench_runs import median
+
+    found = dict[str, float]()
+    for kind, of in runs.items():
+        if all(run.solved for run in of):
+            found["unknowns"] = of[0].unknowns
+            found[f"{kind} seconds"] = median(of, lambda run: run.solver)
+            found[f"{kind} bytes"] = median(of, lambda run: sum(run.memory))
+            found[f"{kind} Newton iterations"] = of[0].count("newton_iterations")
+            found[f"{kind} Krylov iterations"] = of[0].krylov_iterations
+    return found
+
+
+def crossover(sizes: Sequence[float], one: Sequence[float], other: Sequence[float]) -> float | None:
+    """Size at which ``other`` becomes less than ``one``, interpolated in logarithms; ``None`` if it does nowhere."""
+    points = [(math.log(n), math.log(a / b)) for n, a, b in zip(sizes, one, other, strict=True)]
+    for (x, f), (y, g) in pairwise(sorted(points)):
+        if f <= 0 < g:
+            return math.exp(x - f * (y - x) / (g - f))
+    return None
+
+
+def _crossing(figure: str, series: Sequence[Mapping[str, float]]) -> str:
+    names = ("unknowns", *(f"{kind} {figure}" for kind in LINEAR_SOLVERS))
+    known = [[of[name] for name in names] for of in series if all(name in of for name in names)]
+    if not known:
+        return f"no {figure} to compare"
+    sizes, one, other = zip(*known, strict=True)
+    at = crossover(sizes, one, other)
+    if at is not None:
+        return f"the iterative solver takes fewer {figure} from {at:,.0f} unknowns on"
+    less = "everywhere" if all(b < a for a, b in zip(one, other, strict=True)) else "nowhere"
+    return f"the iterative solver takes fewer {figure} {less} between {min(sizes):,.0f} and {max(sizes):,.0f} unknowns"
+
+
+def _cells(found: Mapping[str, float]) -> list[str]:
+    def shown(name: str, unit: float = 1, digits: int = 0) -> str:
+        return f"{found[name] / unit:.{digits}f}" if name in found else "-"
+
+    return [
+        shown("unknowns"),
+        *(shown(f"{kind} seconds", digits=2) for kind in LINEAR_SOLVERS),
+        *(shown(f"{kind} bytes", 1e6) for kind in LINEAR_SOLVERS),
+        f"{shown('iterative Krylov iterations')} / {shown('iterative Newton iterations')}",
+    ]
+
+
+def ranks(
+    bench: Bench,
+    measured: Mapping[str, Callable[[int], JobData]],
+    sizes: Sequence[int],
+    counts: Sequence[int],
+    repeat: int,
+) -> Findings:
+    """How many times as fast more ranks are, with the linear solver that hpcinv selects."""
+    from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings, median
+
+    bodies = {
+        f"{name}, {size}": {**body(size), "certificate": WITHOUT_CERTIFICATE}
+        for size in sizes
+        for name, body in measured.items()
+    }
+    jobs = {f"{name}, on {count}": (job, count) for name, job in bodies.items() for count in counts}
+    runs = bench.alternating(jobs, repeat)
+    seconds = {
+        name: {
+            "solver": median(of, lambda run: run.solver),
+            **{phase: median(of, lambda run, phase=phase: run.phases.get(phase, 0.0)) for phase in _PHASES},  # type: ignore[misc]
+            "command": median(of, lambda run: run.seconds),
+        }
+        for name, of in runs.items()
+    }
+    rows, notes = list[tuple[str, ...]](), list[str]()
+    for name in bodies:
+        alone = seconds[f"{name}, on {counts[0]}"]
+        for count in counts:
+            mine, of = seconds[f"{name}, on {count}"], runs[f"{name}, on {count}"]
+            faster = (f"{alone[title] / mine[title]:.2f}" if mine[title] > 1e-3 else "" for title in mine)
+            memory = f"{median(of, lambda run: max(run.memory)) / 1e6:.0f}"
+            rows.append(
+                (name.partition(",")[0], f"{of[0].unknowns}", str(count), f"{mine['solver']:.2f}", *faster, memory)
+            )
+        best = min(counts, key=lambda count: seconds[f"{name}, on {count}"]["command"])
+        notes.append(f"{rows[-1][0]}, {rows[-1][1]} unknowns: fastest from command to prompt on {best}")
+    return Findings(
+        f"ranks: inverse, seconds of the solver, and how many times as fast as {counts[0]}, medians of {repeat}",
+        ("body", "unknowns", "ranks", "s", "solver", *_PHASES, "command", "MB a rank"),
+        rows,
+        notes,
+        {"repeat": repeat, "unknowns": {name: of[0].unknowns for name, of in runs.items()}, "seconds": seconds},
+    )

@@ -1,0 +1,266 @@
+"""Measured runs of jobs: each in processes of its own, as a user starts it, with its times and memory.
+
+``mpirun -n 2 python -m hpcinv.cli.bench_runs`` prints the number of ranks, the seconds until they were ready, and the
+bytes per second that all ranks together read and write.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import resource
+import shlex
+import shutil
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rich.table import Table
+
+from hpcinv.errors import OutputError, SolveError, SystemPartMissing
+from hpcinv.output.console import Console
+
+type JobData = Mapping[str, Any]
+
+SOLVER = ("residual", "tangent", "factorization", "linear solve", "newton", "admissibility check")
+"""Phases from the first assembly to the solution."""
+WITHOUT_CERTIFICATE = {"round_trip": "off", "stability": False, "estimate": False, "overlap": False}
+_LOGGED = ("Count", "Num Messages", "Message Length", "Num Reductions")
+_STREAM_LENGTH, _STREAM_REPEATS = 10_000_000, 10  # larger than any cache
+
+
+@dataclass(frozen=True)
+class Run:
+    """One measured run.
+
+    Attributes:
+        seconds: wall time of the command.
+        cpu: processor seconds of all ranks together.
+        summary: the run's summary.json, ``None`` if it was not written.
+        events: PETSc's log, if it was asked for: by event one entry for each rank.
+        ending: the exit code and the end of stderr.
+    """
+
+    seconds: float
+    cpu: float
+    summary: Mapping[str, Any] | None
+    events: Mapping[str, Sequence[Mapping[str, float]]]
+    ending: str
+
+    @property
+    def solved(self) -> bool:
+        return self.summary is not None and self.summary["status"] == "converged"
+
+    @property
+    def found(self) -> Mapping[str, Any]:
+        """The summary of a solved run."""
+        if self.summary is None:
+            raise SolveError(self.ending)
+        return self.summary
+
+    @property
+    def unknowns(self) -> int:
+        return int(self.found["mesh"]["unknowns"])
+
+    def count(self, name: str) -> int:
+        """``factorizations`` or ``newton_iterations``, of all solutions together."""
+        return sum(leg[name] for leg in self.found["legs"])
+
+    @property
+    def krylov_iterations(self) -> int:
+        """Applications of the preconditioner in PETSc's log."""
+        return int(self.events["PCApply"][0]["Count"])
+
+    @property
+    def phases(self) -> dict[str, float]:
+        """Seconds by phase, on the rank that took longest."""
+        return {name: float(of["max"]) for name, of in self.found["timings"]["phases"].items()}
+
+    @property
+    def solver(self) -> float:
+        """Seconds of the phases in `SOLVER`."""
+        return sum(self.phases.get(name, 0.0) for name in SOLVER)
+
+    @property
+    def total(self) -> float:
+        """Seconds of the run after the imports, without the compilation of kernels."""
+        return float(self.found["timings"]["total"]) - self.phases.get("compile", 0.0)
+
+    @property
+    def memory(self) -> Sequence[int]:
+        """Peak memory of each rank (bytes)."""
+        return [int(size) for size in self.found["peak_memory"]["ranks"]]
+
+
+class Bench:
+    """Starts runs whose files are written to one directory.
+
+    Args:
+        note: receives a line before each run.
+    """
+
+    def __init__(self, directory: Path, note: Callable[[str], None]) -> None:
+        self.directory, self.note = directory, note
+        self._launcher, self._count = _launcher(), 0
+
+    @property
+    def results(self) -> Path:
+        """The output directory of the last run."""
+        return self.directory / f"run-{self._count}" / "results"
+
+    def run(self, name: str, job: JobData, ranks: int = 1, *, log: bool = False) -> Run:
+        """Run a job on this many ranks, with PETSc's log if asked for."""
+        self.note(name)
+        self._count += 1
+        self.results.parent.mkdir()
+        file, events = self.results.parent / "job.yaml", self.results.parent / "events.csv"
+        file.write_text(yaml.safe_dump(dict(job), sort_keys=False), encoding="utf-8")
+        environment = dict(os.environ)
+        if log:
+            environment["PETSC_OPTIONS"] = (
+                f"{environment.get('PETSC_OPTIONS', '')} -log_view :{events}:ascii_csv".strip()
+            )
+        arguments = ("hpcinv", "run", file, "--output", self.results, "--ranks", ranks)
+        cpu, begun = _cpu(), time.perf_counter()
+        done = self._start(arguments, ranks, environment)
+        seconds, used = time.perf_counter() - begun, _cpu() - cpu
+        summary = self.results / "summary.json"
+        found = json.loads(summary.read_text(encoding="utf-8")) if summary.exists() else None
+        return Run(seconds, used, found, events_in(events), f"exit code {done.returncode}: {done.stderr[-1000:]}")
+
+    def must_run(self, name: str, job: JobData, ranks: int = 1, *, log: bool = False) -> Run:
+        """The same; raises ``SolveError`` if it is not solved."""
+        found = self.run(name, job, ranks, log=log)
+        if not found.solved:
+            raise SolveError(f"{name}: {found.summary['status'] if found.summary else found.ending}")
+        return found
+
+    def alternating(self, jobs: Mapping[str, tuple[JobData, int]], repeat: int) -> dict[str, list[Run]]:
+        """Runs of each job and number of ranks, ``repeat`` rounds of all, so that a change of the machine's speed
+        affects all alike; their kernels are compiled first."""
+        for name, (job, _) in jobs.items():
+            self.compile(name, job)
+        runs: dict[str, list[Run]] = {name: [] for name in jobs}
+        for number in range(1, repeat + 1):
+            for name, (job, ranks) in jobs.items():
+                runs[name].append(self.must_run(f"{name}, {number} of {repeat}", job, ranks))
+        return runs
+
+    def compile(self, name: str, job: JobData) -> None:
+        """Compile the kernels of a job."""
+        self.note(f"{name}: compiling")
+        file = self.directory / "job.yaml"
+        file.write_text(yaml.safe_dump(dict(job), sort_keys=False), encoding="utf-8")
+        self.output("hpcinv", "compile", file)
+
+    def output(self, module: str, *arguments: object, ranks: int = 1) -> str:
+        """The standard output of ``python -m module``; raises ``SolveError`` if it fails."""
+        done = self._start((module, *arguments), ranks, dict(os.environ))
+        if done.returncode:
+            raise SolveError(f"{' '.join(map(str, (module, *arguments)))}: {done.stderr[-1000:]}")
+        return done.stdout
+
+    def _start(
+        self, arguments: Sequence[object], ranks: int, environment: Mapping[str, str]
+    ) -> subprocess.CompletedProcess[str]:
+        command = [*self._launcher, "-n", str(ranks), sys.executable, "-m", *map(str, arguments)]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+@dataclass(frozen=True)
+class Findings:
+    """A table with its title, notes below it, and all figures as data (s, bytes)."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    notes: Sequence[str] = ()
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+    def show(self) -> None:
+        """Print it; plain where it goes to a file or a pipe."""
+        console = Console(highlight=False, markup=False)
+        if not console.is_terminal:
+            console.width = 160  # a file has no width of its own
+        console.print(self.title, style="bold")
+        table = Table(box=None, pad_edge=False, header_style="")
+        for i, title in enumerate(self.columns):
+            table.add_column(title, justify="right" if i else "left", no_wrap=True)
+        for row in self.rows:
+            table.add_row(*row)
+        console.print(table)
+        for note in self.notes:
+            console.print(note)
+        console.print()
+
+
+def median(runs: Sequence[Run], figure: Callable[[Run], float]) -> float:
+    return statistics.median(map(figure, runs))
+
+
+def events_in(log: Path) -> dict[str, list[dict[str, float]]]:
+    """Events of PETSc's log (``-log_view :FILE:ascii_csv``), on each rank; stages are added up."""
+    found: dict[str, dict[int, dict[str, float]]] = {}
+    if log.exists():
+        with log.open(newline="") as file:
+            for row in csv.DictReader(file):
+                sums = found.setdefault(row["Event Name"], {}).setdefault(int(row["Rank"]), {})
+                for column in _LOGGED:
+                    sums[column] = sums.get(column, 0.0) + float(row[column])
+    return {event: [by_rank[rank] for rank in sorted(by_rank)] for event, by_rank in found.items()}
+
+
+def _launcher() -> list[str]:
+    """The command that starts ranks: HPCINV_LAUNCHER, or the mpirun that belongs to this Python.
+
+    Raises:
+        OutputError: this process is itself one of several ranks.
+        SystemPartMissing: there is no such program.
+    """
+    if int(os.environ.get("PMI_SIZE", "1")) > 1:
+        raise OutputError("bench starts the ranks itself", "Start it once, without mpirun.")
+    beside = Path(sys.executable).parent / "mpirun"
+    found = shlex.split(os.environ.get("HPCINV_LAUNCHER", "")) or [str(beside) if beside.exists() else "mpirun"]
+    if shutil.which(found[0]) is None:
+        raise SystemPartMissing(f"no launcher '{found[0]}'", "Set HPCINV_LAUNCHER, such as to 'srun --mpi=pmi2'.")
+    return found
+
+
+def _cpu() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _probe() -> None:
+    """Print ranks, seconds of the imports and bytes per second, by the sum of two vectors of STREAM (McCalpin, IEEE
+    TCCA Newsletter, 19–25, December 1995)."""
+    begun = time.perf_counter()
+
+    # isort: split
+    import numpy as np
+
+    from hpcinv.parallel.runtime import MPI
+
+    comm = MPI.COMM_WORLD
+    imported = comm.allreduce(time.perf_counter() - begun, op=MPI.MAX)
+    a, b, c = (np.ones(_STREAM_LENGTH) for _ in range(3))
+    seconds = []
+    for _ in range(_STREAM_REPEATS):
+        comm.Barrier()
+        begun = MPI.Wtime()
+        np.add(a, b, out=c)
+        seconds.append(comm.allreduce(MPI.Wtime() - begun, op=MPI.MAX))
+    if comm.rank == 0:
+        found = {"ranks": comm.size, "imports": imported, "bandwidth": comm.size * 3 * a.nbytes / min(seconds)}
+        print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    _probe()
