@@ -9,7 +9,7 @@ import pytest
 from helpers.command_line import CUBE, hpcinv, write_job
 from helpers.verification import box, job
 
-from hpcinv.cli.explain import explain
+from hpcinv.cli.scene_costs import explain
 from hpcinv.parallel.runtime import MPI
 
 PRESSURE = {"effect": "pressure", "region": "x1", "pressure": "1 kPa"}

@@ -20,7 +20,7 @@ UNREACHABLE: dict[str, Any] = {"solver": {"strategy": "fixed", "steps": 2, "maxi
 # Something goes wrong on rank 1 alone, while rank 0 waits for it.
 ON_RANK_1 = """
 import sys
-from hpcinv import runtime
+from hpcinv.parallel import runtime
 from hpcinv.errors import MeshError
 from hpcinv.solver.problem import Model
 from hpcinv.__main__ main
@@ -192,9 +192,9 @@ def test_what_fails_on_one_rank_ends_all_within_seconds(
 def test_what_fails_on_rank_0_in_a_task_of_its_own_ends_all(cube: Path, tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
-        "import sys\nimport hpcinv.__main__ as cli\n"
-        "cli.load = lambda path: sys.exit('rank 0 has gone')\n"
-        "sys.exit(cli.main())\n"
+        "import sys\nimport hpcinv.cli.run\nfrom hpcinv.__main__ import main\n"
+        "hpcinv.cli.run.load = lambda path: sys.exit('rank 0 has gone')\n"
+        "sys.exit(main())\n"
     )
     done = hpcinv(2, "run", cube, cwd=tmp_path, script=script)
     assert done.returncode == 1, done.stderr

@@ -25,7 +25,7 @@ FIXED: dict[str, Any] = {"strategy": "fixed", "steps": STEPS}
 
 KILL_WHILE_WRITING = """
 import os, signal, sys
-from hpcinv import checkpoint
+from hpcinv.output import checkpoint
 from hpcinv.__main__ import main
 
 durably, count = checkpoint._write_durably, 0

@@ -12,11 +12,11 @@ import pytest
 from hpcinv.job.mesh_generators import in_unit, parameters_of, read_parameters, resolution_of
 
 PYTHON = """
-from hpcinv import quantities
+from hpcinv.quantity import quantity
 from hpcinv.quantity.quantity import Dimensionless, Length
 raise SystemExit("a generator must not be run to be checked")
 def build(gmsh, origin: float = 0.0, *, length: Length, size: "Length" = 2e-3, taper: Dimensionless = 0,
-          cells: int = 3, curved: bool = True, shape: str = "round", angle=0.0, area: quantities.Area = 1) -> None:
+          cells: int = 3, curved: bool = True, shape: str = "round", angle=0.0, area: quantity.Area = 1) -> None:
     ...
 """
 GEO = """// DefineConstant[ not_this = 1 ];
@@ -86,7 +86,7 @@ def test_what_is_no_generator_is_refused(tmp_path: Path, text: str, message: str
 
 
 RESOLVED = """
-def build(gmsh, *, size: Size = 0.25, near: quantities.Size = sum([1]), n: Divisions = 4, width: Length = 2.0): ...
+def build(gmsh, *, size: Size = 0.25, near: quantity.Size = sum([1]), n: Divisions = 4, width: Length = 2.0): ...
 """
 
 
@@ -132,7 +132,7 @@ def test_lengths_reach_a_generator_in_the_unit_it_works_in(tmp_path: Path) -> No
         ("size=6.0", 1e-3, "annotate it there (size: Length or Size), or give a plain number"),
         ("size: float = 6.0", 1e-3, "annotate it there (size: Length or Size), or give a plain number"),
         (
-            "size: quantities.AnyQuantity = 6.0",
+            "size: quantity.AnyQuantity = 6.0",
             1e-3,
             "annotate it there (size: Length or Size), or give a plain number",
         ),

@@ -1,0 +1,129 @@
+"""Commands that solve, under mpirun for more than one rank: ``run``, ``resume`` and ``study``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+from hpcinv.errors import OutputError
+from hpcinv.files.untrusted import add_option
+from hpcinv.job.job import Job, load
+from hpcinv.output.run_directory import RunDirectory, choose
+from hpcinv.parallel.signals import end_on_interrupt
+from hpcinv.study.plan import load_plan
+
+
+def add_run(commands: Any) -> None:
+    """Add the three commands to those of the command line."""
+    run = commands.add_parser("run", help="solve a job (under mpirun for more than one rank)")
+    run.add_argument("job", type=Path, help="job file (YAML)")
+    run.add_argument(
+        "--output", type=Path, metavar="DIR", help="where results go (default: results/JOB, then JOB-2, …)"
+    )
+    run.add_argument("--overwrite", action="store_true", help="replace the results of the run in --output")
+    run.set_defaults(command=_run)
+
+    resume = commands.add_parser("resume", help="go on with a run from its last checkpoint, on any number of ranks")
+    resume.add_argument("directory", type=Path, help="directory of the run")
+    resume.add_argument("--job", type=Path, help="a changed job: solver, output and checkpoint settings may differ")
+    resume.set_defaults(command=_resume)
+
+    study = commands.add_parser("study", help="accuracy against time: many runs of a job, their errors and costs")
+    study.add_argument("study", type=Path, help="study file (YAML)")
+    study.add_argument("--output", type=Path, metavar="DIR", help="where it goes, and goes on (default: results/STUDY)")
+    study.set_defaults(command=_study)
+
+    for parallel in (run, resume):
+        told = parallel.add_mutually_exclusive_group()
+        told.add_argument("-v", "--verbose", action="store_true", help="print every iteration of Newton's method")
+        told.add_argument("-q", "--quiet", action="store_true", help="print warnings, what fails, and how it ended")
+        parallel.add_argument(
+            "--strict",
+            action="store_true",
+            help="end with exit code 7 if the certificate has warnings or is not decided",
+        )
+    for parallel in (run, resume, study):
+        parallel.add_argument(
+            "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
+        )
+        add_option(parallel)
+
+
+def _run(options: argparse.Namespace) -> int:
+    def read() -> tuple[Job, RunDirectory]:
+        job = load(options.job)
+        directory = choose(options.output, job)
+        directory.check_free(overwrite=options.overwrite)
+        return job, directory
+
+    return _in_parallel(options, read, resume=False)
+
+
+def _resume(options: argparse.Namespace) -> int:
+    if options.untrusted:
+        directory = options.directory
+        text = f"{directory}: --untrusted: checkpoints that came from elsewhere are not read"
+        anew = f"Start anew with 'run --untrusted {directory / 'job.yaml'}'"
+        raise OutputError(text, f"{anew}; a run of your own that began with --untrusted keeps to it by itself.")
+
+    def read() -> tuple[Job, RunDirectory]:
+        directory = RunDirectory(options.directory)
+        return directory.job(options.job), directory
+
+    return _in_parallel(options, read, resume=True)
+
+
+def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
+    """Read the job on rank 0 and solve it on all."""
+    from hpcinv.parallel.launch import launched
+
+    with launched(options.ranks) as (comm, stop):
+        from hpcinv.output.progress import Level, Progress
+        from hpcinv.parallel.runtime import abort, on_root
+
+        with Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
+
+            def interrupted() -> NoReturn:
+                progress.note("ended by Ctrl-C", Level.VERBOSE)
+                progress.close()  # gives the terminal its cursor back
+                abort(comm, 130)
+
+            end_on_interrupt(interrupted)
+            job, directory = on_root(comm, read)
+            if resume and on_root(comm, lambda: directory.is_finished):
+                progress.note(f"{directory.path}: this run is finished; its results are in summary.json")
+                return 0
+
+            from hpcinv.driver import run
+
+            result = run(
+                job,
+                comm,
+                directory=directory.path,
+                overwrite=not resume and options.overwrite,
+                resume=resume,
+                progress=progress,
+                stop_asked=stop,
+            )
+    return result.certificate.verdict.exit_code(strict=options.strict)
+
+
+def _study(options: argparse.Namespace) -> int:
+    from hpcinv.parallel.launch import launched
+
+    with launched(options.ranks) as (comm, stop):
+        from hpcinv.cli.study import conduct
+        from hpcinv.parallel.runtime import on_root
+
+        plan = on_root(comm, lambda: load_plan(options.study))
+
+        def note(text: str) -> None:
+            if comm.rank == 0:
+                print(text, flush=True)
+
+        directory = options.output or Path("results") / plan.study.study
+        conduct(plan, comm, directory=directory, note=note, stop_asked=stop)
+    return 0

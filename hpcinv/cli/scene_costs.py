@@ -1,0 +1,224 @@
+"""What a scene is made of and what each part of it costs, measured on the job's own mesh.
+
+The cost of an effect is that of the whole scene less that of the scene without it, so that it holds for effects that
+add an integral as well as for those that change the law's.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import dolfinx.fem.petsc as fem_petsc
+import numpy as np
+from dolfinx import fem
+
+from hpcinv.assembly.tangent import tangent_of
+from hpcinv.mesh import build_body
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
+
+if TYPE_CHECKING:
+    from hpcinv.job.job import Job
+    from hpcinv.model.scene import Scene
+
+_ROUNDS = 7  # of which the fastest counts: what disturbs a measurement only ever lengthens it
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Seconds: of processor time to compile residual and tangent, of wall time to assemble each of them once."""
+
+    compile: float
+    residual: float
+    tangent: float
+
+    def __sub__(self, other: Cost) -> Cost:
+        return Cost(self.compile - other.compile, self.residual - other.residual, self.tangent - other.tangent)
+
+    @property
+    def assembly(self) -> float:
+        return self.residual + self.tangent
+
+
+@dataclass(frozen=True)
+class Row:
+    """One part of the scene: its name, what it brings, and what it costs."""
+
+    name: str
+    integrals: dict[str, int]
+    constants: int
+    fields: int
+    cost: Cost
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What `explain` found; ``rows`` are the laws and then each effect, ``total`` is the whole scene.
+
+    ``factorization`` (or preconditioner) and ``solution`` are the seconds that the linear solver takes in one Newton
+    iteration.
+    """
+
+    direction: str
+    cells: int
+    displacements: int
+    pressures: int
+    families: tuple[str, ...]
+    rows: tuple[Row, ...]
+    total: Row
+    linear_solver: str
+    factorization: float
+    solution: float
+
+    @property
+    def iteration(self) -> float:
+        """Seconds of one Newton iteration with a new tangent."""
+        return self.total.cost.assembly + self.factorization + self.solution
+
+
+def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda text: None) -> Explanation:
+    """Measure a job's scene in the direction that is solved first; collective.
+
+    Args:
+        note: told what is being compiled, which takes most of the time.
+
+    Raises:
+        MeshError: on all ranks, if the mesh lacks what the job names.
+    """
+    body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
+    model = Model(job, body, Timings())
+    direction = job.legs[0]
+
+    def variant(*effects: Any) -> Scene:
+        return Model(job.model_copy(update={"effects": effects}), body, Timings()).scene(direction)
+
+    everything = model.scene(direction)
+    scenes = {"the whole scene": everything, "the laws alone": variant()}
+    for i, (name, _) in enumerate(job.named_effects):
+        others = (*job.effects[:i], *job.effects[i + 1 :])
+        scenes[f"the scene without {name}"] = variant(*others) if others else scenes["the laws alone"]
+    compiled: dict[Scene, _Compiled] = {}
+    for name, scene in scenes.items():
+        if scene not in compiled:
+            note(f"compiling {name}")
+            compiled[scene] = _Compiled(scene, model.supports.conditions)
+    measured = _measured(compiled)
+    costs = {name: measured[scene] for name, scene in scenes.items()}
+    total = _row("scene", everything, None, costs["the whole scene"], None)
+    rows = [_row(_laws(job), scenes["the laws alone"], None, costs["the laws alone"], None)]
+    for (where, effect), name in zip(job.named_effects, list(scenes)[2:], strict=True):
+        label = f"{where} {effect.effect}"  # type: ignore[attr-defined]
+        rows.append(_row(label, everything, scenes[name], costs["the whole scene"], costs[name]))
+    linear_solver, factorization, solution = _linear_solver(model, everything)
+    displacements = model.unknowns.displacement_space.dofmap
+    n = displacements.index_map.size_global * displacements.index_map_bs
+    return Explanation(
+        direction=direction,
+        cells=body.mesh.topology.index_map(3).size_global,
+        displacements=n,
+        pressures=model.unknowns.size - n,
+        families=tuple(name.removeprefix("fibres.") for name in job.families),
+        rows=tuple(rows),
+        total=total,
+        linear_solver=linear_solver,
+        factorization=factorization,
+        solution=solution,
+    )
+
+
+class _Compiled:
+    """Residual and tangent of a scene, compiled as on a machine that has never seen them."""
+
+    def __init__(self, scene: Scene, conditions: Sequence[fem.DirichletBC]) -> None:
+        space, comm = scene.unknowns.space, scene.unknowns.mesh.comm
+        directory = tempfile.TemporaryDirectory(prefix="hpcinv-explain-")
+        options = JIT_OPTIONS | {"cache_dir": comm.bcast(directory.name)}
+        comm.Barrier()
+        start = _processor_seconds()
+        self.residual, self.tangent = fem.form(scene.residual, jit_options=options), tangent_of(scene, options)
+        self.seconds = comm.bcast(_processor_seconds() - start)  # rank 0 compiles, the others wait
+        directory.cleanup()  # the kernels are loaded
+        self.vector = fem_petsc.create_vector(space)
+        self.tangent.create_matrix(conditions)
+
+    def assemble_residual(self) -> None:
+        with self.vector.localForm() as local:
+            local.set(0.0)
+        fem_petsc.assemble_vector(self.vector, self.residual)
+
+
+def _processor_seconds() -> float:
+    """Processor time of this process and of the compilers that it has started."""
+    used = os.times()
+    return used.user + used.system + used.children_user + used.children_system
+
+
+def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, Cost]:
+    """The rounds go through all scenes in turn, so that a disturbance meets all of them alike."""
+    best = {scene: [np.inf, np.inf] for scene in compiled}
+    for _ in range(_ROUNDS):
+        for scene, forms in compiled.items():
+            for i, assemble in enumerate((forms.assemble_residual, forms.tangent.assemble)):
+                best[scene][i] = min(best[scene][i], _seconds(forms.vector.comm.tompi4py(), assemble))
+    return {scene: Cost(forms.seconds, *best[scene]) for scene, forms in compiled.items()}
+
+
+def _linear_solver(model: Model, scene: Scene) -> tuple[str, float, float]:
+    """The one that a run would use, and its seconds for one factorization or preconditioner and for one correction."""
+    equilibrium = model.equilibrium(scene, lambda: False)
+    comm, b = equilibrium.comm, equilibrium.rhs
+    x = b.duplicate()
+    times = []
+    for _ in range(3):  # the symbolic analysis is done in the first, and serves the whole run
+        equilibrium.linearise(1.0)
+        equilibrium.residual(b)
+        times.append((_seconds(comm, equilibrium.factorize), _seconds(comm, lambda: equilibrium.back_substitute(b, x))))
+    name = equilibrium.preset.name
+    x.destroy()
+    equilibrium.destroy()
+    return name, min(f for f, _ in times[1:]), min(s for _, s in times[1:])
+
+
+def _seconds(comm: MPI.Intracomm, work: Callable[[], object]) -> float:
+    comm.Barrier()
+    start = time.perf_counter()
+    work()
+    comm.Barrier()
+    return time.perf_counter() - start
+
+
+def _row(name: str, scene: Scene, without: Scene | None, cost: Cost, cost_without: Cost | None) -> Row:
+    """What a scene contains, or what it contains more than another."""
+    integrals, constants, fields = _contents(scene)
+    if without is not None:
+        others = _contents(without)
+        integrals, constants, fields = integrals - others[0], constants - others[1], fields - others[2]
+    return Row(name, dict(integrals), constants, fields, cost if cost_without is None else cost - cost_without)
+
+
+def _contents(scene: Scene) -> tuple[Counter[str], int, int]:
+    """Integrals by kind, entries of the constant, fields beside the state."""
+    form = scene.residual
+    kinds = {(i.integral_type(), i.subdomain_id()) for i in form.integrals()}
+    integrals = Counter(_KINDS[kind] for kind, _ in kinds)
+    constants = sum(int(np.prod(c.ufl_shape)) for c in form.constants())
+    return integrals, constants, len(form.coefficients()) - 1
+
+
+_KINDS = {"cell": "volume", "exterior_facet": "surface"}
+
+
+def _laws(job: Job) -> str:
+    named = [(where, law.law) for where, law in job.laws.items()]  # type: ignore[attr-defined]
+    return ", ".join(law if where == "material" else f"{law} in {where.split('.', 1)[1]}" for where, law in named)

@@ -1,0 +1,44 @@
+"""Commands ``validate`` and ``schema``; they need neither MPI nor DOLFINx, so that they are instant on a login node."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from hpcinv.errors import HpcinvError
+from hpcinv.files.untrusted import add_option
+from hpcinv.job.job import json_schema, load
+from hpcinv.study.plan import is_study, load_plan
+from hpcinv.sweep.plan import is_sweep, load_sweep
+
+
+def add_validate(commands: Any) -> None:
+    """Add the two commands to those of the command line."""
+    validate = commands.add_parser("validate", help="check job, study and sweep files without running them")
+    validate.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
+    add_option(validate)
+    validate.set_defaults(command=_validate)
+
+    schema = commands.add_parser("schema", help="print the JSON Schema of job files, for editors")
+    schema.set_defaults(command=_schema)
+
+
+def _validate(options: argparse.Namespace) -> int:
+    failed = 0
+    for path in options.jobs:
+        try:
+            (load_plan if is_study(path) else load_sweep if is_sweep(path) else load)(path)
+        except HpcinvError as error:
+            print(error, file=sys.stderr)
+            failed = error.exit_code
+        else:
+            print(f"{path}: valid")
+    return failed
+
+
+def _schema(_options: argparse.Namespace) -> int:
+    print(json.dumps(json_schema(), indent=2))
+    return 0
