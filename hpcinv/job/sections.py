@@ -23,6 +23,7 @@ from hpcinv.quantity.expressions import Expression, faults, faults_with_constant
 from hpcinv.quantity.parameter_paths import Number, with_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, Size
 from hpcinv.quantity.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
+from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
@@ -32,7 +33,7 @@ LENGTH = Dimension(length=1)
 COORDINATES: dict[str, Dimension | None] = dict.fromkeys(AXES, LENGTH)
 POSITIONS = COORDINATES | dict.fromkeys(("X", "Y", "Z", "ux", "uy", "uz"), LENGTH)
 STRESS = Dimension(length=-1, mass=1, time=-2)
-STRESSES = ("sxx", "syy", "szz", "sxy", "syz", "sxz", "p", "von_mises", "energy")
+STRESSES = (*COMPONENTS, *MEASURES, "energy")
 FIELDS: dict[str, Dimension | None] = {"J": Dimension(), **dict.fromkeys(STRESSES, STRESS)}
 
 LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
@@ -189,8 +190,8 @@ class QuantityOfInterest(Spec):
     force or moment of the supports of a region.
 
     Formulas know the reference position X, Y, Z, the current position x, y, z, the displacement ux, uy, uz, the volume
-    ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, its p = -(sxx + syy + szz)/3 and von_mises, and the energy
-    stored per reference volume.
+    ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, scalars made of it such as p = -(sxx + syy + szz)/3 and
+    von_mises, and the energy stored per reference volume.
     """
 
     name: Name

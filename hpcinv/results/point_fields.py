@@ -20,6 +20,7 @@ from hpcinv.kinematics.staged_derivatives import without_stages
 from hpcinv.mesh.cells import FACET_KIND
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from hpcinv.quantity.nondimensional import Scales
 
 _POSITIONS = ("X", "Y", "Z", "x", "y", "z", "ux", "uy", "uz")
-_STRESSES = {"sxx": (0, 0), "syy": (1, 1), "szz": (2, 2), "sxy": (0, 1), "syz": (1, 2), "sxz": (0, 2)}
-_OF_STRESSES = {"p": ("sxx", "syy", "szz"), "von_mises": tuple(_STRESSES)}
 # FFCx takes shape functions within 1e-6 of 0 and ±1 for these numbers, which points of a user may happen to have.
 _EXACT = {"table_rtol": 1e-15, "table_atol": 1e-15}
 
@@ -51,8 +50,8 @@ class Samples:
 class SceneFields:
     """The fields of a scene in its present state, on the mesh as it now lies.
 
-    These are ``X Y Z x y z ux uy uz`` (m), ``J``, the Cauchy stress ``sxx syy szz sxy syz sxz``, its ``p = -tr σ/3``
-    and ``von_mises = √(3/2 dev σ : dev σ)`` (Pa), and ``energy``, stored per reference volume (J/m³).
+    These are ``X Y Z x y z ux uy uz`` (m), ``J``, the Cauchy stress ``sxx syy szz sxy syz sxz`` and its measures (Pa),
+    and ``energy``, stored per reference volume (J/m³).
 
     Args:
         names: those of them that will be asked for; others are not compiled.
@@ -60,8 +59,9 @@ class SceneFields:
 
     def __init__(self, body: Body, scene: Scene, scales: Scales, names: Collection[str]) -> None:
         self._body, self._scene, self._scales = body, scene, scales
-        self._names = set(names).union(*(_OF_STRESSES.get(name, ()) for name in names))
-        self._of_laws = not self._names.isdisjoint({*_STRESSES, "energy"})
+        self._measures = [name for name in MEASURES if name in names]
+        self._names = set(names).union(*map(components_of, self._measures))
+        self._of_laws = not self._names.isdisjoint({*COMPONENTS, "energy"})
         self._compiled: dict[tuple[str, int], fem.Expression] = {}
 
     def in_cells(self, cells: LocalIndices) -> Samples:
@@ -142,17 +142,11 @@ class SceneFields:
         found["J"] = (scene.J, 1.0)
         if self._of_laws:
             sigma, _ = scene.cauchy_stress[part]
-            found |= {name: (sigma[at], scales.stress) for name, at in _STRESSES.items()}
+            found |= {name: (sigma[at], scales.stress) for name, at in COMPONENTS.items()}
             found["energy"] = (scene.parts[part].energy, scales.stress)
         return {name: field for name, field in found.items() if name in self._names}
 
     def _named(self, values: Floats) -> dict[str, Floats]:
         """Fields (points, components) in SI by name."""
         named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self._fields(0).items())}
-        if set(_OF_STRESSES["p"]) <= named.keys():
-            named["p"] = -(named["sxx"] + named["syy"] + named["szz"]) / 3
-        if set(_OF_STRESSES["von_mises"]) <= named.keys():
-            normal = sum((named[n] + named["p"]) ** 2 for n in ("sxx", "syy", "szz"))
-            shear = sum(named[n] ** 2 for n in ("sxy", "syz", "sxz"))
-            named["von_mises"] = np.sqrt(1.5 * normal + 3 * shear)
-        return named
+        return named | {m: MEASURES[m](*(named[c] for c in components_of(m))) for m in self._measures}

@@ -1,0 +1,34 @@
+"""Scalars made of the Cauchy stress that formulas of quantities know beside its components.
+
+A measure is one function of components, whose arguments have their names; an entry in `MEASURES` makes it known to job
+files, units, tables and ``hpcinv formulas``.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+COMPONENTS = {"sxx": (0, 0), "syy": (1, 1), "szz": (2, 2), "sxy": (0, 1), "syz": (1, 2), "sxz": (0, 2)}
+"""rows and columns of the components in the stress tensor"""
+
+
+def pressure(sxx: Any, syy: Any, szz: Any) -> Any:
+    """``-tr σ/3``."""
+    return -(sxx + syy + szz) / 3
+
+
+def von_mises(sxx: Any, syy: Any, szz: Any, sxy: Any, syz: Any, sxz: Any) -> Any:
+    """``√(3/2 dev σ : dev σ)``."""
+    p = pressure(sxx, syy, szz)
+    normal = (sxx + p) ** 2 + (syy + p) ** 2 + (szz + p) ** 2
+    return (1.5 * normal + 3 * (sxy**2 + syz**2 + sxz**2)) ** 0.5
+
+
+MEASURES: dict[str, Callable[..., Any]] = {"p": pressure, "von_mises": von_mises}
+
+
+def components_of(measure: str) -> tuple[str, ...]:
+    """Names of the components that a measure is made of, as its arguments."""
+    return tuple(inspect.signature(MEASURES[measure]).parameters)
