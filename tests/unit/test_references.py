@@ -1,0 +1,31 @@
+"""Files that documents, job files and comments refer to are there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = re.compile(
+    r"(?<![\w/.-])((?:tests|benchmarks|docs|hpcinv|meshes|jobs|slurm)/[\w./-]*\.(?:py|md|ya?ml|sbatch|sh|png|svg|geo|msh))"
+)
+LINK = re.compile(r"\]\((?!https?:)([\w./-]+\.\w+)")
+WRITTEN = re.compile(r"^jobs/(?:job|arm)")  # stand for files of the reader
+
+
+def documents() -> list[Path]:
+    found = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]
+    for directory, kind in (("jobs", "yaml"), ("slurm", "s*"), ("benchmarks", "py"), ("hpcinv", "py")):
+        found += (ROOT / directory).rglob(f"*.{kind}")
+    return sorted(found)
+
+
+@pytest.mark.parametrize("path", documents(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_it_refers_to_is_there(path: Path) -> None:
+    text = path.read_text()
+    missing = {name for name in REFERENCE.findall(text) if not WRITTEN.match(name) and not (ROOT / name).exists()}
+    if path.suffix == ".md":
+        missing |= {name for name in LINK.findall(text) if not (path.parent / name).exists()}
+    assert not missing
