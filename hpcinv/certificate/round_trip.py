@@ -132,7 +132,14 @@ _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirm
 
 def _stable(asymmetry: float) -> Line:
     note = "no negative eigenvalue of the forward tangent"
-    return Line(STABILITY, 0.0, "", _RULE, Verdict.PASS, "; ".join(filter(None, [note, _without_potential(asymmetry)])))
+    return Line(
+        STABILITY,
+        0.0,
+        "",
+        _RULE,
+        Verdict.PASS,
+        "; ".join(filter(None, [note, _without_potential(asymmetry)])),
+    )
 
 
 def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Line:
@@ -184,7 +191,7 @@ def _fold(leg: Leg, *, has_spurious_modes: bool = False) -> Line:
         return skipped(FOLD, "an iterative solver does not tell the sign of the tangent's determinant")
     changes = len({signs[0][0], *(of_solve[-1] for of_solve in signs)}) - 1
     if not changes:
-        return Line(FOLD, 0.0, "", rule, Verdict.PASS)
+        return Line(FOLD, 0.0, "", rule, Verdict.PASS, "no limit point on the way")
     note = "another shape may carry the same load: compare with smaller steps"
     if has_spurious_modes:
         note = f"a mode that may be spurious, as the stability line has it, or {note}"

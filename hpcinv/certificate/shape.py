@@ -39,7 +39,7 @@ def shape(model: Model, leg: Leg) -> Iterator[Line]:
     found = overlap(body, moved)
     rule = "number of pairs; fail above 0"
     if found.at is None:
-        yield Line(OVERLAP, 0.0, "", rule, Verdict.PASS)
+        yield Line(OVERLAP, 0.0, "", rule, Verdict.PASS, "the body does not pass through itself")
     else:
         note = f"the body passes through itself, such as at ({_point(found.at)}) m: no such body can be made"
         yield Line(OVERLAP, float(found.pairs), "", rule, Verdict.FAIL, note)
