@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from hpcinv.kinematics.stable_functions import polynomial
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.spatial_fields import ModulusField, VaryingQuantity
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 _SERIES = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)  # of the inverse Langevin function, integrated
 
@@ -18,8 +15,8 @@ _SERIES = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)  # of the inverse 
 class ArrudaBoyce(IsochoricLaw):
     """Arruda–Boyce, the network of eight chains, by five terms of the series of the inverse Langevin function.
 
-    ``psi = mu Σ cᵢ/lambda_m^(2i-2) (I1_bar^i - 3^i) + U(J; kappa)``, ``c = 1/2, 1/20, 11/1050, 19/7000, 519/673750``.
-    The small-strain shear modulus is larger than ``mu``: ``2 mu Σ i cᵢ (3/lambda_m²)^(i-1)``.
+    The small-strain shear modulus is larger than ``mu``: ``2 mu Σ i cᵢ (3/lambda_m²)^(i-1)``, with the factors ``cᵢ``
+    of the series.
 
     Source: Arruda & Boyce (1993), doi:10.1016/0022-5096(93)90013-6.
     """
@@ -47,11 +44,3 @@ class ArrudaBoyce(IsochoricLaw):
     def shear_modulus(self, par: Any) -> Any:
         slopes = [i * c for i, c in enumerate(_SERIES, start=1)]
         return 2 * par.mu * polynomial(3 / par.lambda_m**2, slopes)
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        # a^i - 3^i = (a - 3) s_i, where s_1 = 1 and s_(i+1) = a s_i + 3^i
-        a, ratio, total = 3 + k.I1_bar_minus_3, 1.0, 0.0
-        for i, c in enumerate(_SERIES):
-            total = total + c * ratio / par.lambda_m ** (2 * i)
-            ratio = a * ratio + 3 ** (i + 1)
-        return par.mu * k.I1_bar_minus_3 * total

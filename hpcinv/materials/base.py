@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import ConfigDict, ValidationInfo, model_validator
 
+from hpcinv.materials.formula_law.evaluation import evaluate_of_any_parameters
 from hpcinv.materials.moduli import NAMES, Moduli, moduli_schema, shear_and_bulk, young_and_poisson
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.parameter_paths import Number
@@ -48,16 +49,17 @@ def _with_moduli(schema: dict[str, Any], law: type[Any]) -> None:
 
 
 class MaterialLaw(Ingredient):
-    """A hyperelastic law ``psi = distortion + dilatation_modulus/2 · dilatation²``.
+    """A hyperelastic law ``psi = formula + dilatation_modulus/2 · dilatation²``.
 
-    A subclass with a literal field ``law`` is registered by that. Its parameters are fields. The energy reads them,
-    scaled, from ``par`` by the same names; the moduli read them from ``par`` as floats, arrays or UFL scalars.
+    A subclass with a literal field ``law`` is registered by that. Its parameters are fields, which the formula has by
+    the same names; the moduli read them from ``par`` as floats, arrays or UFL scalars.
     """
 
     model_config = ConfigDict(json_schema_extra=_with_moduli)
 
     formula: ClassVar[str]
-    """The energy without its volumetric part, as a law 'formula' would have it."""
+    """The energy without its volumetric part, a formula as of a law 'formula'; fibres have the names of the fields that
+    name their families. It must be stress-free at ``F = I`` for all values of the parameters."""
     starting_values: ClassVar[Mapping[str, StartingValues]] = {}
     """Published parameters, or parameters fitted to published tests, by ``rubber`` and ``tissue``."""
     replaceable: ClassVar[tuple[str | None, str] | None] = None
@@ -72,9 +74,14 @@ class MaterialLaw(Ingredient):
     def volumetric_formula(self) -> str:
         """The volumetric energy, ``dilatation_modulus/2 · dilatation²``, likewise."""
 
-    @abstractmethod
+    @property
+    def own_formula(self) -> str:
+        """The `formula`, with as many terms as the parameters ask for."""
+        return self.formula
+
     def distortion(self, k: Deformation, par: Any) -> Any:
         """The energy per reference volume without its volumetric part, as a UFL expression."""
+        return self._evaluated_formula(k, par)[0]
 
     @abstractmethod
     def dilatation(self, k: Deformation) -> Any:
@@ -93,13 +100,26 @@ class MaterialLaw(Ingredient):
         """Bulk modulus ``kappa`` of the undeformed material; infinite if it is incompressible."""
 
     def domain(self, k: Deformation, par: Any) -> tuple[Any, ...]:
-        """UFL scalars that are positive where the law is defined."""
-        return ()
+        """UFL scalars that are positive where the law is defined; by default those of the formula, none where a law
+        has a `distortion` of its own."""
+        is_own = type(self).distortion is not MaterialLaw.distortion
+        return () if is_own else self._evaluated_formula(k, par)[1]
+
+    def _evaluated_formula(self, k: Deformation, par: Any) -> tuple[Any, tuple[Any, ...]]:
+        return evaluate_of_any_parameters(self.own_formula, par, k, self._families_by_formula_name())
+
+    def _families_by_formula_name(self) -> dict[str, str]:
+        """Families of fibres by the field that names them, with their number in a list of several."""
+        found = {}
+        for family, field in self.families.items():
+            value = getattr(self, field)
+            found[f"{field}{value.index(family) + 1}" if isinstance(value, tuple) else field] = family
+        return found
 
     @property
     def energy_formula(self) -> str:
         """The whole energy, as a law 'formula' would have it."""
-        return f"{self.formula} + {self.volumetric_formula}"
+        return f"{self.own_formula} + {self.volumetric_formula}"
 
     @property
     def is_split(self) -> bool:

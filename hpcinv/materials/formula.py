@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import ValidationInfo, field_validator, model_validator
 
-from hpcinv.materials.formula_law.algebras import FLOATS, Functions, ufl_functions
+from hpcinv.materials.formula_law.algebras import FLOATS, ufl_functions
 from hpcinv.materials.formula_law.coefficients import Coefficient
-from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretches, families_in, invariants
-from hpcinv.materials.formula_law.jet import JET_FUNCTIONS, Jet, Strains
+from hpcinv.materials.formula_law.evaluation import evaluate
+from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretches, families_in
+from hpcinv.materials.formula_law.jet import Jet, Strains
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.dimensioned import AnyMeasured, Measured
 from hpcinv.quantity.expressions import Expression
@@ -151,31 +152,19 @@ class Formula(IsochoricLaw):
         return 0.0 if self.kappa is None else par.kappa
 
     def distortion(self, k: Deformation, par: Any) -> Any:
-        energy, _ = _evaluated(self.energy, self.parameters, k, ufl_functions(), vars(par))
-        return par._pascal * energy.remainder
+        return par._pascal * self._evaluated(k, par)[0].remainder
 
     def domain(self, k: Deformation, par: Any) -> tuple[Any, ...]:
-        _, strains = _evaluated(self.energy, self.parameters, k, ufl_functions(), vars(par))
-        return tuple(strains.positive)
+        return tuple(self._evaluated(k, par)[1].positive)
 
-
-def _evaluated(
-    energy: Expression,
-    parameters: Mapping[str, Measured],
-    k: Deformation | PrincipalStretches,
-    functions: Functions,
-    symbols: Mapping[str, Any],
-) -> tuple[Jet, Strains]:
-    """The energy as a jet, in Pa, and its strains; ``ValueError`` if it has no value or derivative at ``F = I``."""
-    strains = Strains(functions)
-    constants = {n: strains.constant(Coefficient.parameter(p.value, symbols[n])) for n, p in parameters.items()}
-    values = invariants(energy.names, k, strains) | constants
-    return energy.apply(values, JET_FUNCTIONS, strains.number), strains
+    def _evaluated(self, k: Deformation, par: Any) -> tuple[Jet, Strains]:
+        constants = {n: Coefficient.parameter(p.value, getattr(par, n)) for n, p in self.parameters.items()}
+        return evaluate(self.energy, constants, k, ufl_functions())
 
 
 def _in_floats(energy: Expression, parameters: Mapping[str, Measured], *e: float) -> Jet:
-    symbols = {name: p.value for name, p in parameters.items()}
-    return _evaluated(energy, parameters, PrincipalStretches(*e), FLOATS, symbols)[0]
+    constants = {name: Coefficient.parameter(p.value, p.value) for name, p in parameters.items()}
+    return evaluate(energy, constants, PrincipalStretches(*e), FLOATS)[0]
 
 
 def _moduli(energy: Expression, parameters: Mapping[str, Measured]) -> tuple[float, float]:

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from hpcinv.kinematics.stable_functions import expm1
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.spatial_fields import ModulusField, PositiveField
 
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
-
 
 class FungDemiray(IsochoricLaw):
     """Fung–Demiray, the isotropic exponential law of soft tissue.
-
-    ``psi = mu/(2 b) (exp(b (I1_bar - 3)) - 1) + U(J; kappa)``.
 
     Source: Demiray (1972), doi:10.1016/0021-9290(72)90047-4.
     """
@@ -40,6 +34,3 @@ class FungDemiray(IsochoricLaw):
 
     def shear_modulus(self, par: Any) -> Any:
         return par.mu
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        return par.mu / (2 * par.b) * expm1(par.b * k.I1_bar_minus_3)

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from hpcinv.kinematics.stable_functions import log1p
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.spatial_fields import ModulusField, PositiveField
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 
 class Gent(IsochoricLaw):
     """Gent, for rubber of limited extensibility.
 
-    ``psi = -mu jm/2 ln(1 - (I1_bar - 3)/jm) + U(J; kappa)``, defined for ``I1_bar - 3 < jm``.
+    Defined for ``I1_bar - 3 < jm``.
 
     Source: Gent (1996), doi:10.5254/1.3538357.
     """
@@ -40,9 +36,3 @@ class Gent(IsochoricLaw):
 
     def shear_modulus(self, par: Any) -> Any:
         return par.mu
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        return -par.mu * par.jm / 2 * log1p(-k.I1_bar_minus_3 / par.jm)
-
-    def domain(self, k: Deformation, par: Any) -> tuple[Any, ...]:
-        return ((par.jm - k.I1_bar_minus_3) / par.jm,)

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from hpcinv.kinematics.stable_functions import expm1
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.component import Family
 from hpcinv.quantity.spatial_fields import ModulusField, PositiveField
 
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
-
 
 class Guccione(IsochoricLaw):
     """Guccione, for passive myocardium, transversely isotropic about the fibres.
 
-    ``psi = c/2 (exp(Q) - 1) + U(J; kappa)`` with the fibres' direction f in
-    ``Q = b_f E_ff² + b_t (E_ss² + E_nn² + 2 E_sn²) + 2 b_fs (E_fs² + E_fn²)``; ``E`` is of ``C``, not of ``C_bar``.
+    In components, with the fibres' direction f, the exponent is
+    ``b_f E_ff² + b_t (E_ss² + E_nn² + 2 E_sn²) + 2 b_fs (E_fs² + E_fn²)``; ``E`` is of ``C``, not of ``C_bar``.
     The shear modulus across the fibres is ``c b_t/2``, along them ``c b_fs/2``.
 
     Source: Guccione, Costa & McCulloch (1995), doi:10.1016/0021-9290(94)00174-3; as in Land et al. (2015),
@@ -52,13 +48,3 @@ class Guccione(IsochoricLaw):
 
     def shear_modulus(self, par: Any) -> Any:
         return par.c * par.b_t / 2
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        import ufl
-
-        f = k.fibre(self.fibre)
-        E_f = k.E * f.direction
-        along = f.E_aa**2
-        shear = ufl.inner(E_f, E_f) - along  # E_fs² + E_fn²
-        across = ufl.inner(k.E, k.E) - along - 2 * shear
-        return par.c / 2 * expm1(par.b_f * along + par.b_t * across + 2 * par.b_fs * shear)

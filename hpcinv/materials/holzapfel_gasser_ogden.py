@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import field_validator
 
-from hpcinv.kinematics.stable_functions import expm1, positive_part
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.component import Family
 from hpcinv.quantity.schema import ListOf, raise_if_any
 from hpcinv.quantity.spatial_fields import DispersionField, ModulusField, PositiveField
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 _GROUND = "mu/2*(I1_bar - 3)"
 _FIBRES = "k1/(2*k2)*(exp(k2*max(dispersion*(I1 - 3) + (1 - 3*dispersion)*(I4_fibres_i - 1), 0)**2) - 1)"
@@ -23,9 +19,8 @@ _FIBRES = "k1/(2*k2)*(exp(k2*max(dispersion*(I1 - 3) + (1 - 3*dispersion)*(I4_fi
 class HolzapfelGasserOgden(IsochoricLaw):
     """Holzapfel–Gasser–Ogden, for arteries: families of dispersed collagen fibres in a neo-Hookean ground substance.
 
-    ``psi = mu/2 (I1_bar - 3) + Σ k1/(2 k2) (exp(k2 Eᵢ²) - 1) + U(J; kappa)`` over the families with ``Eᵢ > 0``,
-    ``Eᵢ = dispersion (I1 - 3) + (1 - 3 dispersion) (I4ᵢ - 1)``. ``Eᵢ`` is of ``C``, not of ``C_bar``: fibres feel
-    their own stretch, whatever part of it is a change of volume.
+    The strain of fibres is of ``C``, not of ``C_bar``: their own stretch counts, whatever part of it is a change of
+    volume. Only positive strain has energy.
 
     Source: Gasser, Ogden & Holzapfel (2006), doi:10.1098/rsif.2005.0073, with the invariants of
     Nolan et al. (2014), doi:10.1016/j.jmbbm.2014.06.016.
@@ -70,17 +65,9 @@ class HolzapfelGasserOgden(IsochoricLaw):
         return fibres
 
     @property
-    def energy_formula(self) -> str:
+    def own_formula(self) -> str:
         families = (_FIBRES.replace("_i", str(i + 1)) for i in range(len(self.fibres)))
-        return " + ".join([_GROUND, *families, self.volumetric_formula])
+        return " + ".join([_GROUND, *families])
 
     def shear_modulus(self, par: Any) -> Any:
         return par.mu
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        psi = par.mu / 2 * k.I1_bar_minus_3
-        for family in self.fibres:
-            along = k.fibre(family).I4_minus_1
-            E = positive_part(par.dispersion * k.I1_minus_3 + (1 - 3 * par.dispersion) * along)
-            psi = psi + par.k1 / (2 * par.k2) * expm1(par.k2 * E**2)
-        return psi

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.kinematics.stable_functions import expm1, positive_part
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.component import Family
 from hpcinv.quantity.spatial_fields import ModulusField, PositiveField, VaryingQuantity
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 _StiffnessOfFibres = Annotated[Any, VaryingQuantity("Pa", at_least=0)]  # none of some, and the law is simpler
 
@@ -21,9 +17,8 @@ _StiffnessOfFibres = Annotated[Any, VaryingQuantity("Pa", at_least=0)]  # none o
 class HolzapfelOgden(IsochoricLaw):
     """Holzapfel–Ogden, for passive myocardium with the directions of fibres and of sheets.
 
-    ``psi = a w(I1_bar - 3; b) + a_f w((I4_f - 1)²; b_f) + a_s w((I4_s - 1)²; b_s) + a_fs w(I8²; b_fs) + U(J; kappa)``
-    with ``w(x; b) = (exp(b x) - 1)/2b``, the terms in ``I4`` only where ``I4 > 1``; ``mu = a``. ``I4`` and
-    ``I8 = f0·(C - I) s0`` are of ``C``, not of ``C_bar``.
+    ``mu = a``. Fibres and sheets have energy only in tension; ``I4`` and ``I8 = f0·(C - I) s0`` are of ``C``, not of
+    ``C_bar``.
 
     Source: Holzapfel & Ogden (2009), doi:10.1098/rsta.2009.0091.
     """
@@ -93,13 +88,3 @@ class HolzapfelOgden(IsochoricLaw):
 
     def shear_modulus(self, par: Any) -> Any:
         return par.a
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        along_f = positive_part(k.fibre(self.fibre).I4_minus_1)
-        along_s = positive_part(k.fibre(self.sheet).I4_minus_1)
-        return (
-            par.a / (2 * par.b) * expm1(par.b * k.I1_bar_minus_3)
-            + par.a_f / (2 * par.b_f) * expm1(par.b_f * along_f**2)
-            + par.a_s / (2 * par.b_s) * expm1(par.b_s * along_s**2)
-            + par.a_fs / (2 * par.b_fs) * expm1(par.b_fs * k.I8(self.fibre, self.sheet) ** 2)
-        )

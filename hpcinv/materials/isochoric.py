@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class IsochoricLaw(MaterialLaw):
-    """A law of the form ``psi = distortion(C_bar, …) + U(J; kappa)``."""
+    """A law of the form ``psi = formula + U(J; kappa)``."""
 
     kappa: BulkModulusField
     """bulk modulus, or 'incompressible'"""

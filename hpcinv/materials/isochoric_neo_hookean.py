@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.spatial_fields import ModulusField
 
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
-
 
 class IsochoricNeoHookean(IsochoricLaw):
     """Neo-Hookean with an isochoric-volumetric split.
-
-    ``psi = mu/2 (I1_bar - 3) + U(J; kappa)``.
 
     Source: Treloar (1943), doi:10.1039/TF9433900241; the split of Flory (1961), doi:10.1039/TF9615700829.
     """
@@ -42,6 +37,3 @@ class IsochoricNeoHookean(IsochoricLaw):
 
     def shear_modulus(self, par: Any) -> Any:
         return par.mu
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        return par.mu / 2 * k.I1_bar_minus_3

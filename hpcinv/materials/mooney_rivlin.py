@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 class MooneyRivlin(MaterialLaw):
     """Mooney–Rivlin with isochoric invariants.
 
-    ``psi = c1 (I1_bar - 3) + c2 (I2_bar - 3) + U(J; 2 d1)``, by default ``U = d1 (J - 1)²``; ``mu = 2 (c1 + c2)``,
-    ``kappa = 2 d1``.
+    ``mu = 2 (c1 + c2)``, ``kappa = 2 d1``.
 
     Source: Mazier et al. (2022), eq. 23, doi:10.1007/s00366-021-01597-z.
     """
@@ -54,9 +53,6 @@ class MooneyRivlin(MaterialLaw):
 
     def dilatation_modulus(self, par: Any) -> Any:
         return 2 * par.d1
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        return par.c1 * k.I1_bar_minus_3 + par.c2 * k.I2_bar_minus_3
 
     def dilatation(self, k: Deformation) -> Any:
         return DILATATIONS[self.volumetric][1](k)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.lame import LameLaw
+from hpcinv.materials.volumetric import DILATATIONS
 from hpcinv.quantity.spatial_fields import LameField, StressField
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 class NeoHookean(LameLaw):
     """Compressible neo-Hookean.
 
-    ``psi = mu/2 (I1 - 3) - mu ln J + lam/2 (ln J)²``; ``kappa = lam + 2/3 mu``.
+    ``kappa = lam + 2/3 mu``.
 
     Source: Mazier et al. (2022), eq. 22, doi:10.1007/s00366-021-01597-z.
     """
@@ -43,10 +44,7 @@ class NeoHookean(LameLaw):
 
     @property
     def volumetric_formula(self) -> str:
-        return "lam/2*ln(J)**2"
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        return par.mu / 2 * k.I1_minus_3_minus_2_ln_J
+        return DILATATIONS["logarithmic"][0].replace("kappa", "lam")
 
     def dilatation(self, k: Deformation) -> Any:
-        return k.ln_J
+        return DILATATIONS["logarithmic"][1](k)

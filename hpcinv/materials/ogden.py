@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 class Ogden(IsochoricLaw):
     """Ogden with isochoric principal stretches and any number of terms.
 
-    ``psi = Σ muᵢ/alphaᵢ (lambda1_bar^alphaᵢ + lambda2_bar^alphaᵢ + lambda3_bar^alphaᵢ - 3) + U(J; kappa)``; the shear
-    modulus is ``½ Σ muᵢ alphaᵢ``. Some texts write ``2 muᵢ/alphaᵢ²`` in place of ``muᵢ/alphaᵢ``: what they call ``muᵢ``
-    is ``muᵢ alphaᵢ/2`` here.
+    The shear modulus is ``½ Σ muᵢ alphaᵢ``. Some texts write ``2 muᵢ/alphaᵢ²`` in place of ``muᵢ/alphaᵢ``: what they
+    call ``muᵢ`` is ``muᵢ alphaᵢ/2`` here.
 
     Source: Ogden (1972), doi:10.1098/rspa.1972.0026.
     """
@@ -76,13 +75,15 @@ class Ogden(IsochoricLaw):
         return (parameter, len(self.mu) - 1) if parameter == "mu" else (parameter,)
 
     @property
-    def energy_formula(self) -> str:
+    def own_formula(self) -> str:
         terms = (self.formula.replace("_i", str(i + 1)) for i in range(len(self.mu)))
-        return " + ".join([*terms, self.volumetric_formula])
+        return " + ".join(terms)
 
     def shear_modulus(self, par: Any) -> Any:
         return sum(par.mu[i] * par.alpha[i] for i in range(len(self.mu))) / 2
 
+    # Principal stretches are no invariants that formulas of laws know: the sums of their powers are computed by an
+    # algorithm of its own, which keeps its digits also where stretches are equal.
     def distortion(self, k: Deformation, par: Any) -> Any:
         from hpcinv.kinematics.principal_stretches import IsochoricStretches
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 class StVenantKirchhoff(LameLaw):
     """St Venant–Kirchhoff: Hooke's law between Green–Lagrange strain and second Piola–Kirchhoff stress.
 
-    ``psi = mu E:E + lam/2 (tr E)²``; ``kappa = lam + 2/3 mu``. For large rotations at small strain: it softens under
-    strong compression, where other laws stiffen.
+    The energy is ``mu E:E + lam/2 (tr E)²``, in invariants; ``kappa = lam + 2/3 mu``. For large rotations at small
+    strain: it softens under strong compression, where other laws stiffen.
 
     Source: Ciarlet (1988), "Mathematical Elasticity, Volume I: Three-Dimensional Elasticity", chapter 3.
     """
@@ -41,11 +41,6 @@ class StVenantKirchhoff(LameLaw):
     @property
     def volumetric_formula(self) -> str:
         return "lam/8*(I1 - 3)**2"
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        import ufl
-
-        return par.mu * ufl.inner(k.E, k.E)
 
     def dilatation(self, k: Deformation) -> Any:
         return k.I1_minus_3 / 2

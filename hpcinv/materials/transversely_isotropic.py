@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.component import Family
 from hpcinv.quantity.spatial_fields import ModulusField
 
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
-
 
 class TransverselyIsotropic(IsochoricLaw):
     """Standard reinforcing model: neo-Hookean with one family of fibres, alike in tension and compression.
 
-    ``psi = mu/2 (I1_bar - 3) + k/2 (I4 - 1)² + U(J; kappa)``; ``I4`` is of ``C``, not of ``C_bar``.
+    ``I4`` is of ``C``, not of ``C_bar``.
 
     Source: Qiu & Pence (1997), "Remarks on the behavior of simple directionally reinforced incompressible nonlinearly
     elastic solids", Journal of Elasticity 49.
@@ -34,6 +31,3 @@ class TransverselyIsotropic(IsochoricLaw):
 
     def shear_modulus(self, par: Any) -> Any:
         return par.mu
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        return par.mu / 2 * k.I1_bar_minus_3 + par.k / 2 * k.fibre(self.fibre).I4_minus_1 ** 2

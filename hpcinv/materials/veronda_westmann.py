@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from hpcinv.kinematics.stable_functions import expm1
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.spatial_fields import ModulusField, PositiveField
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 
 class VerondaWestmann(IsochoricLaw):
     """Veronda–Westmann, for skin, with isochoric invariants.
 
-    ``psi = c1 (exp(c2 (I1_bar - 3)) - 1) - c1 c2/2 (I2_bar - 3) + U(J; kappa)``; ``mu = c1 c2``.
+    ``mu = c1 c2``.
 
     Source: Veronda & Westmann (1970), "Mechanical characterization of skin – finite deformations", Journal of
     Biomechanics 3.
@@ -33,6 +29,3 @@ class VerondaWestmann(IsochoricLaw):
 
     def shear_modulus(self, par: Any) -> Any:
         return par.c1 * par.c2
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        return par.c1 * (expm1(par.c2 * k.I1_bar_minus_3) - par.c2 / 2 * k.I2_bar_minus_3)

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from hpcinv.kinematics.stable_functions import polynomial
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.spatial_fields import ModulusField, StressField
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 
 class Yeoh(IsochoricLaw):
     """Yeoh, a cubic polynomial for rubber that stiffens at large strain.
 
-    ``psi = c1 (I1_bar - 3) + c2 (I1_bar - 3)² + c3 (I1_bar - 3)³ + U(J; kappa)``; ``mu = 2 c1``.
+    ``mu = 2 c1``.
 
     Source: Yeoh (1993), doi:10.5254/1.3538343.
     """
@@ -42,6 +38,3 @@ class Yeoh(IsochoricLaw):
 
     def shear_modulus(self, par: Any) -> Any:
         return 2 * par.c1
-
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        return k.I1_bar_minus_3 * polynomial(k.I1_bar_minus_3, [par.c1, par.c2, par.c3])

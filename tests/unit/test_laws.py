@@ -8,6 +8,7 @@ from __future__ import annotations
 from functools import cache, reduce
 from types import SimpleNamespace
 from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -292,3 +293,11 @@ def test_one_term_of_ogden_with_exponent_2_is_neo_hookean() -> None:
     single, neo_hookean = Compiled(ogden), compiled("isochoric-neo-hookean")
     for what, F in DEFORMATIONS.items():
         assert_close(single(F - np.eye(3)), neo_hookean(F - np.eye(3)), what, 1e-12)
+
+
+@pytest.mark.parametrize("formula", ["mu/2*(I1 - 3)", "mu/2*I1_bar"])
+def test_a_law_whose_formula_is_not_zero_and_free_of_stress_at_rest_is_refused(formula: str) -> None:
+    law = EXAMPLES["isochoric-neo-hookean"]
+    k = Deformation(ufl.zero(3, 3))
+    with mock.patch.object(type(law), "formula", formula), pytest.raises(ValueError, match="not stress-free"):
+        law.distortion(k, SimpleNamespace(mu=1.0))

@@ -1,8 +1,8 @@
 """The functions that jets need of what they are made of: of floats, to check an energy, and of UFL, to derive from it.
 
-Beside functions that formulas know, by their names there, these are ``if_positive(x, then, otherwise)`` and what is
-left of functions without their tangent: ``log1p_remainder(x) = ln(1 + x) - x``, ``expm1_remainder(x) = exp(x) - 1 - x``
-and ``power_remainder(x, n) = (1 + x)^n - 1 - n x``.
+Beside functions that formulas know, by their names there, these are ``if_positive(x, then, otherwise)``, ``log1p``,
+``expm1`` and what is left of functions without their tangent: ``log1p_remainder(x) = ln(1 + x) - x``,
+``expm1_remainder(x) = exp(x) - 1 - x`` and ``power_remainder(x, n) = (1 + x)^n - 1 - n x``.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ _EXP_TERMS, _POWER_TERMS = 5, 8  # what is left out is 1e-17 of the sum, for pow
 FLOATS: Functions = {
     **{name: getattr(math, name) for name in ("exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan")},
     "if_positive": lambda x, then, otherwise: then if x > 0 else otherwise,
+    "log1p": math.log1p,
+    "expm1": math.expm1,
     "log1p_remainder": lambda x: math.log1p(x) - x,
     "expm1_remainder": lambda x: math.expm1(x) - x,
     "power_remainder": lambda x, n: math.expm1(n * math.log1p(x)) - n * x,
@@ -33,12 +35,14 @@ def ufl_functions() -> Functions:
     """Of UFL scalars, accurate as their argument vanishes, together with their derivatives."""
     import ufl
 
-    from hpcinv.kinematics.stable_functions import log1p_remainder
+    from hpcinv.kinematics.stable_functions import expm1, log1p, log1p_remainder
     from hpcinv.kinematics.ufl_formulas import UFL_FUNCTIONS
 
     return {
         **UFL_FUNCTIONS,
         "if_positive": lambda x, then, otherwise: ufl.conditional(ufl.gt(x, 0), then, otherwise),
+        "log1p": log1p,
+        "expm1": expm1,
         "log1p_remainder": log1p_remainder,
         "expm1_remainder": _expm1_remainder,
         "power_remainder": _power_remainder,

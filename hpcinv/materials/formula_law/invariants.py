@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -32,14 +33,24 @@ def families_in(name: str) -> tuple[str, ...] | None:
     return tuple(family for family in match.groups() if family) if match else None
 
 
-def invariants(names: Iterable[str], k: Deformation | PrincipalStretches, strains: Strains) -> dict[str, Jet]:
+def invariants(
+    names: Iterable[str],
+    k: Deformation | PrincipalStretches,
+    strains: Strains,
+    families: Mapping[str, str] | None = None,
+) -> dict[str, Jet]:
     """Those of the named invariants that there are, of a deformation.
 
     Args:
         strains: in whose ``values`` the deformation's strains are put.
+        families: of fibres, by what the invariants call them; ``None`` if these have their own names.
     """
     found = ((name, families_in(name)) for name in sorted(names))
-    return {name: _invariant(name, families, k, strains) for name, families in found if families is not None}
+    return {
+        name: _invariant(name, tuple(f if families is None else families[f] for f in mentioned), k, strains)
+        for name, mentioned in found
+        if mentioned is not None
+    }
 
 
 def _invariant(name: str, families: tuple[str, ...], k: Any, strains: Strains) -> Jet:
@@ -62,7 +73,8 @@ def _invariant(name: str, families: tuple[str, ...], k: Any, strains: Strains) -
         case "I2":
             return jet(3.0, 4.0, "E", k.I1_minus_3 / 2, k._second_of_E)
         case "J":
-            return jet(1.0, 1.0, "E", k.I1_minus_3 / 2, -k._trE_minus_J_minus_1)
+            J = jet(1.0, 1.0, "E", k.I1_minus_3 / 2, -k._trE_minus_J_minus_1)
+            return replace(J, exact_change=k.J_minus_1)
     remainder = k.I1_bar_minus_3 if name == "I1_bar" else k.I2_bar_minus_3
     return Jet(strains, literal(3.0), {}, remainder, 2, is_positive=True)
 
@@ -92,8 +104,12 @@ class PrincipalStretches:
         return sum(math.expm1(2 * (self._mean - e)) for e in self._e)
 
     @property
+    def J_minus_1(self) -> float:
+        return math.expm1(3 * self._mean)
+
+    @property
     def _trE_minus_J_minus_1(self) -> float:
-        return self.I1_minus_3 / 2 - math.expm1(3 * self._mean)
+        return self.I1_minus_3 / 2 - self.J_minus_1
 
     @property
     def _second_of_E(self) -> float:

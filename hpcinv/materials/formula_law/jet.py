@@ -55,6 +55,7 @@ class Jet:
         remainder: ``R``.
         order: ``R = O(t^order)``: 2 if it is smooth, 1 if it has a kink at ``F = I``, infinity if it is constant.
         is_positive: whether it is positive for every deformation.
+        exact_change: ``q - q0``, where it is known otherwise than as the sum of its parts.
 
     Raises:
         ValueError: from its operators, if they have no value or no derivative at ``F = I``.
@@ -66,6 +67,7 @@ class Jet:
     remainder: Any
     order: float
     is_positive: bool = False
+    exact_change: Any = None
 
     @property
     def is_constant(self) -> bool:
@@ -79,7 +81,7 @@ class Jet:
     @cached_property
     def change(self) -> Any:
         """``q - q0``."""
-        return self.first_order + self.remainder
+        return self.first_order + self.remainder if self.exact_change is None else self.exact_change
 
     @property
     def order_of_change(self) -> float:
@@ -185,6 +187,15 @@ class Jet:
             is_positive,
         )
 
+    def without_first_order(
+        self, value: Coefficient, change: str, of: Any, factor: Coefficient, is_positive: bool = False
+    ) -> Jet:
+        """``f(q)``, from ``f(q0)`` and a factor of a function of the change, if that has no first-order part."""
+        if self.is_constant:
+            return replace(self.strains.constant(value), is_positive=is_positive or value.value > 0)
+        remainder = factor.symbol * self.strains.functions[change](of)
+        return Jet(self.strains, value, {}, remainder, min(self.order, 2), is_positive)
+
 
 _MOST_FACTORS = 1000  # of a power, which becomes products; a strain to this power has no value near F = I
 
@@ -200,6 +211,8 @@ def _sum(first: Mapping[str, Coefficient], second: Mapping[str, Coefficient]) ->
 
 def exp(q: Jet) -> Jet:
     value = q.constant.apply("exp", q.strains.functions, slope=math.exp(q.constant.value))
+    if not q.slopes:
+        return q.without_first_order(value, "expm1", q.remainder, value, is_positive=True)
     further = value.symbol * q.strains.functions["expm1_remainder"](q.change)
     return q.mapped(value, value, further, is_positive=True)
 
@@ -208,6 +221,8 @@ def ln(q: Jet) -> Jet:
     if q.constant.value <= 0:
         raise ValueError("takes the logarithm of something that is not positive at F = I")
     value = q.constant.apply("log", q.strains.functions, slope=1 / q.constant.value)
+    if not q.slopes:
+        return q.without_first_order(value, "log1p", q.relative_change, ONE)
     return q.mapped(value, ONE / q.constant, q.strains.functions["log1p_remainder"](q.relative_change))
 
 
@@ -228,7 +243,8 @@ def positive_part(q: Jet) -> Jet:
     if_positive = q.strains.functions["if_positive"]
     value = q.constant.symbol + q.change
     if q.constant.value > 0:
-        return replace(q, remainder=if_positive(value, q.remainder, -(q.constant.symbol + q.first_order)))
+        rest = if_positive(value, q.remainder, -(q.constant.symbol + q.first_order))
+        return replace(q, remainder=rest, exact_change=None)
     return Jet(q.strains, ZERO, {}, if_positive(value, value, 0.0), 2 if q.constant else q.order_of_change)
 
 

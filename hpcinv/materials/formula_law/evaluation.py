@@ -1,0 +1,58 @@
+"""Evaluation of an energy formula so that no digits are lost at small strain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.materials.formula_law.algebras import Functions, ufl_functions
+from hpcinv.materials.formula_law.coefficients import Coefficient
+from hpcinv.materials.formula_law.invariants import PrincipalStretches, families_in, invariants
+from hpcinv.materials.formula_law.jet import JET_FUNCTIONS, Jet, Strains
+from hpcinv.quantity.expressions import Expression
+
+if TYPE_CHECKING:
+    from hpcinv.kinematics.kinematics import Deformation
+
+
+def evaluate(
+    energy: Expression,
+    constants: Mapping[str, Coefficient],
+    k: Deformation | PrincipalStretches,
+    functions: Functions,
+    families: Mapping[str, str] | None = None,
+) -> tuple[Jet, Strains]:
+    """The energy as a jet, and its strains.
+
+    Args:
+        constants: the parameters.
+        functions: of the numbers that the strains of ``k`` are.
+        families: of fibres, by what the formula calls them; ``None`` if it has their own names.
+
+    Raises:
+        ValueError: it has no value or no derivative at ``F = I``.
+    """
+    strains = Strains(functions)
+    values = invariants(energy.names, k, strains, families)
+    values |= {name: strains.constant(constant) for name, constant in constants.items()}
+    return energy.apply(values, JET_FUNCTIONS, strains.number), strains
+
+
+def evaluate_of_any_parameters(
+    formula: str, par: Any, k: Deformation, families: Mapping[str, str]
+) -> tuple[Any, tuple[Any, ...]]:
+    """The energy of a law with positive parameters whose values may vary, and what must stay positive, as UFL scalars.
+
+    Args:
+        par: has the parameters of the formula as attributes.
+    """
+    energy = Expression(formula)
+    names = sorted(name for name in energy.names if families_in(name) is None)
+    # Numbers that stand for any: a sum of them vanishes only if it does for all values of the parameters.
+    typical = {name: math.exp(1 / (3 + i)) for i, name in enumerate(names)}
+    constants = {name: Coefficient.parameter(value, getattr(par, name)) for name, value in typical.items()}
+    jet, strains = evaluate(energy, constants, k, ufl_functions(), families)
+    if jet.constant or jet.slopes:
+        raise ValueError(f"'{formula}' is not stress-free at F = I, or has an energy there")
+    return jet.remainder, tuple(strains.positive)
