@@ -16,8 +16,9 @@ from pathlib import Path
 import matplotlib as mpl
 import yaml
 
+from hpcinv.batch.groupwork import work
 from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep.groupwork import work
+from hpcinv.sweep.execution import SweepBatch
 from hpcinv.sweep.plan import load_sweep
 
 mpl.use("Agg")
@@ -76,7 +77,7 @@ def main() -> None:
         axes = [{"grid": {"mesh.parameters": meshes}}, {"name": "law", "branches": laws}]
         sweep.write_text(yaml.safe_dump({"job": base.name, "store": "store", "axes": axes}))
         plan = load_sweep(sweep)
-        work(plan, MPI.COMM_WORLD, 0.0, 60.0, note, lambda: False)
+        work(SweepBatch(plan), MPI.COMM_WORLD, 0.0, 60.0, note, lambda: False)
 
     structures = len({case.structure for case in plan.cases})
     print(f"{done} cases of {structures} structures in one process; MB resident, communicators free")

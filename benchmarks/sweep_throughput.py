@@ -20,7 +20,7 @@ from pathlib import Path
 import yaml
 
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.sweep.plan import Plan, load_sweep
+from hpcinv.sweep.plan import SweepPlan, load_sweep
 
 ROOT = Path(__file__).parents[1]
 MPIRUN = Path(sys.executable).parent / "mpirun"
@@ -31,7 +31,7 @@ def hpcinv(ranks: int, *arguments: object) -> None:
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
-def shell_loop(plan: Plan, count: int, directory: Path) -> float:
+def shell_loop(plan: SweepPlan, count: int, directory: Path) -> float:
     """Seconds per case of single-rank processes, two side by side."""
     files = []
     for case in plan.cases[:: len(plan.cases) // count][:count]:
@@ -48,7 +48,7 @@ def shell_loop(plan: Plan, count: int, directory: Path) -> float:
             file.unlink()
 
 
-def sweep(plan: Plan, ranks: int, directory: Path) -> float:
+def sweep(plan: SweepPlan, ranks: int, directory: Path) -> float:
     """Seconds per case of the sweep in an empty store."""
     content = read_yaml(plan.path)
     file = plan.path.with_name(f".{plan.sweep.sweep}-benchmark.yaml")
@@ -70,7 +70,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         directory = Path(temporary)
         structures = {case.structure: case for case in plan.cases}
-        shell_loop(Plan(plan.path, plan.sweep, plan.base, plan.data, tuple(structures.values())), 1, directory / "0")
+        shell_loop(
+            SweepPlan(plan.path, plan.sweep, plan.base, plan.data, tuple(structures.values())), 1, directory / "0"
+        )
         loop = shell_loop(plan, options.by_hand, directory)
         one, two = sweep(plan, 1, directory), sweep(plan, 2, directory)
     print(f"{len(plan.cases)} cases of {plan.path.name}; seconds per case from command to prompt")

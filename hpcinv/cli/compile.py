@@ -12,7 +12,7 @@ from hpcinv.errors import HpcinvError, Interrupted
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import load
 from hpcinv.job.reuse_key import structure_of
-from hpcinv.study.plan import is_study, load_plan
+from hpcinv.study.plan import is_study, load_study
 from hpcinv.sweep.plan import is_sweep, load_sweep
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def _distinct(paths: list[Path]) -> Iterator[Job]:
             plan = load_sweep(path)
             jobs = [plan.job(case) for case in {case.structure: case for case in reversed(plan.cases)}.values()]
         else:
-            jobs = [run.job for run in load_plan(path).runs] if is_study(path) else [load(path)]
+            jobs = [run.job for run in load_study(path).runs] if is_study(path) else [load(path)]
         for job in jobs:
             kernels = structure_of(job), job.model_dump_json(include=_COMPUTED)
             if kernels not in known:

@@ -13,7 +13,7 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 from hpcinv.output.run_directory import RunDirectory, choose
 from hpcinv.parallel.signals import end_on_interrupt
-from hpcinv.study.plan import load_plan
+from hpcinv.study.plan import load_study
 
 
 def add_run(commands: Any) -> None:
@@ -34,6 +34,7 @@ def add_run(commands: Any) -> None:
     study = commands.add_parser("study", help="accuracy against time: many runs of a job, their errors and costs")
     study.add_argument("study", type=Path, help="study file (YAML)")
     study.add_argument("--output", type=Path, metavar="DIR", help="where it goes, and goes on (default: results/STUDY)")
+    study.add_argument("--retry-failed", action="store_true", help="try runs that have failed before once more")
     study.set_defaults(command=_study)
 
     for parallel in (run, resume):
@@ -115,15 +116,10 @@ def _study(options: argparse.Namespace) -> int:
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
-        from hpcinv.cli.study import conduct
+        from hpcinv.cli.study import run_study
         from hpcinv.parallel.runtime import on_root
 
-        plan = on_root(comm, lambda: load_plan(options.study))
-
-        def note(text: str) -> None:
-            if comm.rank == 0:
-                print(text, flush=True)
-
+        plan = on_root(comm, lambda: load_study(options.study))
         directory = options.output or Path("results") / plan.study.study
-        conduct(plan, comm, directory=directory, note=note, stop_asked=stop)
+        run_study(plan, comm, directory=directory, retry_failed=options.retry_failed, stop=stop)
     return 0

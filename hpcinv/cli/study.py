@@ -3,81 +3,98 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+from hpcinv.batch.conduct import conduct
+from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.tables import as_csv
 from hpcinv.batch.units import unit_of
-from hpcinv.errors import JobError, SolveError
-from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
+from hpcinv.errors import Interrupted, JobError, SolveError
+from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.study.diagram import over_cases, work_precision
-from hpcinv.study.execute import execute
+from hpcinv.study.directory import StudyDirectory
+from hpcinv.study.execution import StudyBatch
+from hpcinv.study.executions import Executions
 from hpcinv.study.findings import Accuracy, accuracy
 from hpcinv.study.report import show
-from hpcinv.study.rows import Row, rows_of
-from hpcinv.study.schedule import Schedule
-from hpcinv.study.store import Store
+from hpcinv.study.rows import StudyRow, rows_of
 from hpcinv.study.tables import as_hdf5, point_columns, point_units, run_columns, run_units
 
 if TYPE_CHECKING:
-    from hpcinv.study.plan import Plan
+    from hpcinv.parallel.signals import StopRequest
+    from hpcinv.study.plan import StudyPlan
 
 SECONDS = {"run": "whole run without compilation", "solver": "Newton's method"}
 
 
-def conduct(
-    plan: Plan,
+def run_study(
+    plan: StudyPlan,
     comm: MPI.Intracomm,
     *,
     directory: Path,
-    note: Callable[[str], None],
-    stop_asked: Callable[[], bool],
+    retry_failed: bool,
+    stop: StopRequest,
 ) -> None:
     """Run what the study in ``directory`` still lacks, and write and show what it has found; collective.
 
+    Other allocations may do so at the same time; each ends when all runs are done, by whomever.
+
+    Args:
+        retry_failed: whether runs that have failed before are tried again.
+
     Raises:
         OutputError: the directory is not this study's, or cannot be written.
-        Interrupted: ``stop_asked`` was true on some rank; what was done is kept.
+        Interrupted: a signal asked to stop; what was done is kept.
         SolveError: not one run converged.
         JobError: something measured is not there, or has no reference.
     """
-    schedules: list[Schedule] = []
+    batch = StudyBatch(plan, directory)
+    note = partial(print, flush=True)
 
-    def begin() -> str:
-        schedules.append(Schedule(plan, Store(directory, plan.study.study), comm.size))
-        reused = schedules[0].reused
-        before = f"; {reused} executions were done before" if reused else ""
+    def known() -> Executions:
+        return Executions(plan, ledger_of(batch.store), comm.size)
+
+    def begin() -> None:
+        StudyDirectory(directory, plan.study.study)
+        executions = known()
+        before = f"; {done} executions were done before" if (done := executions.count()[0]) else ""
+        if retry_failed:
+            before += f", {executions.retry()} of which failed and are open again"
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
-        return f"{plan.study.study}: {len(plan.runs)} runs, {ranks}; results in {directory}{before}"
+        note(f"{plan.study.study}: {len(plan.runs)} runs, {ranks}; results in {directory}{before}")
 
-    note(on_root(comm, begin))
-    schedule = schedules[0] if schedules else None
-    with compilation_explained(comm):
-        execute(schedule, comm, note=note, stop_asked=stop_asked)
+    on_root(comm, begin)
+    interrupted = False
+    try:
+        conduct(batch, comm, ranks_per_case=comm.size, isolated=False, note=note, stop=stop)
+    except Interrupted:
+        interrupted = True
+    if interrupted:
+        done, total = on_root(comm, lambda: known().count())
+        raise Interrupted(
+            f"stopped by a signal; {done} of {total} runs are done and kept", "The same command goes on from there."
+        )
+    on_root(comm, lambda: conclude(known(), StudyDirectory(directory, plan.study.study)))
 
-    def end() -> None:
-        assert schedule is not None
-        conclude(plan, schedule, comm.size)
 
-    on_root(comm, end)
-
-
-def conclude(plan: Plan, schedule: Schedule, ranks: int) -> None:
+def conclude(executions: Executions, directory: StudyDirectory) -> None:
     """Write and show the tables and diagrams of a study whose runs are all done.
 
     Raises:
         SolveError: not one run converged.
         JobError: something measured is not there, or has no reference; all else is written nevertheless.
     """
-    rows = rows_of(plan, schedule)
+    plan = executions.plan
+    rows = rows_of(executions)
     units = {name: unit_of(key, plan.runs[0].job) for name, key in plan.measured.items()}
     found = [accuracy(plan, rows, name, unit) for name, unit in units.items()]
-    for name, content in _files(plan, rows, found, ranks).items():
-        schedule.store.write(name, content)
+    for name, content in _files(plan, rows, found, executions.ranks).items():
+        directory.write(name, content)
     show(plan, rows, found)
     if not any(row.converged for row in rows):
         raise SolveError(f"{plan.path}: not one of the {len(rows)} runs converged; the first: {rows[0].status}")
@@ -91,7 +108,7 @@ def conclude(plan: Plan, schedule: Schedule, ranks: int) -> None:
         raise JobError(problems)
 
 
-def _files(plan: Plan, rows: list[Row], found: list[Accuracy], ranks: int) -> dict[str, str | bytes]:
+def _files(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: int) -> dict[str, str | bytes]:
     """Contents by name."""
     files: dict[str, str | bytes] = {
         "table.csv": as_csv(run_columns(plan, rows, found), run_units(found)),

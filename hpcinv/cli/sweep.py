@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.ledger.holder import BEAT
+from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.errors import Interrupted
 from hpcinv.files.untrusted import add_option
+from hpcinv.sweep.execution import SweepBatch
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.reporting import add_reports
-from hpcinv.sweep.results import ledger_of
 from hpcinv.sweep.submit import add_submit
 from hpcinv.sweep.tally import Tally
 
@@ -87,7 +88,7 @@ def _plan(options: argparse.Namespace) -> int:
 
     from hpcinv.sweep.outlook import outlook
 
-    for line in outlook(plan, ledger_of(plan), options.groups):
+    for line in outlook(plan, ledger_of(plan.store), options.groups):
         print(line)
     return 0
 
@@ -96,8 +97,8 @@ def _run(options: argparse.Namespace) -> int:
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks, stack=False) as (world, stop):
+        from hpcinv.batch.conduct import Share, conduct
         from hpcinv.parallel.ranks import on_root
-        from hpcinv.sweep.conduct import Share, conduct
 
         plan = on_root(world, lambda: load_sweep(options.sweep))
         plan = replace(plan, cases=plan.cases[: options.first])
@@ -107,7 +108,7 @@ def _run(options: argparse.Namespace) -> int:
             print(f"{plan.sweep.sweep}: {len(plan.cases)} cases, {groups}; store {plan.store}", flush=True)
 
         def end() -> tuple[int, int]:
-            tally = Tally(plan, ledger_of(plan))
+            tally = Tally(plan, ledger_of(plan.store))
             print("\n".join(tally.lines()), flush=True)
             return tally.exit_code(strict=options.strict), tally.unfinished
 
@@ -115,7 +116,7 @@ def _run(options: argparse.Namespace) -> int:
         interrupted = False
         try:
             conduct(
-                plan,
+                SweepBatch(plan),
                 world,
                 ranks_per_case=options.ranks_per_case,
                 share=Share(*options.shard),
@@ -134,7 +135,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _retry(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    ledger = ledger_of(plan)
+    ledger = ledger_of(plan.store)
     opened = sum(ledger.retry(key) for key in dict.fromkeys(case.key for case in plan.cases))
     print(f"{opened} failed case{'s are' if opened != 1 else ' is'} open again")
     return 0

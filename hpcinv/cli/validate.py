@@ -11,7 +11,7 @@ from typing import Any
 from hpcinv.errors import HpcinvError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import json_schema, load
-from hpcinv.study.plan import is_study, load_plan
+from hpcinv.study.plan import is_study, load_study
 from hpcinv.sweep.plan import is_sweep, load_sweep
 
 
@@ -30,7 +30,7 @@ def _validate(options: argparse.Namespace) -> int:
     failed = 0
     for path in options.jobs:
         try:
-            (load_plan if is_study(path) else load_sweep if is_sweep(path) else load)(path)
+            (load_study if is_study(path) else load_sweep if is_sweep(path) else load)(path)
         except HpcinvError as error:
             print(error, file=sys.stderr)
             failed = error.exit_code

@@ -39,16 +39,20 @@ def publish(path: Path, content: bytes) -> bool:
     return first
 
 
-def replace(path: Path, content: bytes) -> None:
+def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
     """Write a file in place of what has its name; it survives a power failure.
 
     A kill leaves the file as it was before, or as it is now, and perhaps a hidden ``.NAME.partial`` beside it, which
-    the next call replaces: of one file only one process may be the writer.
+    the next call replaces: of one file only one process may be the writer, unless it is shared.
+
+    Args:
+        shared: several processes may write the file at once, each through a partial file with a name of its own.
 
     Raises:
         OSError: it cannot be written; the file is then as it was.
     """
-    partial = path.with_name(f".{path.name}.partial")
+    own = f".{secrets.token_hex(8)}" if shared else ""
+    partial = path.with_name(f".{path.name}{own}.partial")
     try:
         with partial.open("wb") as file:
             file.write(content)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from hpcinv.study.findings import Accuracy, Point
-    from hpcinv.study.rows import Row
+    from hpcinv.study.rows import StudyRow
 
 
 def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping[str, str]) -> dict[str, bytes]:
@@ -56,7 +56,7 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
         return as_files(figure)
 
 
-def over_cases(title: str, accuracy: Accuracy, rows: Sequence[Row]) -> dict[str, bytes]:
+def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict[str, bytes]:
     """Error against each parameter of the cases that has numbers, as files by their format; none without cases."""
     keys = dict.fromkeys(key for row in rows for key, v in row.place.parameters.items() if isinstance(v, int | float))
     shown = [(row, error) for row, error in zip(rows, accuracy.errors, strict=True) if error]
@@ -81,7 +81,7 @@ def over_cases(title: str, accuracy: Accuracy, rows: Sequence[Row]) -> dict[str,
         return as_files(figure)
 
 
-def _group(row: Row) -> tuple[str, int, str]:
+def _group(row: StudyRow) -> tuple[str, int, str]:
     return row.place.ladder, row.place.step, row.place.label
 
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from hpcinv.study.convergence import fitted_order, orders
 from hpcinv.study.pareto import front
-from hpcinv.study.references import Found, find_reference
+from hpcinv.study.references import ReferenceValue, find_reference
 
 if TYPE_CHECKING:
-    from hpcinv.study.plan import Plan
-    from hpcinv.study.rows import Row
+    from hpcinv.study.plan import StudyPlan
+    from hpcinv.study.rows import StudyRow
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Accuracy:
 
     name: str
     unit: str
-    references: tuple[Found | str, ...]
+    references: tuple[ReferenceValue | str, ...]
     errors: tuple[float | None, ...]
     orders: tuple[float | None, ...]
     effectivities: tuple[float | None, ...]
@@ -90,11 +90,11 @@ class Accuracy:
         """Why there is no reference, if there is none of some case."""
         return next((r for r in self.references if isinstance(r, str)), None)
 
-    def point_of(self, row: Row) -> Point:
+    def point_of(self, row: StudyRow) -> Point:
         return next(p for p in self.points if (p.ladder, p.step) == (row.place.ladder, row.place.step))
 
 
-def accuracy(plan: Plan, rows: Sequence[Row], name: str, unit: str) -> Accuracy:
+def accuracy(plan: StudyPlan, rows: Sequence[StudyRow], name: str, unit: str) -> Accuracy:
     """What the rows tell about one quantity."""
     references = tuple(
         _reference(plan, [row for row in rows if row.place.case == case], name) for case in range(plan.cases)
@@ -118,25 +118,25 @@ def accuracy(plan: Plan, rows: Sequence[Row], name: str, unit: str) -> Accuracy:
     return Accuracy(name, unit, references, tuple(errors), tuple(observed), effectivities, fitted, points)
 
 
-def _reference(plan: Plan, rows: Sequence[Row], name: str) -> Found | str:
+def _reference(plan: StudyPlan, rows: Sequence[StudyRow], name: str) -> ReferenceValue | str:
     try:
         return find_reference(plan.study.reference_of(name), rows, name)
     except ValueError as error:
         return str(error)
 
 
-def _error(reference: Found | str, row: Row, name: str) -> float | None:
+def _error(reference: ReferenceValue | str, row: StudyRow, name: str) -> float | None:
     return None if isinstance(reference, str) else reference.error_of(row, name)
 
 
-def _effectivity(reference: Found | str, row: Row, name: str) -> float | None:
+def _effectivity(reference: ReferenceValue | str, row: StudyRow, name: str) -> float | None:
     estimate, value = row.estimates[name], row.values[name]
     if isinstance(reference, str) or estimate is None or value is None or not reference.error_of(row, name):
         return None
     return estimate / (reference.value - value)
 
 
-def _points(plan: Plan, rows: Sequence[Row], errors: Sequence[float | None]) -> tuple[Point, ...]:
+def _points(plan: StudyPlan, rows: Sequence[StudyRow], errors: Sequence[float | None]) -> tuple[Point, ...]:
     members: dict[tuple[str, int], list[int]] = {}
     for i, row in enumerate(rows):
         members.setdefault((row.place.ladder, row.place.step), []).append(i)
@@ -156,7 +156,7 @@ def _points(plan: Plan, rows: Sequence[Row], errors: Sequence[float | None]) -> 
     return tuple(replace(point, on_front=is_best) for point, is_best in zip(points, best, strict=True))
 
 
-def _ratio(rows: Sequence[Row], base: Sequence[Row]) -> float | None:
+def _ratio(rows: Sequence[StudyRow], base: Sequence[StudyRow]) -> float | None:
     """Time of the cases that have one in both, over that of the base."""
     pairs = [(a.time, b.time) for a, b in zip(rows, base, strict=True) if a.time and b.time]
     return math.fsum(a for a, _ in pairs) / math.fsum(b for _, b in pairs) if pairs else None

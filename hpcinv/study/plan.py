@@ -60,7 +60,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """A study and its runs: case by case, of each the ladders in their order, of each its steps."""
 
     path: Path
@@ -82,7 +82,7 @@ def is_study(path: Path) -> bool:
     return "ladders" in read_yaml(path)
 
 
-def load_plan(path: Path, *, untrusted: bool = False) -> Plan:
+def load_study(path: Path, *, untrusted: bool = False) -> StudyPlan:
     """Read a study and check all of its runs.
 
     Args:
@@ -98,7 +98,7 @@ def load_plan(path: Path, *, untrusted: bool = False) -> Plan:
     runs = tuple(_runs(study, base, data, faults, untrusted))
     if faults:
         raise JobError([f"{path}: {_first_of(titles)}: {fault}" for fault, titles in faults.items()])
-    return Plan(path, study, runs)
+    return StudyPlan(path, study, runs)
 
 
 def _runs(

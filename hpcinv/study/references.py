@@ -9,32 +9,32 @@ from typing import TYPE_CHECKING
 from hpcinv.study.convergence import richardson
 
 if TYPE_CHECKING:
-    from hpcinv.study.rows import Row
+    from hpcinv.study.rows import StudyRow
     from hpcinv.study.spec import Reference
 
 
 @dataclass(frozen=True)
-class Found:
+class ReferenceValue:
     """A reference value, where it is from, and the run that it is the value of, if it is one's."""
 
     value: float
     origin: str
     key: str | None = None
 
-    def error_of(self, row: Row, name: str) -> float | None:
+    def error_of(self, row: StudyRow, name: str) -> float | None:
         """Distance of a run's value; the run that is the reference has none."""
         value = row.values[name]
         return None if value is None or row.key == self.key else abs(value - self.value)
 
 
-def find_reference(reference: Reference, rows: Sequence[Row], name: str) -> Found:
+def find_reference(reference: Reference, rows: Sequence[StudyRow], name: str) -> ReferenceValue:
     """The reference of one quantity among the rows of one case.
 
     Raises:
         ValueError: there is none; the message says why, and what to take instead.
     """
     if reference.value is not None:
-        return Found(reference.value, reference.kind)
+        return ReferenceValue(reference.value, reference.kind)
     known = [row for row in rows if row.values[name] is not None and reference.ladder in (None, row.place.ladder)]
     if not known:
         raise ValueError("no run has a value to compare the others with")
@@ -43,11 +43,11 @@ def find_reference(reference: Reference, rows: Sequence[Row], name: str) -> Foun
     if reference.kind == "finest":
         value = finest.values[name]
         assert value is not None
-        return Found(value, f"finest run: {finest.place.title}", finest.key)
+        return ReferenceValue(value, f"finest run: {finest.place.title}", finest.key)
     return _extrapolated([row for row in known if row.place.ladder == finest.place.ladder], name)
 
 
-def _extrapolated(rows: Sequence[Row], name: str) -> Found:
+def _extrapolated(rows: Sequence[StudyRow], name: str) -> ReferenceValue:
     ladder = rows[0].place.ladder
     instead = "; take finest or a value instead, or another ladder: {richardson: NAME}"
     by_size = {row.size: row for row in rows if row.size is not None}
@@ -62,4 +62,4 @@ def _extrapolated(rows: Sequence[Row], name: str) -> Found:
     except ValueError as error:
         shown = ", ".join(f"{value:.9g}" for value in values)
         raise ValueError(f"richardson: the values of ladder '{ladder}', {shown}, {error}{instead}") from None
-    return Found(limit, f"Richardson's extrapolation of {ladder}, observed order {order:.2f}")
+    return ReferenceValue(limit, f"Richardson's extrapolation of {ladder}, observed order {order:.2f}")

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from hpcinv.output.console import Console
-from hpcinv.study.references import Found
+from hpcinv.study.references import ReferenceValue
 from hpcinv.study.spec import STATISTICS
 from hpcinv.study.tables import relative
 
 if TYPE_CHECKING:
     from hpcinv.study.findings import Accuracy
-    from hpcinv.study.plan import Plan
-    from hpcinv.study.rows import Row
+    from hpcinv.study.plan import StudyPlan
+    from hpcinv.study.rows import StudyRow
 
 
-def show(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy]) -> None:
+def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> None:
     """Print it."""
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
@@ -39,17 +39,17 @@ def show(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy]) -> None:
 _MOST = 20  # failures that are told one by one
 
 
-def _heading(plan: Plan, accuracy: Accuracy) -> str:
+def _heading(plan: StudyPlan, accuracy: Accuracy) -> str:
     reference, unit = accuracy.references[0], f" {accuracy.unit}" if accuracy.unit else ""
     text = f"{accuracy.name}{f' ({accuracy.unit})' if accuracy.unit else ''}: "
-    if not isinstance(reference, Found):
+    if not isinstance(reference, ReferenceValue):
         return text + f"no errors: {reference}"
     if plan.cases > 1:
         return text + f"{plan.cases} cases, errors against {reference.origin.partition(':')[0]}"
     return text + f"errors against {reference.value:.10g}{unit} ({reference.origin})"
 
 
-def _of_runs(rows: Sequence[Row], accuracy: Accuracy) -> Table:
+def _of_runs(rows: Sequence[StudyRow], accuracy: Accuracy) -> Table:
     estimated = any(e is not None for e in accuracy.effectivities)
     extra = [name for name in rows[0].costs if name not in (*_COSTS, *_LEFT_OUT)]
     table = _table("ladder", "run", *_COSTS.values(), *extra, "value", "error", "relative", "order")
@@ -69,7 +69,7 @@ def _of_runs(rows: Sequence[Row], accuracy: Accuracy) -> Table:
     return table
 
 
-def _of_cases(plan: Plan, accuracy: Accuracy) -> Table:
+def _of_cases(plan: StudyPlan, accuracy: Accuracy) -> Table:
     beside = plan.study.beside
     published = beside.statistics.get(accuracy.name, {}) if beside else {}
     extra = list(plan.study.costs)
@@ -83,7 +83,7 @@ def _of_cases(plan: Plan, accuracy: Accuracy) -> Table:
     return table
 
 
-def _notes(plan: Plan, accuracy: Accuracy) -> Iterator[str]:
+def _notes(plan: StudyPlan, accuracy: Accuracy) -> Iterator[str]:
     if accuracy.fitted:
         orders = ", ".join(f"{ladder} {order:.2f}" for ladder, order in accuracy.fitted.items())
         yield f"orders of convergence (least squares): {orders}"
@@ -96,7 +96,7 @@ def _notes(plan: Plan, accuracy: Accuracy) -> Iterator[str]:
     reference = accuracy.references[0]
     for name, value in beside.values.get(accuracy.name, {}).items():
         against = ""
-        if isinstance(reference, Found) and reference.value:
+        if isinstance(reference, ReferenceValue) and reference.value:
             against = f", {value / reference.value - 1:+.2%} from the reference here"
         yield f"published: {name} {value:.7g} {accuracy.unit}{against}"
     if accuracy.name in beside.values or accuracy.name in beside.statistics:

@@ -12,9 +12,9 @@ from hpcinv.job.mesh_generators import resolution_of
 from hpcinv.quantity.keys import look_up
 
 if TYPE_CHECKING:
-    from hpcinv.study.plan import Place, Plan, Run
-    from hpcinv.study.schedule import Schedule
-    from hpcinv.study.store import Record
+    from hpcinv.batch.ledger.record import CaseRecord
+    from hpcinv.study.executions import Executions
+    from hpcinv.study.plan import Place, Run, StudyPlan
 
 APART = ("compile", "certificate")
 """phases that are no part of the time of a run"""
@@ -23,7 +23,7 @@ SOLVER = ("newton", "residual", "tangent", "factorization", "linear solve", "adm
 
 
 @dataclass(frozen=True)
-class Row:
+class StudyRow:
     """One run.
 
     Attributes:
@@ -58,19 +58,22 @@ class Row:
         return self.costs["time"]
 
 
-def rows_of(plan: Plan, schedule: Schedule) -> list[Row]:
+def rows_of(executions: Executions) -> list[StudyRow]:
     """The rows of a study whose runs are all done, in the order of its plan."""
+    plan = executions.plan
     proportional = {ladder.name: _proportional(plan, ladder.name) for ladder in plan.study.ladders}
     return [
-        _row(plan, run, schedule.key(i), schedule.records(i), proportional[run.place.ladder])
+        _row(plan, run, executions.key(i), executions.records(i), proportional[run.place.ladder])
         for i, run in enumerate(plan.runs)
     ]
 
 
-def _row(plan: Plan, run: Run, key: str, records: Sequence[Record], parameter: str | None) -> Row:
+def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], parameter: str | None) -> StudyRow:
     study, found = plan.study, records[0].statistics
     converged = records[0].converged
-    timed = [r.statistics for r in records if r.timed] or [r.statistics for r in records if r.converged]
+    timed = [r.statistics for r in records if r.converged and not r.compiled] or [
+        r.statistics for r in records if r.converged
+    ]
     seconds = {"run": [_run_seconds(s) for s in timed], "solver": [_phases(s, SOLVER) for s in timed]}
     costs: dict[str, float | None] = {name: _median(values) for name, values in seconds.items()}
     costs |= {
@@ -89,7 +92,7 @@ def _row(plan: Plan, run: Run, key: str, records: Sequence[Record], parameter: s
     verdict = str(found.get("certificate", {}).get("verdict", ""))
     geometry = str((found.get("certificate", {}).get("estimate") or {}).get("geometry", ""))
     times = tuple(seconds[study.time])
-    return Row(run.place, key, records[0].status, costs, times, values, verdict, estimates, size, geometry)
+    return StudyRow(run.place, key, records[0].status, costs, times, values, verdict, estimates, size, geometry)
 
 
 def _run_seconds(found: Mapping[str, Any]) -> float:
@@ -112,7 +115,7 @@ def _refines(run: Run) -> bool:
     return bool(keys) and all(key in ("mesh", "mesh.file") or key.startswith(of_meshes) for key in keys)
 
 
-def _proportional(plan: Plan, ladder: str) -> str | None:
+def _proportional(plan: StudyPlan, ladder: str) -> str | None:
     """The mesh parameter that varies, if there is one, or if those that do keep their proportion."""
     prefix = "mesh.parameters."
     runs = [run for run in plan.runs if run.place.ladder == ladder and run.place.case == 0]

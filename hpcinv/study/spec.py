@@ -97,6 +97,8 @@ class Study(Spec):
     """seconds of the whole run but for compilation and certificate, or of Newton's method alone"""
     repeat: Annotated[int, Field(ge=1)] = 3
     """how often each run is timed; the median counts"""
+    limit: Annotated[float, Quantity("s", above=0.0)] | None = None
+    """wall time that a run may take, such as 10 min; one that takes longer has failed. Left out, there is none"""
     beside: Beside | None = None
     """published numbers"""
 

@@ -13,16 +13,16 @@ import numpy as np
 from hpcinv.batch.specification import text_of
 from hpcinv.batch.tables import Columns, fill
 from hpcinv.batch.units import COSTS
-from hpcinv.study.references import Found
+from hpcinv.study.references import ReferenceValue
 from hpcinv.study.spec import STATISTICS
 
 if TYPE_CHECKING:
     from hpcinv.study.findings import Accuracy
-    from hpcinv.study.plan import Plan
-    from hpcinv.study.rows import Row
+    from hpcinv.study.plan import StudyPlan
+    from hpcinv.study.rows import StudyRow
 
 
-def run_columns(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy]) -> Columns:
+def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> Columns:
     """A row for each run; times in s, memory in bytes, values and errors in SI."""
     places = [row.place for row in rows]
     columns: Columns = {"ladder": [p.ladder for p in places], "label": [p.label for p in places]}
@@ -61,7 +61,7 @@ def run_units(found: Sequence[Accuracy]) -> dict[str, str]:
     return units
 
 
-def point_columns(plan: Plan, accuracy: Accuracy) -> Columns:
+def point_columns(plan: StudyPlan, accuracy: Accuracy) -> Columns:
     """A row for each step of each ladder: statistics of the errors over the cases, and averages of the costs."""
     points = accuracy.points
     columns: Columns = {"ladder": [p.ladder for p in points], "label": [p.label for p in points]}
@@ -81,15 +81,15 @@ def point_units(accuracy: Accuracy) -> dict[str, str]:
     return COSTS | dict.fromkeys(names, accuracy.unit)
 
 
-def relative(accuracy: Accuracy, row: Row, error: float | None) -> float | None:
+def relative(accuracy: Accuracy, row: StudyRow, error: float | None) -> float | None:
     """Error over the reference, where that is not zero."""
     reference = accuracy.references[row.place.case]
-    if error is None or not isinstance(reference, Found) or reference.value == 0.0:
+    if error is None or not isinstance(reference, ReferenceValue) or reference.value == 0.0:
         return None
     return error / abs(reference.value)
 
 
-def as_hdf5(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy], ranks: int) -> bytes:
+def as_hdf5(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy], ranks: int) -> bytes:
     """The same, and every repetition's time, as HDF5."""
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
@@ -107,7 +107,7 @@ def as_hdf5(plan: Plan, rows: Sequence[Row], found: Sequence[Accuracy], ranks: i
         for accuracy in found:
             group = file.create_group(f"quantities/{accuracy.name}")
             group.attrs["unit"] = accuracy.unit
-            references = [r if isinstance(r, Found) else None for r in accuracy.references]
+            references = [r if isinstance(r, ReferenceValue) else None for r in accuracy.references]
             group["reference"] = [np.nan if r is None else r.value for r in references]
             group["reference"].attrs["origin"] = str(references[0].origin if references[0] else accuracy.refusal)
             group.create_group("orders").attrs.update(accuracy.fitted)

@@ -9,13 +9,15 @@ from typing import Any, cast
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+from hpcinv.batch.conduct import groups_of, wait_for_all
+from hpcinv.batch.groupwork import work
+from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.errors import HpcinvError
 from hpcinv.parallel.runtime import MPI, agree, on_root
-from hpcinv.sweep.conduct import groups_of, wait_for_all
-from hpcinv.sweep.groupwork import work
+from hpcinv.sweep.execution import SweepBatch
 from hpcinv.sweep.plan import load_sweep
-from hpcinv.sweep.results import ledger_of, results
+from hpcinv.sweep.results import results
 from hpcinv.sweep.table import columns, units
 
 
@@ -64,7 +66,7 @@ def sweep(
     group = cast(MPI.Intracomm, comm.Split(number))
     error: HpcinvError | None = None
     try:
-        work(plan, group, number / groups, LEASE, note, lambda: False)
+        work(SweepBatch(plan), group, number / groups, LEASE, note, lambda: False)
     except HpcinvError as met:
         error = met
     wait_for_all(comm)
@@ -72,7 +74,7 @@ def sweep(
     agree(comm, error)
 
     def table() -> Table:
-        records = results(plan, ledger_of(plan))
+        records = results(plan, ledger_of(plan.store))
         return Table(columns(plan, records), units(plan, records))
 
     return on_root(comm, table)

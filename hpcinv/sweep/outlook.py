@@ -21,9 +21,9 @@ from hpcinv.sweep.results import results
 
 if TYPE_CHECKING:
     from hpcinv.batch.ledger.ledger import Ledger
-    from hpcinv.batch.ledger.record import Record
+    from hpcinv.batch.ledger.record import CaseRecord
     from hpcinv.job.job import Job
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.sweep.plan import SweepPlan
 
 
 MOST_MEASURED = 32
@@ -37,7 +37,7 @@ class Size(NamedTuple):
     unknowns: int
 
 
-def outlook(plan: Plan, ledger: Ledger, groups: int) -> list[str]:
+def outlook(plan: SweepPlan, ledger: Ledger, groups: int) -> list[str]:
     """Lines of text on the cases of a sweep, their sizes, and the time that the open ones take; not collective.
 
     Args:
@@ -51,7 +51,7 @@ def outlook(plan: Plan, ledger: Ledger, groups: int) -> list[str]:
     ]
 
 
-def _counts(plan: Plan, distinct: int, records: Mapping[str, Record]) -> list[str]:
+def _counts(plan: SweepPlan, distinct: int, records: Mapping[str, CaseRecord]) -> list[str]:
     failed = sum(not record.converged for record in records.values())
     also = f", {failed} of them failed" if failed else ""
     lines = [f"{plan.sweep.sweep}: {_count(len(plan.cases), 'case')}; {len(records)} finished in {plan.store}{also}"]
@@ -60,7 +60,9 @@ def _counts(plan: Plan, distinct: int, records: Mapping[str, Record]) -> list[st
     return lines
 
 
-def _sizes_and_time(plan: Plan, structures: Mapping[str, str], records: Mapping[str, Record], groups: int) -> list[str]:
+def _sizes_and_time(
+    plan: SweepPlan, structures: Mapping[str, str], records: Mapping[str, CaseRecord], groups: int
+) -> list[str]:
     first = {case.structure: case for case in reversed(plan.cases)}
     counts = Counter(structures.values())
     lines = [
@@ -86,7 +88,7 @@ def _sizes_and_time(plan: Plan, structures: Mapping[str, str], records: Mapping[
 
 
 def _time(
-    structures: Mapping[str, str], records: Mapping[str, Record], unknowns: Mapping[str, int], groups: int
+    structures: Mapping[str, str], records: Mapping[str, CaseRecord], unknowns: Mapping[str, int], groups: int
 ) -> list[str]:
     open_ = [structure for key, structure in structures.items() if key not in records]
     if not open_:
@@ -107,7 +109,7 @@ def _time(
     return [f"  time: about {in_words(seconds / groups)} for {_count(len(open_), 'case')} on {side}{a_case} ({basis})"]
 
 
-def _ranks(record: Record) -> int:
+def _ranks(record: CaseRecord) -> int:
     machine: Mapping[str, Any] = record.statistics.get("machine", {})
     return int(machine.get("ranks", 0))
 

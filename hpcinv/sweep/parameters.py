@@ -11,10 +11,10 @@ from hpcinv.batch.specification import text_of
 from hpcinv.quantity.units import NAMES, Dimension, as_float, parse_quantity, parse_unit
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.sweep.plan import SweepPlan
 
 
-def parameter_columns(plan: Plan) -> dict[str, list[Any]]:
+def parameter_columns(plan: SweepPlan) -> dict[str, list[Any]]:
     """A value for each case by key or name of branches.
 
     Numbers where all values are numbers or quantities, with ``None`` in cases that have no such parameter; else text,
@@ -24,7 +24,7 @@ def parameter_columns(plan: Plan) -> dict[str, list[Any]]:
     return {key: _column([case.parameters.get(key) for case in plan.cases]) for key in keys}
 
 
-def parameter_units(plan: Plan) -> dict[str, str]:
+def parameter_units(plan: SweepPlan) -> dict[str, str]:
     """SI units of the parameters of which the file tells them."""
     found = {}
     for axis in _axes(plan.sweep.axes):
@@ -36,12 +36,12 @@ def parameter_units(plan: Plan) -> dict[str, str]:
     return {key: unit_of_dimension(dimension) for key, dimension in found.items() if dimension is not None}
 
 
-def log_uniform(plan: Plan) -> set[str]:
+def log_uniform(plan: SweepPlan) -> set[str]:
     """The keys that are sampled evenly in their logarithm."""
     return {k for axis in _axes(plan.sweep.axes) for k, d in axis.sample.items() if d.kind == "log-uniform"}
 
 
-def sampled(plan: Plan) -> set[str]:
+def sampled(plan: SweepPlan) -> set[str]:
     """The keys that are sampled."""
     return {key for axis in _axes(plan.sweep.axes) for key in axis.sample}
 

@@ -56,7 +56,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SweepPlan:
     """A sweep and its cases in order; ``data`` is the content of the job file ``base``.
 
     Attributes:
@@ -89,7 +89,9 @@ def is_sweep(path: Path) -> bool:
     return "axes" in read_yaml(path)
 
 
-def load_sweep(source: str | Path | Mapping[str, Any], directory: str | Path = ".", *, untrusted: bool = False) -> Plan:
+def load_sweep(
+    source: str | Path | Mapping[str, Any], directory: str | Path = ".", *, untrusted: bool = False
+) -> SweepPlan:
     """Read a sweep, a file or a mapping with the content of one, and check all of its cases.
 
     Args:
@@ -112,7 +114,7 @@ def load_sweep(source: str | Path | Mapping[str, Any], directory: str | Path = "
     cases = tuple(_cases(sweep, base, data, faults, untrusted))
     if faults:
         raise JobError([f"{path}: {fault}" for fault in faults.values()])
-    return Plan(path, sweep, base, data, cases, untrusted)
+    return SweepPlan(path, sweep, base, data, cases, untrusted)
 
 
 @dataclass

@@ -19,9 +19,9 @@ from hpcinv.sweep.parameters import log_uniform, parameter_columns, sampled
 from hpcinv.sweep.table import TEXT, columns, parameter_name, units
 
 if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import Record
+    from hpcinv.batch.ledger.record import CaseRecord
     from hpcinv.batch.tables import Columns
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.sweep.plan import SweepPlan
 
 FAILURES = "failures"
 """what stands for the map of outcomes in place of a quantity"""
@@ -44,7 +44,7 @@ class Diagram:
     left_out: tuple[str, ...]
 
 
-def plot(plan: Plan, records: Mapping[str, Record], quantity: str, over: Sequence[str]) -> Diagram:
+def plot(plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, over: Sequence[str]) -> Diagram:
     """A diagram of a quantity over one or two parameters.
 
     Args:
@@ -88,7 +88,7 @@ def plot(plan: Plan, records: Mapping[str, Record], quantity: str, over: Sequenc
     return Diagram(_drawn(title, quantity, series, scales, _label(quantity, known_units)), tuple(left_out))
 
 
-def _left_out(plan: Plan, table: Columns, quantity: str, over: Sequence[str]) -> Iterator[str]:
+def _left_out(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) -> Iterator[str]:
     """Which cases a diagram cannot show, by the reason, with the branches that they are in."""
     left = list(range(len(plan.cases)))
     reasons: list[tuple[str, Callable[[int], bool]]] = [
@@ -110,7 +110,7 @@ def _left_out(plan: Plan, table: Columns, quantity: str, over: Sequence[str]) ->
 
 
 def _series(
-    plan: Plan, table: Columns, over: Sequence[str], cases: Mapping[int, tuple[tuple[float, ...], float, str]]
+    plan: SweepPlan, table: Columns, over: Sequence[str], cases: Mapping[int, tuple[tuple[float, ...], float, str]]
 ) -> list[Series]:
     """Cases (place, value and status by row) that have the same values of all other parameters, unless those are drawn.
 
@@ -140,7 +140,7 @@ def is_even_in_log(values: Sequence[float]) -> bool:
     return abs(off) < 0.25 * math.log(high / low)
 
 
-def _check(plan: Plan, table: Columns, quantity: str, over: Sequence[str]) -> None:
+def _check(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) -> None:
     """That there is what is to be drawn."""
     parameters = [parameter_name(key) for key in parameter_columns(plan)]
     problems = [

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 
+from hpcinv.batch.task import BatchTask, Pause
+from hpcinv.output.run_directory import RunDirectory
 from hpcinv.sweep.neighbours import Floats, Space
 
 if TYPE_CHECKING:
     from hpcinv.batch.ledger.ledger import Claim, Ledger
-    from hpcinv.sweep.plan import Case
+    from hpcinv.batch.ledger.record import CaseRecord
+    from hpcinv.sweep.plan import Case, SweepPlan
 
-_REFUSALS = 20  # in a row, until all cases are looked at anew: others are at work here
-_PAUSE = 1.0  # seconds between looks at cases that others hold
+_REFUSALS = 20  # in a row, until all cases are looked at again: others are at work here
+
+
+@dataclass(frozen=True)
+class SweepTask(BatchTask):
+    """A case of a sweep, its place in its reuse group, and where its run leaves checkpoints and results."""
+
+    reuse_group: str
+    point: Floats
+    directory: RunDirectory
 
 
 class Queue:
@@ -30,9 +43,9 @@ class Queue:
         patience: seconds to wait for cases that others hold: who does not live any more is known by then.
     """
 
-    def __init__(self, cases: Sequence[Case], ledger: Ledger, *, begin: float, patience: float) -> None:
-        self.ledger, self.patience = ledger, patience
-        distinct = {case.key: case for case in cases}
+    def __init__(self, plan: SweepPlan, ledger: Ledger, *, begin: float, patience: float) -> None:
+        self.plan, self.ledger, self.patience = plan, ledger, patience
+        distinct = {case.key: case for case in plan.cases}
         listed = sorted(distinct.values(), key=lambda case: (case.structure, case.number))
         self._cases = listed
         self._structures = np.array([case.structure for case in listed])
@@ -42,25 +55,39 @@ class Queue:
             members = np.flatnonzero(self._structures == structure)
             self._spaces[structure] = space = Space([listed[i].numbers for i in members])
             self._members[structure] = members, np.stack([space.point(listed[i].numbers) for i in members])
+        self._deadline: float | None = None  # of a wait for others
         self._last = min(int(begin * len(listed)), len(listed) - 1)
         self._look()
 
-    def point(self, case: Case) -> Floats:
-        """The place of a case among those of its structure."""
-        return self._spaces[case.structure].point(case.numbers)
-
-    def next(self) -> tuple[Case, Claim] | None:
+    def next(self) -> SweepTask | Pause | None:
         """Claim a case; ``None`` when all are finished, or in the hands of others who live."""
-        deadline = time.monotonic() + self.patience
         while self._open.any():
             if found := self._claim():
-                return found
+                self._deadline = None
+                return self._task(*found)
             self._look()
-            if not self._may_be_claimed():
-                if not self._is_in_doubt() or time.monotonic() > deadline:
-                    return None
-                time.sleep(_PAUSE)
+            if self._may_be_claimed():
+                continue
+            now = time.monotonic()
+            if self._deadline is None:
+                self._deadline = now + self.patience
+            return Pause.WAIT if self._is_in_doubt() and now <= self._deadline else None
         return None
+
+    def report(self, task: SweepTask, record: CaseRecord) -> str:
+        line = f"{task.title}: "
+        if not record.converged:
+            return line + record.status
+        certificate = record.statistics["certificate"]["verdict"]
+        line += f"{record.seconds:.2f} s, certificate {certificate}" + (", from a guess" if record.start else "")
+        warnings = (record.statistics.get("body") or {"warnings": []})["warnings"]
+        return "; ".join([line, *(f"warning: {text}" for text in warnings)])
+
+    def _task(self, case: Case, claim: Claim) -> SweepTask:
+        text = yaml.safe_dump(_plain(self.plan.content(case)), sort_keys=False, allow_unicode=True)
+        directory = RunDirectory(claim.run, text, claimed=True)
+        point = self._spaces[case.structure].point(case.numbers)
+        return SweepTask(case.title, self.plan.job(case), claim, case.structure, point, directory)
 
     def _may_be_claimed(self) -> bool:
         return any(state.name == "open" for state in self._states)
@@ -105,3 +132,10 @@ class Queue:
         self._states = [found[case.key] for case in self._cases]
         self._open = np.array([state.name != "finished" for state in self._states])
         self._deaths = np.array([state.died for state in self._states])
+
+
+def _plain(value: Any) -> Any:
+    """As YAML has it."""
+    if isinstance(value, Mapping):
+        return {key: _plain(v) for key, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value

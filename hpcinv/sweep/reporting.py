@@ -10,13 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import replace
 from hpcinv.sweep.plan import load_sweep
-from hpcinv.sweep.results import ledger_of, provenance, results
+from hpcinv.sweep.results import provenance, results
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.sweep.plan import SweepPlan
 
 
 def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:
@@ -40,7 +41,7 @@ def _status(options: argparse.Namespace) -> int:
     from hpcinv.sweep.status import follow, lines, status
 
     plan = load_sweep(options.sweep)
-    ledger = ledger_of(plan)
+    ledger = ledger_of(plan.store)
     if options.follow:
         with contextlib.suppress(KeyboardInterrupt):  # the usual end of it
             follow(plan, ledger, Console())
@@ -51,7 +52,7 @@ def _status(options: argparse.Namespace) -> int:
 
 def _table(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    ledger = ledger_of(plan)
+    ledger = ledger_of(plan.store)
     records = results(plan, ledger)
 
     from hpcinv.batch.tables import as_csv
@@ -68,7 +69,7 @@ def _table(options: argparse.Namespace) -> int:
 
 def _statistics(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    records = results(plan, ledger_of(plan))
+    records = results(plan, ledger_of(plan.store))
 
     from hpcinv.batch.tables import as_csv
     from hpcinv.sweep.statistics import statistics
@@ -83,7 +84,7 @@ def _plot(options: argparse.Namespace) -> int:
 
     from hpcinv.sweep.plot import plot
 
-    diagram = plot(plan, results(plan, ledger_of(plan)), options.quantity, options.over)
+    diagram = plot(plan, results(plan, ledger_of(plan.store)), options.quantity, options.over)
     for form, content in diagram.files.items():
         path = stem.with_name(f"{stem.name}.{form}")
         _write(path, content)
@@ -93,7 +94,7 @@ def _plot(options: argparse.Namespace) -> int:
     return 0
 
 
-def _stem(plan: Plan, quantity: str, over: list[str]) -> Path:
+def _stem(plan: SweepPlan, quantity: str, over: list[str]) -> Path:
     name = re.sub(r"[^\w.]+", "-", f"{quantity} over {' '.join(over)}").strip("-")
     return Path("results") / plan.sweep.sweep / name
 

@@ -7,23 +7,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger
-
 if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import Record
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.batch.ledger.ledger import Ledger
+    from hpcinv.batch.ledger.record import CaseRecord
+    from hpcinv.sweep.plan import SweepPlan
 
 _PROVENANCE = ("job", "fingerprint", "versions", "machine")
 _LOOKED_AT = ("machine", "mesh", "quantities", "sensitivities", "peak_memory")
 
 
-def ledger_of(plan: Plan) -> Ledger:
-    """The ledger of a sweep's store, for reading."""
-    return Ledger(plan.store, Holder(plan.store))
-
-
-def results(plan: Plan, ledger: Ledger, known: Mapping[str, Record] | None = None) -> dict[str, Record]:
+def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | None = None) -> dict[str, CaseRecord]:
     """The records of finished cases by key, in the order of the sweep, with those of their numbers that tables show.
 
     Args:
@@ -40,7 +33,7 @@ def results(plan: Plan, ledger: Ledger, known: Mapping[str, Record] | None = Non
     return found
 
 
-def provenance(plan: Plan, ledger: Ledger) -> Iterator[str]:
+def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:
     """Of each case in the order of the sweep, as JSON: job, fingerprint, versions and machine, as far as there are."""
     for case in plan.cases:
         record = ledger.record(case.key)
@@ -48,7 +41,7 @@ def provenance(plan: Plan, ledger: Ledger) -> Iterator[str]:
         yield json.dumps({key: statistics[key] for key in _PROVENANCE if key in statistics}, ensure_ascii=False)
 
 
-def _short(record: Record) -> Record:
+def _short(record: CaseRecord) -> CaseRecord:
     """Without what would fill the memory for thousands of cases: every iteration of every solve."""
     statistics: dict[str, Any] = {key: record.statistics[key] for key in _LOOKED_AT if key in record.statistics}
     if legs := record.statistics.get("legs"):

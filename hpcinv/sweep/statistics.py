@@ -11,13 +11,13 @@ from hpcinv.batch.tables import Columns
 from hpcinv.sweep.table import columns, quantity_columns, units
 
 if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import Record
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.batch.ledger.record import CaseRecord
+    from hpcinv.sweep.plan import SweepPlan
 
 QUANTILES = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "maximum": 1.0}
 
 
-def statistics(plan: Plan, records: Mapping[str, Record]) -> Columns:
+def statistics(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
     """A row for each quantity of interest and each combination of branches, over the cases that have converged; SI.
 
     ``sd`` is that of the population from which the sample is, estimated with ``n - 1``; ``sd of mean`` is ``sd/√n``,
@@ -40,7 +40,7 @@ def statistics(plan: Plan, records: Mapping[str, Record]) -> Columns:
     return found
 
 
-def _branches(plan: Plan) -> list[str]:
+def _branches(plan: SweepPlan) -> list[str]:
     """The columns that tell branches apart."""
     return [axis.name for axis in plan.sweep.axes if axis.branches is not None]
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
     from hpcinv.batch.ledger.ledger import Ledger
-    from hpcinv.batch.ledger.record import Record
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.batch.ledger.record import CaseRecord
+    from hpcinv.sweep.plan import SweepPlan
 
 MOST_SHOWN = 5
 """lines of each kind"""
@@ -58,7 +58,7 @@ class Status:
         return self.done == self.total
 
 
-def status(plan: Plan, ledger: Ledger, records: Mapping[str, Record]) -> Status:
+def status(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -> Status:
     """Where the cases of a sweep stand, of which those in ``records`` are finished; takes and changes nothing."""
     first = {case.key: case for case in reversed(plan.cases)}
     states = ledger.states(first)
@@ -81,7 +81,7 @@ def status(plan: Plan, ledger: Ledger, records: Mapping[str, Record]) -> Status:
     )
 
 
-def _experience(plan: Plan, records: Mapping[str, Record]) -> tuple[dict[str, list[float]], dict[str, int]]:
+def _experience(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> tuple[dict[str, list[float]], dict[str, int]]:
     """Seconds of finished cases, and their numbers of unknowns, by structure."""
     seconds: dict[str, list[float]] = {}
     unknowns: dict[str, int] = {}
@@ -128,7 +128,12 @@ def _time_left(found: Status) -> str:
 
 
 def follow(
-    plan: Plan, ledger: Ledger, console: Console, *, every: float = 2.0, sleep: Callable[[float], None] = time.sleep
+    plan: SweepPlan,
+    ledger: Ledger,
+    console: Console,
+    *,
+    every: float = 2.0,
+    sleep: Callable[[float], None] = time.sleep,
 ) -> Status:
     """Show how far a sweep is until all of it is finished: as a live bar on a terminal, else again whenever it changes.
 
@@ -137,7 +142,7 @@ def follow(
     """
     from rich.live import Live
 
-    records: dict[str, Record] = {}
+    records: dict[str, CaseRecord] = {}
     shown: list[str] = []
     with Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext() as live:
         while True:

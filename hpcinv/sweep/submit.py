@@ -19,7 +19,7 @@ from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.templates import TEMPLATES
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.sweep.plan import SweepPlan
 
 
 def add_submit(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:
@@ -71,7 +71,7 @@ def _submit(options: argparse.Namespace) -> int:
     return 0
 
 
-def _write_scripts(plan: Plan, options: argparse.Namespace, directory: Path) -> tuple[Path, Path]:
+def _write_scripts(plan: SweepPlan, options: argparse.Namespace, directory: Path) -> tuple[Path, Path]:
     """The scripts of a sweep, each a template with options and arguments of its own: to run it, and to collect."""
     name, place, sweep = plan.sweep.sweep, directory / "slurm", str(options.sweep)
     others = [option.lstrip("-") for option in options.sbatch]

@@ -13,17 +13,17 @@ from hpcinv.batch.units import unit_of
 from hpcinv.sweep.parameters import parameter_columns, parameter_units, unit_of_dimension
 
 if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import Record
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.batch.ledger.record import CaseRecord
+    from hpcinv.sweep.plan import SweepPlan
 
-OUTCOME: Mapping[str, Callable[[Record], Any]] = {
+OUTCOME: Mapping[str, Callable[[CaseRecord], Any]] = {
     "status": lambda record: record.status,
     "certificate": lambda record: record.statistics.get("certificate", {}).get("verdict", ""),
     "geometry_error": lambda record: (record.statistics.get("certificate", {}).get("estimate") or {}).get(
         "geometry", ""
     ),
 }
-COSTS: Mapping[str, Callable[[Record], Any]] = {
+COSTS: Mapping[str, Callable[[CaseRecord], Any]] = {
     "seconds": lambda record: record.seconds,
     "factorizations": lambda record: _of_legs(record, "factorizations"),
     "newton_iterations": lambda record: _of_legs(record, "newton_iterations"),
@@ -40,7 +40,7 @@ FIXED = frozenset({"number", "key", *OUTCOME, *COSTS})
 _UNITS = {"seconds": "s", "peak_memory": "B"}
 
 
-def columns(plan: Plan, records: Mapping[str, Record]) -> Columns:
+def columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
     """A list for each column, with an entry for each case; numbers are SI, and ``None`` is what is not known.
 
     Args:
@@ -60,7 +60,7 @@ def columns(plan: Plan, records: Mapping[str, Record]) -> Columns:
     return found
 
 
-def units(plan: Plan, records: Mapping[str, Record]) -> dict[str, str]:
+def units(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> dict[str, str]:
     """SI units of the columns that have one, as far as they are known."""
     found = _UNITS | {parameter_name(key): unit for key, unit in parameter_units(plan).items()}
     taken, seen = _taken(plan), set[str]()
@@ -80,14 +80,14 @@ def units(plan: Plan, records: Mapping[str, Record]) -> dict[str, str]:
     return found
 
 
-def quantity_columns(plan: Plan, records: Mapping[str, Record]) -> list[str]:
+def quantity_columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> list[str]:
     """The columns of quantities of interest, a vector's components each."""
     taken = _taken(plan)
     found = (_parts(n, v) for record in records.values() for n, v in record.statistics.get("quantities", {}).items())
     return list(dict.fromkeys(_result_name(part, taken) for parts in found for part in parts))
 
 
-def as_hdf5(plan: Plan, records: Mapping[str, Record], provenance: Iterable[str]) -> bytes:
+def as_hdf5(plan: SweepPlan, records: Mapping[str, CaseRecord], provenance: Iterable[str]) -> bytes:
     """The table as HDF5: in ``cases`` a dataset for each column, and ``provenance``, JSON text for each case."""
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
@@ -102,7 +102,7 @@ def parameter_name(key: str) -> str:
     return f"parameters.{key}" if key in FIXED else key
 
 
-def _taken(plan: Plan) -> frozenset[str]:
+def _taken(plan: SweepPlan) -> frozenset[str]:
     """Names of columns that are not those of quantities."""
     return FIXED | {parameter_name(key) for case in plan.cases for key in case.parameters}
 
@@ -117,12 +117,12 @@ def _per(unit: str, of: str) -> str:
     return f"{unit or 1}/{below}" if of else unit
 
 
-def _of_legs(record: Record, key: str) -> int | None:
+def _of_legs(record: CaseRecord, key: str) -> int | None:
     legs = record.statistics.get("legs", [])
     return sum(leg[key] for leg in legs) if legs else None
 
 
-def _results(rows: list[Record | None]) -> Iterator[tuple[str, list[Any]]]:
+def _results(rows: list[CaseRecord | None]) -> Iterator[tuple[str, list[Any]]]:
     """Columns of the quantities of interest, of their estimated errors, and of what they depend on."""
     every: list[dict[str, Any]] = [{} if row is None else dict(_values(row.statistics)) for row in rows]
     for name in dict.fromkeys(name for values in every for name in values):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from hpcinv.batch.ledger.ledger import Ledger
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.sweep.plan import SweepPlan
 
 _SHOWN = 10  # diagnoses
 
@@ -15,7 +15,7 @@ _SHOWN = 10  # diagnoses
 class Tally:
     """Of distinct cases, by what their records say."""
 
-    def __init__(self, plan: Plan, ledger: Ledger) -> None:
+    def __init__(self, plan: SweepPlan, ledger: Ledger) -> None:
         self.verdicts: Counter[str] = Counter()  # of those that converged, by the certificate
         self.diagnoses: Counter[str] = Counter()  # of those that failed
         keys = dict.fromkeys(case.key for case in plan.cases)

@@ -18,7 +18,7 @@ from typing import Any
 
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Claim, Ledger
-from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.parallel import processes
 
 OPERATIONS = {"open", "os.link", "os.remove", "os.rename", "os.mkdir", "os.scandir"}
@@ -78,7 +78,7 @@ class Worker:
                 file.write(f"{claim.attempt}\n")
             time.sleep(random.uniform(0, 2 * self.work))
             statistics = {"solved": time.monotonic_ns(), "steps": steps.read_text().split()}
-        if self.ledger.commit(claim, Record("converged", "", statistics, 0.1, claim.attempt)):
+        if self.ledger.commit(claim, CaseRecord("converged", "", statistics, 0.1, claim.attempt)):
             self.log("committed", claim.key, claim.attempt)
         else:
             self.log("refused", claim.key, claim.attempt)
@@ -95,7 +95,7 @@ class Worker:
         os.kill(heartbeat.pid, signal.SIGSTOP)
         os.kill(os.getpid(), signal.SIGSTOP)
         self.log("saved" if claim.run.exists() else "homeless", key)
-        mine = Record("converged", "", {"by": "the one who was stopped"}, 0.1, 1)
+        mine = CaseRecord("converged", "", {"by": "the one who was stopped"}, 0.1, 1)
         self.log("committed" if self.ledger.commit(claim, mine) else "refused", key)
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import yaml
 
 from helpers.command_line import BLOCK
-from hpcinv.batch.ledger.record import Record
-from hpcinv.sweep.plan import Plan, load_sweep
-from hpcinv.sweep.results import ledger_of
+from hpcinv.batch.ledger.ledger import ledger_of
+from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.sweep.plan import SweepPlan, load_sweep
 
 
 def write_sweep(directory: Path, axes: list[dict[str, Any]], *, job: Mapping[str, Any] = BLOCK, **more: Any) -> Path:
@@ -22,8 +22,8 @@ def write_sweep(directory: Path, axes: list[dict[str, Any]], *, job: Mapping[str
     return path
 
 
-def records_of(sweep: Path) -> dict[int, Record | None]:
+def records_of(sweep: Path) -> dict[int, CaseRecord | None]:
     """Records by the number of the case."""
-    plan: Plan = load_sweep(sweep)
-    ledger = ledger_of(plan)
+    plan: SweepPlan = load_sweep(sweep)
+    ledger = ledger_of(plan.store)
     return {case.number: ledger.record(case.key) for case in plan.cases}

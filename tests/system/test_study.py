@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import itertools
-import json
+import re
 import signal
+import time
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import h5py
@@ -20,18 +23,23 @@ from helpers.command_line import NO_CERTIFICATE, Started, hpcinv
 from test_study_plan import COLUMN, STUDY, plan
 
 import hpcinv as api
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.task import Pause
 from hpcinv.cli.study import conclude
 from hpcinv.errors import JobError, OutputError, SolveError
 from hpcinv.job.content_key import content_key
 from hpcinv.job.job import parse
 from hpcinv.parallel.runtime import MPI
 from hpcinv.study.convergence import fitted_order, orders, richardson
+from hpcinv.study.directory import StudyDirectory, store_in
+from hpcinv.study.executions import Executions
 from hpcinv.study.findings import accuracy
 from hpcinv.study.pareto import front
-from hpcinv.study.plan import Plan
+from hpcinv.study.plan import StudyPlan
 from hpcinv.study.rows import rows_of
-from hpcinv.study.schedule import Schedule, Task
-from hpcinv.study.store import Record, Store
+from hpcinv.study.schedule import StudySchedule, StudyTask
 
 # Numbers
 
@@ -91,78 +99,128 @@ def statistics(
     }
 
 
-def good(value: float, timed: bool = True, **more: Any) -> Record:
-    return Record("converged", "", timed, statistics(value, **more))
+def good(value: float, compiled: bool = False, **more: Any) -> CaseRecord:
+    return CaseRecord("converged", "", statistics(value, **more), 1.0, 1, compiled=compiled)
 
 
-BAD = Record("stopped at load factor 0.5 of 1", "Try again.", False, {})
+BAD = CaseRecord("stopped at load factor 0.5 of 1", "Try again.", {}, 1.0, 1)
+
+type Begin = Callable[..., StudySchedule]
 
 
-def schedule_of(plan: Plan, directory: Path, ranks: int = 1) -> Schedule:
-    return Schedule(plan, Store(directory / "out", plan.study.study), ranks)
+@pytest.fixture
+def begin() -> Iterator[Begin]:
+    """Begins a study in a directory, as a process does on one rank or more; the holders live as long as the test."""
+    with ExitStack() as held:
+
+        def schedule(plan: StudyPlan, directory: Path, ranks: int = 1) -> StudySchedule:
+            store = store_in(StudyDirectory(directory / "out", plan.study.study).path)
+            return StudySchedule(Executions(plan, Ledger(store, held.enter_context(Holder(store))), ranks))
+
+        yield schedule
 
 
-def drain(schedule: Schedule, records: Iterator[Record]) -> list[Task]:
+def drain(schedule: StudySchedule, records: Iterator[CaseRecord]) -> list[StudyTask]:
     tasks = []
-    while (task := schedule.next()) is not None:
+    while isinstance(task := schedule.next(), StudyTask):
         tasks.append(task)
-        schedule.keep(task, next(records))
+        assert schedule.executions.ledger.commit(task.claim, next(records))
     return tasks
 
 
-def titles(tasks: list[Task]) -> list[str]:
-    return [task.run.place.title for task in tasks]
+def records_in(directory: Path) -> list[Path]:
+    """The files of finished executions."""
+    return sorted(directory.glob("store/ledger/*/[!.]*.record-*.json"))
 
 
-def test_repetitions_take_turns(tmp_path: Path) -> None:
-    tasks = drain(schedule_of(plan(tmp_path, repeat=2), tmp_path), itertools.repeat(good(1.0)))
+def reused(schedule: StudySchedule) -> int:
+    return schedule.executions.count()[0]
+
+
+def titles(tasks: list[StudyTask]) -> list[str]:
+    return [task.title for task in tasks]
+
+
+def test_repetitions_take_turns(begin: Begin, tmp_path: Path) -> None:
+    tasks = drain(begin(plan(tmp_path, repeat=2), tmp_path), itertools.repeat(good(1.0)))
     assert titles(tasks) == ["P2, 1", "P2, 2", "P2, 4", "P3, 1", "P3, 2"] * 2
     assert [(task.number, task.total) for task in tasks] == [(n, 10) for n in range(1, 11)]
 
 
-def test_a_run_that_compiled_is_done_once_more_and_one_that_failed_is_not(tmp_path: Path) -> None:
-    records = iter([good(1.0, timed=False), BAD, *[good(1.0)] * 20])
-    tasks = drain(schedule_of(plan(tmp_path, repeat=2), tmp_path), records)
+def test_a_run_that_compiled_is_done_once_more_and_one_that_failed_is_not(begin: Begin, tmp_path: Path) -> None:
+    records = iter([good(1.0, compiled=True), BAD, *[good(1.0)] * 20])
+    tasks = drain(begin(plan(tmp_path, repeat=2), tmp_path), records)
     assert titles(tasks) == ["P2, 1", "P2, 2", "P2, 4", "P3, 1", "P3, 2", "P2, 1", "P2, 4", "P3, 1", "P3, 2", "P2, 1"]
     # However often kernels seem to be compiled, it ends.
-    again = drain(schedule_of(plan(tmp_path, repeat=1), tmp_path / "b"), itertools.repeat(good(1.0, timed=False)))
+    again = drain(begin(plan(tmp_path, repeat=1), tmp_path / "b"), itertools.repeat(good(1.0, compiled=True)))
     assert len(again) == 10
 
 
-def test_what_is_done_is_kept_and_a_changed_study_does_only_what_is_new(tmp_path: Path) -> None:
-    first = schedule_of(plan(tmp_path, repeat=2), tmp_path)
+def test_what_is_done_is_kept_and_a_changed_study_does_only_what_is_new(begin: Begin, tmp_path: Path) -> None:
+    first = begin(plan(tmp_path, repeat=2), tmp_path)
     for _ in range(7):
         task = first.next()
-        assert task is not None
-        first.keep(task, good(1.0))
-    second = schedule_of(plan(tmp_path, repeat=2), tmp_path)
-    assert second.reused == 7
+        assert isinstance(task, StudyTask)
+        assert first.executions.ledger.commit(task.claim, good(1.0))
+    second = begin(plan(tmp_path, repeat=2), tmp_path)
+    assert reused(second) == 7
     assert titles(drain(second, itertools.repeat(good(1.0)))) == ["P2, 4", "P3, 1", "P3, 2"]
-    assert schedule_of(plan(tmp_path, repeat=2), tmp_path).next() is None
+    assert begin(plan(tmp_path, repeat=2), tmp_path).next() is None
     # Equal runs are one, whatever their ladders are called.
     ladders = [STUDY["ladders"][0] | {"name": "other"}, {"name": "P2", "vary": {"mesh.parameters.nz": [2, 3, 4]}}]
-    third = schedule_of(plan(tmp_path, repeat=2, ladders=ladders), tmp_path)
+    third = begin(plan(tmp_path, repeat=2, ladders=ladders), tmp_path)
     assert titles(drain(third, itertools.repeat(good(1.0)))) == ["P2, 3"] * 2
     # On another number of ranks times are others.
-    assert schedule_of(plan(tmp_path, repeat=2), tmp_path, ranks=2).reused == 0
+    assert reused(begin(plan(tmp_path, repeat=2), tmp_path, ranks=2)) == 0
 
 
-def test_a_damaged_record_is_done_again(tmp_path: Path) -> None:
-    drain(schedule_of(plan(tmp_path, repeat=2), tmp_path), itertools.repeat(good(1.0)))
-    files = sorted((tmp_path / "out" / "runs").iterdir())
-    files[0].write_text(files[0].read_text()[:50])
-    (tmp_path / "out" / "runs" / ".x-000.json.partial").write_text("{")
-    assert len(drain(schedule_of(plan(tmp_path, repeat=2), tmp_path), itertools.repeat(good(1.0)))) == 1
-    assert sorted((tmp_path / "out" / "runs").iterdir()) == files
+def test_a_damaged_record_is_done_again(begin: Begin, tmp_path: Path) -> None:
+    drain(begin(plan(tmp_path, repeat=2), tmp_path), itertools.repeat(good(1.0)))
+    damaged, *others = records_in(tmp_path / "out")
+    damaged.write_bytes(damaged.read_bytes()[:50])
+    damaged.with_name(f".{damaged.name}.0a1b.partial").write_text("{")
+    assert len(drain(begin(plan(tmp_path, repeat=2), tmp_path), itertools.repeat(good(1.0)))) == 1
+    again = damaged.with_name(damaged.name.replace("record-1", "record-2"))
+    assert records_in(tmp_path / "out") == sorted([damaged, again, *others])
+    assert begin(plan(tmp_path, repeat=2), tmp_path).next() is None
+
+
+def test_two_schedules_share_the_runs_and_each_waits_for_the_other(begin: Begin, tmp_path: Path) -> None:
+    study = plan(tmp_path, repeat=2, ladders=[{"name": "P2", "vary": {"mesh.parameters.nz": [1, 2]}}])
+    here, there = begin(study, tmp_path), begin(study, tmp_path)
+    one, other = here.next(), there.next()
+    assert isinstance(one, StudyTask)
+    assert isinstance(other, StudyTask)
+    assert titles([one, other]) == ["P2, 1", "P2, 2"]
+    assert here.executions.ledger.commit(one.claim, good(1.0))
+    # The second execution of the run whose first one the other has in hand is not begun before that is over.
+    second = here.next()
+    assert isinstance(second, StudyTask)
+    assert titles([second]) == ["P2, 1"]
+    assert here.executions.ledger.commit(second.claim, good(1.0))
+    assert here.next() is Pause.WAIT
+    assert there.executions.ledger.commit(other.claim, BAD)
+    assert here.next() is None
+    assert there.next() is None
+    assert [row.status for row in rows_of(here.executions)] == ["converged", BAD.status]
+    assert rows_of(here.executions) == rows_of(there.executions)
+
+
+def test_runs_that_failed_are_tried_again_if_that_is_asked_for(begin: Begin, tmp_path: Path) -> None:
+    study = plan(tmp_path, repeat=1)
+    drain(begin(study, tmp_path), iter([BAD, good(1.0), BAD, good(1.0), good(1.0)]))
+    assert begin(study, tmp_path).next() is None
+    assert begin(study, tmp_path).executions.retry() == 2
+    assert titles(drain(begin(study, tmp_path), itertools.repeat(good(1.0)))) == ["P2, 1", "P2, 4"]
 
 
 def test_a_directory_of_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(OutputError, match="holds files that are not of a study"):
-        Store(tmp_path, "column")
-    Store(tmp_path / "out", "column")
+        StudyDirectory(tmp_path, "column")
+    StudyDirectory(tmp_path / "out", "column")
     with pytest.raises(OutputError, match="holds the study 'column'"):
-        Store(tmp_path / "out", "beam")
+        StudyDirectory(tmp_path / "out", "beam")
 
 
 def test_the_hash_follows_what_result_and_time_depend_on(tmp_path: Path) -> None:
@@ -188,44 +246,46 @@ def test_the_hash_follows_what_result_and_time_depend_on(tmp_path: Path) -> None
     assert len({same[0], *other, key()}) == len(other) + 2
 
 
-def test_values_are_taken_from_the_same_case_of_an_earlier_ladder(tmp_path: Path) -> None:
+def test_values_are_taken_from_the_same_case_of_an_earlier_ladder(begin: Begin, tmp_path: Path) -> None:
     taken = {"ladder": "direct", "key": "errors.gap", "at_least": 1e-11}
     ladders = [{"name": "direct"}, {"name": "to its accuracy", "take": {"solver.tolerance": taken}}]
     cases = [{"grid": {"material.mu": [1e4, 2e4, 3e4, 4e4]}}]
-    schedule = schedule_of(plan(tmp_path, ladders=ladders, cases=cases, repeat=1), tmp_path)
+    schedule = begin(plan(tmp_path, ladders=ladders, cases=cases, repeat=1), tmp_path)
     outcomes = {1e4: good(1.0, errors={"gap": 1e-5}), 2e4: good(1.0, errors={"gap": 0.0}), 3e4: BAD, 4e4: good(1.0)}
     tolerances = []
-    while (task := schedule.next()) is not None:
-        waits = task.run.place.ladder != "direct"
+    while isinstance(task := schedule.next(), StudyTask):
+        waits = not task.title.startswith("direct")
         tolerances += [task.job.solver.tolerance] if waits else []
-        schedule.keep(task, good(1.0) if waits else outcomes[task.run.place.parameters["material.mu"]])
+        (law,) = task.job.laws.values()
+        record = good(1.0) if waits else outcomes[law.mu]  # type: ignore[attr-defined]
+        assert schedule.executions.ledger.commit(task.claim, record)
     assert tolerances == [1e-5, 1e-11]
-    assert schedule_of(schedule.plan, tmp_path).reused == 6
-    why = [row.status for row in rows_of(schedule.plan, schedule) if row.place.ladder != "direct"]
+    assert reused(begin(schedule.executions.plan, tmp_path)) == 6
+    why = [row.status for row in rows_of(schedule.executions) if row.place.ladder != "direct"]
     assert why[:2] == ["converged", "converged"]
     assert why[2] == "not run: 'direct', which solver.tolerance is taken from, has failed"
     assert why[3].endswith("has no number at errors.gap")
 
 
-def rows_and_accuracy(plan: Plan, directory: Path, records: list[Record]) -> Any:
-    schedule = schedule_of(plan, directory)
+def rows_and_accuracy(begin: Begin, plan: StudyPlan, directory: Path, records: list[CaseRecord]) -> Any:
+    schedule = begin(plan, directory)
     drain(schedule, iter(records))
-    rows = rows_of(plan, schedule)
+    rows = rows_of(schedule.executions)
     return rows, accuracy(plan, rows, plan.study.measure[0], "m")
 
 
-def test_costs_are_medians_without_compilation_and_certificate(tmp_path: Path) -> None:
+def test_costs_are_medians_without_compilation_and_certificate(begin: Begin, tmp_path: Path) -> None:
     study = plan(tmp_path, ladders=[{"name": "P2"}], costs={"gap": "errors.gap"}, time="solver")
     more = {"compile_": 0.5, "errors": {"gap": 4.0}}
-    records = [good(1.0, timed=False, total=90.0, **more), *(good(1.0, total=t, **more) for t in (3.0, 9.0, 2.0))]
-    [row], _ = rows_and_accuracy(study, tmp_path, records)
+    records = [good(1.0, compiled=True, total=90.0, **more), *(good(1.0, total=t, **more) for t in (3.0, 9.0, 2.0))]
+    [row], _ = rows_and_accuracy(begin, study, tmp_path, records)
     assert row.costs["run"] == pytest.approx(3.0 - 0.5 - 0.05)
     assert row.costs["solver"] == row.time == pytest.approx(0.3)
     assert (row.costs["gap"], row.costs["memory"], row.costs["factorizations"]) == (4.0, 200.0, 2.0)
     assert len(row.times) == 3
 
 
-def test_statistics_over_cases_and_the_ratio_of_times(tmp_path: Path) -> None:
+def test_statistics_over_cases_and_the_ratio_of_times(begin: Begin, tmp_path: Path) -> None:
     ladders = [{"name": "base"}, {"name": "other", "base": "base", "set": {"discretisation.displacement": 3}}]
     cases = [{"grid": {"material.mu": [1, 2, 3, 4]}}]
     study = plan(tmp_path, ladders=ladders, cases=cases, repeat=1, reference=10)
@@ -234,7 +294,7 @@ def test_statistics_over_cases_and_the_ratio_of_times(tmp_path: Path) -> None:
         for e, t in ((1.0, 2.0), (2.0, 3.0), (3.0, 5.0), (6.0, 7.0))
         for record in (good(10 - e, total=1.05), BAD if e == 3.0 else good(10 + 2 * e, total=t + 0.05))
     ]
-    _, found = rows_and_accuracy(study, tmp_path, records)
+    _, found = rows_and_accuracy(begin, study, tmp_path, records)
     base, other = found.points
     assert base.errors == pytest.approx((1, 2, 3, 6))
     assert (base.average, base.minimum, base.maximum, base.failed) == pytest.approx((3.0, 1.0, 6.0, 0))
@@ -245,57 +305,57 @@ def test_statistics_over_cases_and_the_ratio_of_times(tmp_path: Path) -> None:
     assert [point.on_front for point in found.points] == [True, False]
 
 
-def test_errors_against_the_finest_run_and_richardsons_limit(tmp_path: Path) -> None:
-    def values(order: float) -> list[Record]:
+def test_errors_against_the_finest_run_and_richardsons_limit(begin: Begin, tmp_path: Path) -> None:
+    def values(order: float) -> list[CaseRecord]:
         cells = {"P2": (1, 2, 4), "P3": (1, 2)}
         sizes = [(1 / n, n) for ns in cells.values() for n in ns]
         return [good(5 + h**order, unknowns=n, total=n) for h, n in sizes]
 
     study = plan(tmp_path, repeat=1, reference="finest")
-    rows, found = rows_and_accuracy(study, tmp_path, values(2.0))
+    rows, found = rows_and_accuracy(begin, study, tmp_path, values(2.0))
     assert [row.size for row in rows] == [1, 0.5, 0.25, 1, 0.5]
     assert found.errors == pytest.approx((1 - 0.0625, 0.25 - 0.0625, None, 1 - 0.0625, 0.25 - 0.0625))
     assert found.references[0].origin == "finest run: P2, 4"
 
     study = plan(tmp_path, repeat=1, reference="richardson")
-    _, found = rows_and_accuracy(study, tmp_path, [])
+    _, found = rows_and_accuracy(begin, study, tmp_path, [])
     assert found.references[0].value == pytest.approx(5.0, abs=1e-12)
     assert found.errors == pytest.approx((1, 0.25, 0.0625, 1, 0.25))
     assert found.orders == pytest.approx((None, 2, 2, None, 2))
     assert found.fitted == pytest.approx({"P2": 2, "P3": 2})
 
-    _, found = rows_and_accuracy(plan(tmp_path, repeat=1, reference={"richardson": "P3"}), tmp_path, [])
+    _, found = rows_and_accuracy(begin, plan(tmp_path, repeat=1, reference={"richardson": "P3"}), tmp_path, [])
     assert "richardson needs three meshes, and ladder 'P3' has 2; take finest or a value instead" in found.refusal
     assert found.errors == (None,) * 5
 
 
-def test_there_is_no_order_where_more_than_the_mesh_varies(tmp_path: Path) -> None:
+def test_there_is_no_order_where_more_than_the_mesh_varies(begin: Begin, tmp_path: Path) -> None:
     vary = {"mesh.parameters.nz": [1, 2, 4], "discretisation.displacement": [1, 2, 3]}
     study = plan(tmp_path, repeat=1, ladders=[{"name": "all", "vary": vary}], reference="richardson")
-    rows, found = rows_and_accuracy(study, tmp_path, [good(v) for v in (1.0, 1.5, 1.75)])
+    rows, found = rows_and_accuracy(begin, study, tmp_path, [good(v) for v in (1.0, 1.5, 1.75)])
     assert [row.size for row in rows] == [None] * 3
     assert "needs a ladder along which nothing but the mesh varies, not 'all'" in found.refusal
     # Parameters that do not keep their proportion: the number of cells tells.
     vary = {"mesh.parameters.nz": [1, 2, 4], "mesh.parameters.nx": [1, 1, 2]}
     study = plan(tmp_path, repeat=1, ladders=[{"name": "all", "vary": vary}])
-    rows, _ = rows_and_accuracy(study, tmp_path / "b", [good(1.0, unknowns=n) for n in (1, 8, 64)])
+    rows, _ = rows_and_accuracy(begin, study, tmp_path / "b", [good(1.0, unknowns=n) for n in (1, 8, 64)])
     assert [row.size for row in rows] == pytest.approx([1, 0.5, 0.25])
 
 
-def test_effectivity_is_the_estimated_over_the_true_error(tmp_path: Path) -> None:
+def test_effectivity_is_the_estimated_over_the_true_error(begin: Begin, tmp_path: Path) -> None:
     study = plan(tmp_path, repeat=1, ladders=[{"name": "P2"}], reference=2.0)
     estimate = {"estimate": {"quantities": {"length": 0.4}}}
-    _, found = rows_and_accuracy(study, tmp_path, [good(1.5, certificate=estimate)])
+    _, found = rows_and_accuracy(begin, study, tmp_path, [good(1.5, certificate=estimate)])
     assert found.effectivities == pytest.approx((0.8,))
 
 
 def test_a_study_ends_in_an_error_where_nothing_converged_or_nothing_can_be_compared(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    begin: Begin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def ended(directory: Path, records: list[Record], **changes: Any) -> None:
-        schedule = schedule_of(plan(tmp_path, repeat=1, **changes), tmp_path / directory)
+    def ended(directory: Path, records: list[CaseRecord], **changes: Any) -> None:
+        schedule = begin(plan(tmp_path, repeat=1, **changes), tmp_path / directory)
         drain(schedule, iter(records))
-        conclude(schedule.plan, schedule, 1)
+        conclude(schedule.executions, StudyDirectory(tmp_path / directory / "out", "study"))
 
     with pytest.raises(SolveError, match="not one of the 5 runs converged; the first: stopped at load"):
         ended(Path("a"), [BAD] * 5)
@@ -314,24 +374,26 @@ def test_a_study_ends_in_an_error_where_nothing_converged_or_nothing_can_be_comp
         ended(Path("c"), [good(1.0)] * 5, measure=["length", "legs[0].strain"], reference={"all": 0})
 
 
-def test_published_numbers_are_printed_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_published_numbers_are_printed_beside_ours(
+    begin: Begin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     beside = {
         "source": "someone (1999)",
         "values": {"length": {"measured": "2.5 m"}},
         "statistics": {"length": {"all": {"average": 4.49e-12, "failed": 7}}},
     }
     study = plan(tmp_path, repeat=1, ladders=[{"name": "all"}], beside=beside, reference=2)
-    schedule = schedule_of(study, tmp_path)
+    schedule = begin(study, tmp_path)
     drain(schedule, iter([good(1.0)]))
-    conclude(study, schedule, 1)
+    conclude(schedule.executions, StudyDirectory(tmp_path / "out", "study"))
     shown = capsys.readouterr().out
     assert "published: measured 2.5 m, +25.00% from the reference here" in shown
     assert "published numbers: someone (1999)" in shown
     cases = [{"grid": {"material.mu": [1, 2]}}]
     study = plan(tmp_path, repeat=1, ladders=[{"name": "all"}], beside=beside, reference=2, cases=cases)
-    schedule = schedule_of(study, tmp_path / "b")
+    schedule = begin(study, tmp_path / "b")
     drain(schedule, iter([good(1.0), good(1.5)]))
-    conclude(study, schedule, 1)
+    conclude(schedule.executions, StudyDirectory(tmp_path / "b" / "out", "study"))
     shown = capsys.readouterr().out
     ours, theirs = (line.split() for line in shown.splitlines() if line.startswith("all") or " published " in line)
     assert ours[1:5] == ["7.50e-01", "3.54e-01", "5.00e-01", "1.00e+00"]
@@ -456,27 +518,26 @@ def test_diagrams_show_every_ladder_and_the_front(results: Path, table: list[dic
 
 
 def test_the_same_command_again_does_nothing_twice(results: Path, place: Path) -> None:
-    before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in (results / "runs").iterdir()}
+    before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(results)}
     done = hpcinv(2, "study", "column-study.yaml", cwd=place)
     assert done.returncode == 0, done.stderr
     assert f"{len(before)} executions were done before" in done.stdout
     assert "[" not in done.stdout.partition("length (m)")[0]
-    assert {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in (results / "runs").iterdir()} == before
+    assert {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(results)} == before
+
+
+def kept(directory: Path) -> dict[Path, tuple[int, bytes]]:
+    return {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(directory)}
 
 
 def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place: Path) -> None:
-    runs = place / "long" / "runs"
-
-    def kept() -> dict[Path, tuple[int, bytes]]:
-        return {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in runs.glob("[!.]*")}
-
     with Started(2, "study", "long.yaml", "--output", "long", cwd=place) as started:
         started.wait_for("\n[3/")
         started.send(signal.SIGTERM, started.ranks())
         assert started.exit_code() == 75, started.text
     assert "The same command goes on from there." in started.text
     assert "Traceback" not in started.text
-    stopped = kept()
+    stopped = kept(place / "long")
     assert 3 <= len(stopped) < 12
     assert f"{len(stopped)} of 1" in started.text
     assert not (place / "long" / "table.csv").exists()
@@ -484,18 +545,63 @@ def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place:
     with Started(2, "study", "long.yaml", "--output", "long", cwd=place) as started:
         started.wait_for(f"[{len(stopped) + 2}/")
         started.kill()
-    killed = kept()
+    killed = kept(place / "long")
     assert len(stopped) + 2 <= len(killed) < 12
     assert f"{len(stopped)} executions were done before" in started.text
 
     done = hpcinv(2, "study", "long.yaml", "--output", "long", cwd=place)
     assert done.returncode == 0, done.stderr
     assert f"{len(killed)} executions were done before" in done.stdout
-    assert done.stdout.count("\n[") == len(kept()) - len(killed)
-    assert {p: found for p, found in kept().items() if p in killed} == killed
+    assert done.stdout.count("\n[") == len(kept(place / "long")) - len(killed)
+    assert {p: found for p, found in kept(place / "long").items() if p in killed} == killed
     assert killed.items() >= stopped.items()
-    assert all(json.loads(content)["status"] == "converged" for _, content in kept().values())
+    assert all(CaseRecord.decoded(content).converged for _, content in kept(place / "long").values())
     with h5py.File(place / "long" / "table.h5") as file:
+        assert file["times"].shape == (2, 6)
+
+
+def test_killed_at_random_moments_it_repeats_nothing_that_was_committed(place: Path) -> None:
+    """Kills fall into the start, a run, or a commit; each time all that was committed stays as it is."""
+    random, before = Random(7), dict[Path, tuple[int, bytes]]()
+    for _ in range(3):
+        with Started(1, "study", "long.yaml", "--output", "killed", cwd=place) as started:
+            started.wait_for("results in killed" if before else "\n[1/")  # all kernels are compiled then
+            time.sleep(random.uniform(0.0, 3.0))
+            started.kill()
+        after = kept(place / "killed")
+        assert after.items() >= before.items()
+        before = after
+    done = hpcinv(1, "study", "long.yaml", "--output", "killed", cwd=place)
+    assert done.returncode == 0, done.stderr
+    after = kept(place / "killed")
+    assert after.items() >= before.items()
+    assert done.stdout.count("\n[") == len(after) - len(before)
+    assert all(CaseRecord.decoded(content).converged for _, content in after.values())
+    assert (place / "killed" / "table.csv").exists()
+
+
+def test_two_allocations_share_a_study_and_both_show_the_same_table(place: Path) -> None:
+    command = ("study", "long.yaml", "--output", "shared")
+    with Started(1, *command, cwd=place) as one, Started(1, *command, cwd=place) as other:
+        while not list(place.glob("shared/store/ledger/*/[!.]*.claim-*")):
+            assert one.mpirun.poll() is None, one.text
+            time.sleep(0.01)
+        one.send(signal.SIGSTOP, one.ranks())  # so that it is not done before the other begins
+        other.wait_for("results in shared")
+        time.sleep(1.0)
+        one.send(signal.SIGCONT, one.ranks())
+        assert one.exit_code() == 0, one.text
+        assert other.exit_code() == 0, other.text
+    texts = one.text, other.text
+    executed = [re.findall(r"^\[\d+/\d+\] (.*): .* s", text, re.MULTILINE) for text in texts]
+    assert all(executed), "each of them has had a share"
+    assert sum(map(len, executed)) == len(kept(place / "shared"))
+    assert "meanwhile" not in texts[0] + texts[1]
+    tables = [text[text.index("\nlength (m)") :] for text in texts]
+    assert tables[0] == tables[1]
+    assert "P2" in tables[0]
+    with h5py.File(place / "shared" / "table.h5") as file:
+        assert np.isfinite(file["times"][:]).all()
         assert file["times"].shape == (2, 6)
 
 

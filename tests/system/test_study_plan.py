@@ -14,7 +14,7 @@ from helpers.command_line import ROOT, environment
 
 from hpcinv.errors import JobError
 from hpcinv.quantity.keys import assigned, look_up, parse_key
-from hpcinv.study.plan import Plan, load_plan
+from hpcinv.study.plan import StudyPlan, load_study
 
 COLUMN: dict[str, Any] = {
     "analysis": "inverse",
@@ -38,11 +38,11 @@ STUDY: dict[str, Any] = {
 }
 
 
-def plan(directory: Path, **changes: Any) -> Plan:
+def plan(directory: Path, **changes: Any) -> StudyPlan:
     (directory / "column.yaml").write_text(yaml.safe_dump(COLUMN))
     path = directory / "study.yaml"
     path.write_text(yaml.safe_dump(STUDY | changes, sort_keys=False))
-    return load_plan(path)
+    return load_study(path)
 
 
 def problems(directory: Path, **changes: Any) -> list[str]:

@@ -23,7 +23,7 @@ from hpcinv.mesh import read_source
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import FILES
 from hpcinv.quantity.keys import assigned
-from hpcinv.study.plan import load_plan
+from hpcinv.study.plan import load_study
 from hpcinv.sweep.plan import load_sweep
 
 
@@ -114,7 +114,7 @@ def test_names_of_results_stay_in_the_directory_of_results(name: str, tmp_path: 
     assert_refused(load_sweep, sweep, "sweep")
     ladders = [{"name": "a", "vary": {"discretisation.displacement": [1, 2]}}]
     study = write_job(tmp_path / "study.yaml", {"job": plain.name, "ladders": ladders, "measure": ["a"]}, study=name)
-    assert_refused(load_plan, study, "study")
+    assert_refused(load_study, study, "study")
 
 
 def assert_refused(reader: Any, path: Path, key: str) -> None:

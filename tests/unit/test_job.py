@@ -22,7 +22,7 @@ from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import difference, fingerprint
 from hpcinv.job.job import Job, json_schema, parse
 from hpcinv.materials import laws
-from hpcinv.study.plan import is_study, load_plan
+from hpcinv.study.plan import is_study, load_study
 from hpcinv.sweep.plan import is_sweep, load_sweep
 
 GENERATOR = """
@@ -338,7 +338,7 @@ JOBS = sorted((Path(__file__).parents[2] / "jobs").rglob("*.yaml"))
 @pytest.mark.parametrize("path", JOBS, ids=lambda p: p.name)
 def test_the_jobs_studies_and_sweeps_that_come_with_the_project_are_valid_and_say_what_they_show(path: Path) -> None:
     if is_study(path):
-        assert load_plan(path).runs
+        assert load_study(path).runs
     elif is_sweep(path):
         assert load_sweep(path).cases
     else:

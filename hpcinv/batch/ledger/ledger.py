@@ -40,7 +40,7 @@ from typing import Literal
 from hpcinv.batch.ledger.history import Histories, History
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.liveness import LEASE, Watch
-from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.ledger.store import open_store, runs_in, told
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import create, make_directory, publish
@@ -115,7 +115,7 @@ class Ledger:
     """
 
     def __init__(self, path: Path, holder: Holder, *, lease: float = LEASE, supervised: bool = False) -> None:
-        self.path, self.holder, self.supervised = path, holder, supervised
+        self.path, self.holder, self.lease, self.supervised = path, holder, lease, supervised
         self._files, self._watch = Histories(path), Watch(path, holder.identity, lease)
 
     def open(self) -> None:
@@ -126,11 +126,11 @@ class Ledger:
         """Where the runs of a case are; that of a claim is ``claim.run``."""
         return runs_in(self.path) / key[:2] / key
 
-    def record(self, key: str) -> Record | None:
+    def record(self, key: str) -> CaseRecord | None:
         """How a case ended; ``None`` if it is not finished. A record that is damaged opens its case again."""
         return self._read_record(key, self._files.of(key))
 
-    def records(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
+    def records(self, keys: Iterable[str]) -> Iterator[tuple[str, CaseRecord]]:
         """The same for those of many cases that are finished, each with its key; one scan of a directory for many."""
         for key, history in self._files.of_all(keys).items():
             if (record := self._read_record(key, history)) is not None:
@@ -164,7 +164,7 @@ class Ledger:
             self._take_over(claim, before)
         return claim
 
-    def commit(self, claim: Claim, record: Record) -> bool:
+    def commit(self, claim: Claim, record: CaseRecord) -> bool:
         """Say how a claimed case ended; ``False`` if another has taken it over, or was first: his word stands."""
         file = self._files.file(claim.key, f"record-{claim.round}.json")
         with told(file):
@@ -256,13 +256,13 @@ class Ledger:
                     found.append("it is not known how")
         return tuple(found)
 
-    def _read_record(self, key: str, history: History) -> Record | None:
+    def _read_record(self, key: str, history: History) -> CaseRecord | None:
         if not history.finished:
             return None
         file = self._files.file(key, f"record-{history.round}.json")
         with told(file):
             try:
-                return Record.decoded(file.read_bytes())
+                return CaseRecord.decoded(file.read_bytes())
             except ValueError as error:
                 why = f"its record is damaged: {error}"
         with contextlib.suppress(OutputError):  # for who may only read the store it is open all the same
@@ -288,6 +288,11 @@ class Ledger:
             holder, _ = self._last_claim(claim.key, before)
             if before.is_claimed and holder is not None:
                 self._watch.bury(holder)
+
+
+def ledger_of(store: Path) -> Ledger:
+    """The ledger of a store, for reading."""
+    return Ledger(store, Holder(store))
 
 
 def _is_last(claim: Claim, history: History) -> bool:

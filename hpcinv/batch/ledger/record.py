@@ -11,7 +11,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Record:
+class CaseRecord:
     """How a case ended.
 
     Attributes:
@@ -21,6 +21,7 @@ class Record:
         seconds: wall time of the case.
         attempts: how many claims it took.
         start: key of the case whose solution it began with; "" for the unloaded body.
+        compiled: whether kernels had to be compiled meanwhile, so that its time says little; told by studies.
     """
 
     status: str
@@ -29,6 +30,7 @@ class Record:
     seconds: float
     attempts: int
     start: str = ""
+    compiled: bool = False
 
     @property
     def converged(self) -> bool:
@@ -39,7 +41,7 @@ class Record:
         return _sealed(json.dumps(_plain(asdict(self)), ensure_ascii=False).encode())
 
     @classmethod
-    def decoded(cls, data: bytes) -> Record:
+    def decoded(cls, data: bytes) -> CaseRecord:
         """The record in the content of a file.
 
         Raises:

@@ -18,11 +18,11 @@ from helpers.command_line import MPIRUN, PATIENCE, environment
 
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger, State
-from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.record import CaseRecord
 
 WORKER = Path(__file__).parents[2] / "helpers" / "ledger_worker.py"
 KEY = "ab" + 18 * "0"
-BY_US = Record("converged", "", {"by": "us"}, 0.1, 1)
+BY_US = CaseRecord("converged", "", {"by": "us"}, 0.1, 1)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def keys_of(count: int) -> list[str]:
     return [f"{number % 4:02x}{number:018x}" for number in range(count)]
 
 
-def check(workers: Workers, keys: list[str]) -> dict[str, Record]:
+def check(workers: Workers, keys: list[str]) -> dict[str, CaseRecord]:
     """Each case has one whole record, none was begun after it or by two at a time."""
     events = workers.events()
     assert not [event for event in events if event.what == "overlap"]

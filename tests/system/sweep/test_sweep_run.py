@@ -19,7 +19,7 @@ from helpers.sweeps import BLOCK, records_of, write_sweep
 from hpcinv.batch.ledger import liveness
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.driver import run
 from hpcinv.parallel.runtime import MPI
 from hpcinv.sweep.plan import load_sweep
@@ -27,7 +27,7 @@ from hpcinv.sweep.plan import load_sweep
 GRID = [{"grid": {"material.mu": ["8 kPa", "10 kPa", "14 kPa"], "effects[0].density": [100, 200]}}]
 
 
-def top(record: Record | None) -> float:
+def top(record: CaseRecord | None) -> float:
     assert record is not None
     assert record.converged, record.status
     return float(record.statistics["quantities"]["top"])
@@ -236,7 +236,7 @@ def test_who_is_taken_over_lets_go(tmp_path: Path) -> None:
                 ledger = Ledger(plan.store, holder)
                 taken = ledger.claim(key)
                 assert taken is not None
-                assert ledger.commit(taken, Record("by another", "", {}, 1.0, 2))
+                assert ledger.commit(taken, CaseRecord("by another", "", {}, 1.0, 2))
             assert liveness.Watch.is_dead is watch
         finally:
             started.send(signal.SIGCONT, sleeping)

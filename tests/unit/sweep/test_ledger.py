@@ -19,7 +19,7 @@ import pytest
 from hpcinv.batch.ledger import liveness
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger, State
-from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.ledger.store import told
 from hpcinv.errors import OutputError
 from hpcinv.files import atomic
@@ -27,8 +27,8 @@ from hpcinv.parallel import processes
 from hpcinv.parallel.processes import Identity
 
 KEY, OTHER = "ab" + 18 * "0", "ab" + 18 * "1"
-DONE = Record("converged", "", {"quantities": {"length": 0.1}}, 1.5, 1)
-FAILED = Record("a fold of the path", "more steps", {}, 0.1, 1, OTHER)
+DONE = CaseRecord("converged", "", {"quantities": {"length": 0.1}}, 1.5, 1)
+FAILED = CaseRecord("a fold of the path", "more steps", {}, 0.1, 1, OTHER)
 
 
 @pytest.fixture
@@ -55,15 +55,15 @@ def files(store: Path) -> set[str]:
 
 def test_a_record_is_read_as_it_was_written() -> None:
     numbers = [0.1, 1 / 3, 5e-324, 1.7976931348623157e308, -0.0, 2**63, "µ → ∞", None, True, {"a": [[], {}]}]
-    record = Record("converged", "", {"numbers": numbers}, 1e-3, 3, KEY)
-    again = Record.decoded(record.encoded())
+    record = CaseRecord("converged", "", {"numbers": numbers}, 1e-3, 3, KEY)
+    again = CaseRecord.decoded(record.encoded())
     assert again == record
     assert str(again) == str(record)  # tells 1 from 1.0 and 0.0 from -0.0
 
 
 def test_what_is_not_finite_is_null_in_a_record() -> None:
-    record = Record("diverged", "", {"a": [float("nan"), (float("inf"), 1.0)]}, 1.0, 1)
-    assert Record.decoded(record.encoded()).statistics == {"a": [None, [None, 1.0]]}
+    record = CaseRecord("diverged", "", {"a": [float("nan"), (float("inf"), 1.0)]}, 1.0, 1)
+    assert CaseRecord.decoded(record.encoded()).statistics == {"a": [None, [None, 1.0]]}
 
 
 def test_a_case_is_claimed_once_and_finished_once(ledger: Ledger, store: Path) -> None:
@@ -119,7 +119,7 @@ def test_only_a_failed_case_is_tried_again_and_anew(ledger: Ledger, store: Path)
     assert ledger.commit(second, DONE)
     assert not ledger.retry(KEY)
     assert ledger.record(KEY) == DONE
-    assert Record.decoded(record_file(store).read_bytes()) == FAILED  # it is kept
+    assert CaseRecord.decoded(record_file(store).read_bytes()) == FAILED  # it is kept
 
 
 def begun(ledger: Ledger, meanwhile: Ledger) -> None:
@@ -215,7 +215,7 @@ def test_a_record_with_other_entries_is_not_believed() -> None:
     content = b'{"status": "converged"}'
     digest = hashlib.sha256(content).hexdigest().encode()
     with pytest.raises(ValueError, match="other entries"):
-        Record.decoded(b'{"record": ' + content + b', "sha256": "' + digest + b'"}\n')
+        CaseRecord.decoded(b'{"record": ' + content + b', "sha256": "' + digest + b'"}\n')
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ import pytest
 
 from hpcinv.batch.ledger.ledger import Claim, Ledger
 from hpcinv.batch.ledger.liveness import Watch
-from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.ledger.store import open_store
 from hpcinv.parallel.processes import Identity
 
@@ -113,7 +113,7 @@ class Schedule:
             if (status := self.random.choice(["converged", "failed", "failed", "released"])) == "released":
                 del self.at_work[process]
                 process.ledger.release(claim)
-            elif process.ledger.commit(claim, Record(status, "", {}, 0.1, claim.attempt)):
+            elif process.ledger.commit(claim, CaseRecord(status, "", {}, 0.1, claim.attempt)):
                 self.commits.append(claim.round)
 
     def retry(self, process: Process) -> None:
@@ -127,7 +127,7 @@ class Schedule:
         """The rounds with a record, each of which is whole."""
         numbers = [number for number in range(1, 100) if self.record(number).exists()]
         for number in numbers:
-            Record.decoded(self.record(number).read_bytes())
+            CaseRecord.decoded(self.record(number).read_bytes())
         return numbers
 
     def run(self, deaths: float) -> None:

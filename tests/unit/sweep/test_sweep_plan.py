@@ -20,7 +20,7 @@ from helpers.command_line import ROOT, environment
 from hpcinv.batch.forecast import forecast, in_words
 from hpcinv.batch.sampling import Method, read_distribution, unit_points
 from hpcinv.errors import JobError
-from hpcinv.sweep.plan import Plan, load_sweep
+from hpcinv.sweep.plan import SweepPlan, load_sweep
 
 COLUMN: dict[str, Any] = {
     "analysis": "inverse",
@@ -35,7 +35,7 @@ MU = "material.mu"
 DENSITY = "effects[0].density"
 
 
-def plan(directory: Path, *axes: dict[str, Any], **changes: Any) -> Plan:
+def plan(directory: Path, *axes: dict[str, Any], **changes: Any) -> SweepPlan:
     (directory / "column.yaml").write_text(yaml.safe_dump(COLUMN))
     path = directory / "columns.yaml"
     path.write_text(yaml.safe_dump({"job": "column.yaml", "axes": list(axes)} | changes, sort_keys=False))

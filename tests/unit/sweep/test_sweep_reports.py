@@ -20,14 +20,14 @@ from rich.console import Console
 
 from hpcinv.__main__ import main
 from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.tables import as_csv
 from hpcinv.errors import JobError
 from hpcinv.sweep.outlook import outlook
-from hpcinv.sweep.plan import Case, Plan, load_sweep
+from hpcinv.sweep.plan import Case, SweepPlan, load_sweep
 from hpcinv.sweep.plot import is_even_in_log, plot
-from hpcinv.sweep.results import ledger_of, provenance, results
+from hpcinv.sweep.results import provenance, results
 from hpcinv.sweep.status import Status, follow, lines, status
 from hpcinv.sweep.table import as_hdf5, columns, units
 
@@ -35,7 +35,7 @@ MU, DENSITY = "material.mu", "effects[0].density"
 FOLD = "no equilibrium"
 
 
-def plan(directory: Path, *axes: dict[str, Any], **more: Any) -> Plan:
+def plan(directory: Path, *axes: dict[str, Any], **more: Any) -> SweepPlan:
     return load_sweep(write_sweep(directory, list(axes), **more))
 
 
@@ -53,26 +53,26 @@ def statistics(**changes: Any) -> dict[str, Any]:
     return whole | changes
 
 
-def good(seconds: float = 1.0, **changes: Any) -> Record:
-    return Record("converged", "", statistics(**changes), seconds, 1)
+def good(seconds: float = 1.0, **changes: Any) -> CaseRecord:
+    return CaseRecord("converged", "", statistics(**changes), seconds, 1)
 
 
-def bad(status: str = FOLD, seconds: float = 1.0) -> Record:
-    return Record(status, "Lower the load.", {}, seconds, 1)
+def bad(status: str = FOLD, seconds: float = 1.0) -> CaseRecord:
+    return CaseRecord(status, "Lower the load.", {}, seconds, 1)
 
 
-def look(found: Plan) -> Status:
-    ledger = ledger_of(found)
+def look(found: SweepPlan) -> Status:
+    ledger = ledger_of(found.store)
     return status(found, ledger, results(found, ledger))
 
 
 @pytest.fixture
-def commit(tmp_path: Path) -> Iterator[Callable[[Case, Record], None]]:
+def commit(tmp_path: Path) -> Iterator[Callable[[Case, CaseRecord], None]]:
     """Put a record in the store, as a process does that has solved a case."""
     with Holder(tmp_path / "store") as holder:
         ledger = Ledger(tmp_path / "store", holder)
 
-        def done(case: Case, record: Record) -> None:
+        def done(case: Case, record: CaseRecord) -> None:
             claim = ledger.claim(case.key)
             assert claim is not None
             assert ledger.commit(claim, record)
@@ -84,7 +84,7 @@ def commit(tmp_path: Path) -> Iterator[Callable[[Case, Record], None]]:
 
 
 def test_statistics_of_each_branch_leave_out_what_failed(
-    tmp_path: Path, commit: Callable[[Case, Record], None], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, commit: Callable[[Case, CaseRecord], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     law = {"law": "neo-hookean", "lam": "40 kPa"}
     values = {"soft": [1.0, 2.0, 6.0], "hard": [5.0]}
@@ -120,11 +120,11 @@ def test_statistics_of_each_branch_leave_out_what_failed(
 # Outlook
 
 
-def test_the_outlook_tells_cases_sizes_and_time(tmp_path: Path, commit: Callable[[Case, Record], None]) -> None:
+def test_the_outlook_tells_cases_sizes_and_time(tmp_path: Path, commit: Callable[[Case, CaseRecord], None]) -> None:
     """Quadratic displacements on n × n × n cubes of 6 tetrahedra have 3 (2n + 1)³ unknowns."""
     sizes = {f"mesh.parameters.n{axis}": [1, 2] for axis in "xyz"}
     found = plan(tmp_path, {"zip": sizes}, {"grid": {MU: ["10 kPa", 1e4, 2e4]}})
-    text = outlook(found, ledger_of(found), 1)
+    text = outlook(found, ledger_of(found.store), 1)
     assert text[0] == f"sweep: 6 cases; 0 finished in {tmp_path / 'store'}"
     assert "4 of them are different" in text[1]
     assert text[3].endswith(": 6 cells, 81 unknowns")
@@ -137,7 +137,7 @@ def test_the_outlook_tells_cases_sizes_and_time(tmp_path: Path, commit: Callable
     expected = (8 + 2 * 8 * 375 / 81) / 2
     assert (
         f"time: about {expected:.0f} s for 3 cases on 2 groups of ranks side by side, with 2 ranks a case"
-        in (outlook(found, ledger_of(found), 2)[-1])
+        in (outlook(found, ledger_of(found.store), 2)[-1])
     )
 
 
@@ -145,7 +145,7 @@ def test_a_mesh_that_cannot_be_made_is_told_in_the_outlook(tmp_path: Path) -> No
     (tmp_path / "broken.py").write_text("def build(gmsh):\n    raise RuntimeError('no such shape')\n")
     meshes = [BLOCK["mesh"], {"file": "broken.py"}]
     found = plan(tmp_path, {"grid": {"mesh": meshes}})
-    text = outlook(found, ledger_of(found), 1)
+    text = outlook(found, ledger_of(found.store), 1)
     assert text[2].endswith(": 48 cells, 375 unknowns")
     assert "no such shape" in text[3]
 
@@ -153,7 +153,9 @@ def test_a_mesh_that_cannot_be_made_is_told_in_the_outlook(tmp_path: Path) -> No
 # Status
 
 
-def test_the_status_counts_cases_by_where_they_stand(tmp_path: Path, commit: Callable[[Case, Record], None]) -> None:
+def test_the_status_counts_cases_by_where_they_stand(
+    tmp_path: Path, commit: Callable[[Case, CaseRecord], None]
+) -> None:
     found = plan(tmp_path, {"grid": {MU: ["10 kPa", 1e4, 2e4, 3e4, 4e4, 5e4, 6e4, 7e4]}})
     empty = look(found)
     assert (empty.done, empty.open, empty.total, empty.seconds, empty.is_over) == (0, 7, 7, None, False)
@@ -184,12 +186,12 @@ def test_the_status_counts_cases_by_where_they_stand(tmp_path: Path, commit: Cal
 
 @pytest.mark.parametrize("is_terminal", [True, False])
 def test_a_sweep_is_followed_to_its_end(
-    is_terminal: bool, tmp_path: Path, commit: Callable[[Case, Record], None]
+    is_terminal: bool, tmp_path: Path, commit: Callable[[Case, CaseRecord], None]
 ) -> None:
     found = plan(tmp_path, {"grid": {MU: [1e4, 2e4, 3e4]}})
     left = list(found.cases)
     screen = Console(file=io.StringIO(), force_terminal=is_terminal, width=100)
-    last = follow(found, ledger_of(found), screen, sleep=lambda _: commit(left.pop(0), good()))
+    last = follow(found, ledger_of(found.store), screen, sleep=lambda _: commit(left.pop(0), good()))
     assert last.is_over
     text = screen.file.getvalue()  # type: ignore[attr-defined]
     for n in range(4):
@@ -200,7 +202,7 @@ def test_a_sweep_is_followed_to_its_end(
 # Table
 
 
-def rich_plan(directory: Path) -> Plan:
+def rich_plan(directory: Path) -> SweepPlan:
     laws = {
         "soft": {"set": {"sensitivities": {MU: 10}}, "axes": [{"grid": {MU: ["10 kPa", 2e4]}}]},
         "stiff": {"set": {"material": {"law": "yeoh", "c1": 1e5, "c2": 0, "c3": 0, "kappa": 1e6}}},
@@ -226,7 +228,7 @@ SENSITIVE: Mapping[str, Any] = {
 }
 
 
-def rich_results(found: Plan) -> dict[str, Record]:
+def rich_results(found: SweepPlan) -> dict[str, CaseRecord]:
     estimate = {"quantities": {"top": 1e-6, "seconds": [0.0, 1e-7, None]}, "shape": 1e-6}
     first = good(
         12.5,
@@ -235,7 +237,7 @@ def rich_results(found: Plan) -> dict[str, Record]:
         sensitivities=SENSITIVE,
     )
     return {
-        found.cases[0].key: Record(**(vars(first) | {"start": found.cases[3].key})),
+        found.cases[0].key: CaseRecord(**(vars(first) | {"start": found.cases[3].key})),
         found.cases[3].key: bad(seconds=0.5),
         found.cases[4].key: good(quantities={"top": -0.125}, sensitivities=None),
     }
@@ -275,12 +277,14 @@ def test_a_quantity_with_the_name_of_a_cost_is_a_column_of_its_own(tmp_path: Pat
     assert (table["seconds"], table["quantities.seconds"], table["quantities.status"]) == ([3.0], [7.0], [8.0])
 
 
-def test_the_table_as_csv_and_hdf5_has_the_same_numbers(tmp_path: Path, commit: Callable[[Case, Record], None]) -> None:
+def test_the_table_as_csv_and_hdf5_has_the_same_numbers(
+    tmp_path: Path, commit: Callable[[Case, CaseRecord], None]
+) -> None:
     found = rich_plan(tmp_path)
     for case in found.cases:
         if case.key in rich_results(found):
             commit(case, rich_results(found)[case.key])
-    records, told_by = results(found, ledger_of(found)), provenance(found, ledger_of(found))
+    records, told_by = results(found, ledger_of(found.store)), provenance(found, ledger_of(found.store))
     table = columns(found, records)
     assert table == columns(found, rich_results(found)) | {"attempts": table["attempts"]}
     known = units(found, records)
@@ -353,7 +357,7 @@ def test_samples_are_points_over_two_parameters(tmp_path: Path) -> None:
 
 
 def test_a_diagram_tells_which_cases_it_leaves_out(
-    tmp_path: Path, commit: Callable[[Case, Record], None], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, commit: Callable[[Case, CaseRecord], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Laws have different parameters: over one of them, cases of other laws have no place."""
     branches = {
@@ -373,7 +377,7 @@ def test_a_diagram_tells_which_cases_it_leaves_out(
         commit(case, good())
     told = ["1 of 5 cases, not finished (neo-Hooke)", f"2 of 5 cases, without {MU} (Yeoh)"]
     told.append("1 of 5 cases, without top (neo-Hooke)")
-    diagram = plot(found, results(found, ledger_of(found)), "top", [MU])
+    diagram = plot(found, results(found, ledger_of(found.store)), "top", [MU])
     assert list(diagram.left_out) == told
     assert drawn(diagram.files, "series-0") == 1
     assert all(f"left out: {text}" in diagram.files["svg"].decode() for text in told)
@@ -431,12 +435,12 @@ def test_without_results_there_is_no_diagram(tmp_path: Path) -> None:
 
 
 def test_the_commands_write_what_they_are_asked_for(
-    tmp_path: Path, commit: Callable[[Case, Record], None], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, commit: Callable[[Case, CaseRecord], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
     for case, value in zip(found.cases, (0.5, 0.75), strict=True):
         commit(case, good(quantities={"top": value}))
-    assert results(found, ledger_of(found)).keys() == {case.key for case in found.cases}
+    assert results(found, ledger_of(found.store)).keys() == {case.key for case in found.cases}
     sweep = str(found.path)
     assert main(["sweep", "status", sweep]) == 0
     assert "2 of 2 cases finished" in capsys.readouterr().out

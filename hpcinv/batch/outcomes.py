@@ -7,17 +7,17 @@ import shutil
 from typing import TYPE_CHECKING
 
 from hpcinv.batch.forecast import in_words
-from hpcinv.batch.ledger.record import Record
+from hpcinv.batch.ledger.record import CaseRecord
 
 if TYPE_CHECKING:
     from hpcinv.batch.ledger.ledger import Claim
 
 
-def overdue_record(limit: float | None, claim: Claim) -> Record:
-    """The record of a case that took longer than its limit (s)."""
+def overdue_record(limit: float | None, retry: str, claim: Claim) -> CaseRecord:
+    """The record of a case that took longer than its limit (s); ``retry``: the command that opens it again."""
     seconds = limit or 0.0
-    advice = "Raise 'limit' and open it again with 'sweep retry --failed', or take larger steps or a coarser mesh."
-    return Record(f"took longer than its limit of {in_words(seconds)}", advice, {}, seconds, claim.attempt)
+    advice = f"Raise 'limit' and open it again with '{retry}', or take larger steps or a coarser mesh."
+    return CaseRecord(f"took longer than its limit of {in_words(seconds)}", advice, {}, seconds, claim.attempt)
 
 
 def remove_run(claim: Claim) -> None:

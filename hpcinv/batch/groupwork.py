@@ -1,4 +1,4 @@
-"""What one group of ranks does in a sweep: it opens the store, and solves case after case."""
+"""What one group of ranks does: it opens the store, and solves case after case."""
 
 from __future__ import annotations
 
@@ -12,23 +12,21 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.ledger.store import open_store
+from hpcinv.batch.worker import Worker
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
-from hpcinv.sweep.queue import Queue
-from hpcinv.sweep.worker import Worker
 
 if TYPE_CHECKING:
-    from hpcinv.batch.ledger.ledger import Claim
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.batch.task import Batch, BatchTask
 
 
 def work(
-    plan: Plan,
+    batch: Batch,
     group: MPI.Intracomm,
     begin: float,
     lease: float,
     note: Callable[[str], None],
     stop_asked: Callable[[], bool],
-    holding: Callable[[Claim | None], None] | None = None,
+    holding: Callable[[BatchTask | None], None] | None = None,
 ) -> None:
     """Solve the cases that are open; its first rank alone knows the ledger. Collective.
 
@@ -43,13 +41,12 @@ def work(
     """
     with ExitStack() as held, compilation_explained(group):
 
-        def open_queue() -> Queue:
-            open_store(plan.store)
-            holder = held.enter_context(Holder(plan.store))
-            ledger = Ledger(plan.store, holder, lease=lease, supervised=holding is not None)
-            return Queue(plan.cases, ledger, begin=begin, patience=1.2 * lease)
+        def open_ledger() -> Ledger:
+            open_store(batch.store)
+            holder = held.enter_context(Holder(batch.store))
+            return Ledger(batch.store, holder, lease=lease, supervised=holding is not None)
 
-        queues: list[Queue] = []
-        on_root(group, lambda: queues.append(open_queue()))
-        queue = queues[0] if queues else None
-        Worker(plan, group, queue, note, stop_asked, holding or (lambda claim: None)).work()
+        ledgers: list[Ledger] = []
+        on_root(group, lambda: ledgers.append(open_ledger()))
+        ledger = ledgers[0] if ledgers else None
+        Worker(batch, group, ledger, begin, note, stop_asked, holding or (lambda task: None)).work()

@@ -1,6 +1,6 @@
 """Program of the processes that solve the cases of one group, apart from those that the launcher has started.
 
-``python -m hpcinv.sweep.groupprocess DIRECTORY``, on one rank, or under mpiexec on several. The supervisor that has
+``python -m hpcinv.batch.groupprocess DIRECTORY``, on one rank, or under mpiexec on several. The supervisor that has
 started them (`isolation`) reads in the directory what the group is doing, and finds out there what it was at, should
 they crash.
 """
@@ -25,9 +25,9 @@ _PATIENCE = 5.0  # seconds after which another rank will not come to its end any
 
 def main(directory: Path) -> int:
     """Work until no case is left, and tell of the end; only what ends otherwise has an exit code that is not 0."""
+    from hpcinv.batch.grouptask import GroupTask, Speaker
+    from hpcinv.batch.groupwork import work
     from hpcinv.parallel.runtime import MPI, abort, failing_together, on_root
-    from hpcinv.sweep.grouptask import GroupTask, Speaker
-    from hpcinv.sweep.groupwork import work
 
     stop.install()
     world = MPI.COMM_WORLD
@@ -46,7 +46,7 @@ def main(directory: Path) -> int:
         error: HpcinvError | None = None
         try:
             work(
-                task.plan,
+                task.batch,
                 world,
                 task.begin,
                 task.lease,

@@ -13,7 +13,7 @@ from hpcinv.batch.ledger.ledger import Claim
 from hpcinv.errors import HpcinvError
 
 if TYPE_CHECKING:
-    from hpcinv.sweep.plan import Plan
+    from hpcinv.batch.task import Batch, BatchTask
 
 _TASK, _EVENTS = "task", "events"
 
@@ -22,7 +22,7 @@ _TASK, _EVENTS = "task", "events"
 class GroupTask:
     """What a group does; see ``groupwork.work``."""
 
-    plan: Plan
+    batch: Batch
     begin: float
     lease: float
 
@@ -34,6 +34,14 @@ class GroupTask:
     def read(cls, directory: Path) -> GroupTask:
         task: GroupTask = pickle.loads((directory / _TASK).read_bytes())
         return task
+
+
+@dataclass(frozen=True)
+class Held:
+    """A case that is worked on."""
+
+    title: str
+    claim: Claim
 
 
 @dataclass(frozen=True)
@@ -49,9 +57,12 @@ class Speaker:
     def __init__(self, directory: Path) -> None:
         self._file: TextIO = (directory / _EVENTS).open("a", encoding="utf-8")
 
-    def holding(self, claim: Claim | None) -> None:
+    def holding(self, task: BatchTask | None) -> None:
         """Which case is worked on."""
-        self._tell({"claim": None if claim is None else asdict(claim) | {"run": str(claim.run)}})
+        if task is None:
+            self._tell({"claim": None})
+        else:
+            self._tell({"claim": asdict(task.claim) | {"run": str(task.claim.run)}, "title": task.title})
 
     def ended(self, error: HpcinvError | None) -> None:
         self._tell({"ended": pickle.dumps(error).hex()})
@@ -68,8 +79,8 @@ class Listener:
         self._file = (directory / _EVENTS).open("rb")
         self._rest = b""
 
-    def events(self) -> Iterator[Claim | Ended | None]:
-        """What was told since the last call: a claim that is worked on, that none is, or the end."""
+    def events(self) -> Iterator[Held | Ended | None]:
+        """What was told since the last call: a case that is worked on, that none is, or the end."""
         *lines, self._rest = (self._rest + self._file.read()).split(b"\n")
         for line in lines:
             event = json.loads(line)
@@ -78,7 +89,8 @@ class Listener:
             elif (claim := event["claim"]) is None:
                 yield None
             else:
-                yield Claim(**claim | {"run": Path(claim["run"]), "crashes": tuple(claim["crashes"])})
+                claim |= {"run": Path(claim["run"]), "crashes": tuple(claim["crashes"])}
+                yield Held(event["title"], Claim(**claim))
 
     def close(self) -> None:
         self._file.close()

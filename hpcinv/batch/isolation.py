@@ -23,17 +23,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from hpcinv.batch.ledger.ledger import Claim, Ledger
+from hpcinv.batch.grouptask import Ended, GroupTask, Held, Listener
+from hpcinv.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.batch.outcomes import overdue_record
 from hpcinv.errors import Interrupted, SystemPartMissing
 from hpcinv.parallel.processes import Identity
 from hpcinv.parallel.ranks import MPI
-from hpcinv.sweep.grouptask import Ended, GroupTask, Listener
-from hpcinv.sweep.outcomes import overdue_record
-from hpcinv.sweep.results import ledger_of
 
 if TYPE_CHECKING:
+    from hpcinv.batch.task import Batch
     from hpcinv.parallel.signals import StopRequest
-    from hpcinv.sweep.plan import Plan
 
 _PAUSE = 0.05  # seconds between looks at a group
 _IN_VAIN = 3  # starts in a row that end before a case is begun
@@ -63,14 +62,14 @@ def can_isolate(group: MPI.Intracomm) -> bool:
 
 
 def supervise(
-    plan: Plan,
+    batch: Batch,
     group: MPI.Intracomm,
     begin: float,
     lease: float,
     note: Callable[[str], None],
     stop: StopRequest,
 ) -> None:
-    """Let the cases of a sweep that are open be solved by processes of their own; collective.
+    """Let the cases of a batch that are open be solved by processes of their own; collective.
 
     Args:
         begin: where in the list of all cases, from 0 to 1.
@@ -86,7 +85,7 @@ def supervise(
         _wait_for_first(group, stop)
         return
     try:
-        _Supervisor(GroupTask(plan, begin, lease), group, processors, note, stop).run()
+        _Supervisor(GroupTask(batch, begin, lease), group, processors, note, stop).run()
     finally:
         group.Ibarrier().Wait()
         while group.Iprobe(tag=_STOP):
@@ -107,7 +106,7 @@ class _Outcome:
     """How the processes of a group ended: by themselves, or with a case in hand; ``code`` as subprocess has it."""
 
     ended: Ended | None
-    claim: Claim | None
+    held: Held | None
     code: int
     begun: bool  # whether they have begun a case
 
@@ -124,8 +123,7 @@ class _Supervisor:
         stop: StopRequest,
     ) -> None:
         self.task, self.group, self.processors, self.note, self.stop = task, group, processors, note, stop
-        self.ledger: Ledger = ledger_of(task.plan)
-        self.titles = {case.key: case.title for case in reversed(task.plan.cases)}
+        self.ledger: Ledger = ledger_of(task.batch.store)
 
     def run(self) -> None:
         in_vain = 0
@@ -137,11 +135,11 @@ class _Supervisor:
                     raise outcome.ended.error
                 return
             if self._asked_to_stop() is not None:
-                if outcome.claim is not None:
-                    self.ledger.release(outcome.claim)
+                if outcome.held is not None:
+                    self.ledger.release(outcome.held.claim)
                 raise Interrupted("stopped by a signal")
-            if outcome.claim is not None:
-                self._bury(outcome.claim, outcome.code)
+            if outcome.held is not None:
+                self._note_crash(outcome.held, outcome.code)
             in_vain = 0 if outcome.begun else in_vain + 1
             if in_vain == _IN_VAIN:
                 raise SystemPartMissing(
@@ -163,7 +161,7 @@ class _Supervisor:
                     if isinstance(event, Ended):
                         outcome.ended = event
                     else:
-                        outcome.claim, since = event, time.monotonic()
+                        outcome.held, since = event, time.monotonic()
                         outcome.begun = True
                 if over:
                     outcome.code = process.returncode
@@ -171,16 +169,16 @@ class _Supervisor:
                 if not signalled and (asked := self._asked_to_stop()) is not None:
                     signalled = True
                     process.send_signal(asked)
-                if outcome.claim is not None and self._is_stuck(time.monotonic() - since):
-                    self._give_up(outcome.claim)
-                    outcome.claim = None
+                if outcome.held is not None and self._is_stuck(time.monotonic() - since):
+                    self._give_up(outcome.held)
+                    outcome.held = None
                     return outcome
         finally:
             _kill(process)
             listener.close()
 
     def _start(self, place: Path) -> subprocess.Popen[bytes]:
-        program = [sys.executable, "-m", "hpcinv.sweep.groupprocess", str(place)]
+        program = [sys.executable, "-m", "hpcinv.batch.groupprocess", str(place)]
         if self.group.size > 1:
             program = [cast(str, _mpiexec()), "-n", str(self.group.size), *program]
         first = [sys.executable, "-I", "-S", "-c", _LAUNCH, str(os.getpid()), json.dumps(list(self.processors))]
@@ -196,20 +194,20 @@ class _Supervisor:
 
     def _is_stuck(self, seconds: float) -> bool:
         """Whether a case has had its limit, and the time to notice that by itself."""
-        limit = self.task.plan.sweep.limit
+        limit = self.task.batch.limit
         return limit is not None and seconds > limit + max(5.0, 0.1 * limit)
 
-    def _give_up(self, claim: Claim) -> None:
+    def _give_up(self, held: Held) -> None:
         """Record that a case took too long, while its process still has the claim, so that no other takes it over."""
-        record = overdue_record(self.task.plan.sweep.limit, claim)
-        if self.ledger.commit(claim, record):
-            self.note(f"{self.titles[claim.key]}: {record.status}, and did not stop: its process is ended")
+        record = overdue_record(self.task.batch.limit, self.task.batch.retry, held.claim)
+        if self.ledger.commit(held.claim, record):
+            self.note(f"{held.title}: {record.status}, and did not stop: its process is ended")
 
-    def _bury(self, claim: Claim, code: int) -> None:
+    def _note_crash(self, held: Held, code: int) -> None:
         """Note how a case has ended its process."""
-        title, how = self.titles[claim.key], _how(code)
-        self.ledger.crashed(claim, how)
-        self.note(f"{title}: crashed its process ({how}); the others go on in a new one")
+        how = _how(code)
+        self.ledger.crashed(held.claim, how)
+        self.note(f"{held.title}: crashed its process ({how}); the others go on in a new one")
 
 
 def _how(code: int) -> str:

@@ -1,4 +1,4 @@
-"""A sweep on all ranks of one allocation: groups of ranks that take cases from the ledger, and how it ended."""
+"""Cases solved on all ranks of one allocation, by groups of ranks that take them from the ledger."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
+from hpcinv.batch.isolation import can_isolate, supervise
+from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.errors import HpcinvError, Interrupted, OutputError
 from hpcinv.parallel.ranks import MPI, agree
-from hpcinv.sweep.isolation import can_isolate, supervise
 
 if TYPE_CHECKING:
+    from hpcinv.batch.task import Batch
     from hpcinv.parallel.signals import StopRequest
-    from hpcinv.sweep.plan import Plan
 
 
 @dataclass(frozen=True)
@@ -29,17 +30,17 @@ class Share:
 
 
 def conduct(
-    plan: Plan,
+    batch: Batch,
     world: MPI.Intracomm,
     *,
     ranks_per_case: int = 1,
     share: Share = Share(),
-    lease: float,
+    lease: float = LEASE,
     isolated: bool = True,
     note: Callable[[str], None],
     stop: StopRequest,
 ) -> None:
-    """Run the cases of a sweep that are open; collective.
+    """Solve the cases of a batch that are open; collective.
 
     Args:
         lease: seconds in which a holder on another machine must give a sign of life.
@@ -57,13 +58,13 @@ def conduct(
     try:
         begin = share.begin(number, groups)
         if isolated and can_isolate(group):
-            supervise(plan, group, begin, lease, note, stop)
+            supervise(batch, group, begin, lease, note, stop)
         else:
-            from hpcinv.sweep.groupwork import work  # with PETSc and DOLFINx
+            from hpcinv.batch.groupwork import work  # with PETSc and DOLFINx
 
             stop.ends_libraries_by(None)  # there are cases of other groups to save
             stop.install()  # PETSc has put a handler of its own on SIGTERM
-            work(plan, group, begin, lease, note, stop)
+            work(batch, group, begin, lease, note, stop)
     except HpcinvError as met:
         error = met
         if group.rank == 0 and not isinstance(met, Interrupted):

@@ -1,0 +1,164 @@
+"""A group of ranks that solves one case after the other, as long as there are any."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST
+from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.outcomes import overdue_record
+from hpcinv.batch.task import Pause
+from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError
+from hpcinv.output.progress import Listener
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.problem_cache import collect_garbage
+
+if TYPE_CHECKING:
+    from hpcinv.batch.ledger.ledger import Claim, Ledger
+    from hpcinv.batch.task import Batch, BatchTask, Schedule
+
+_PAUSE = 1.0  # seconds between looks at cases that others hold
+
+
+class Worker:
+    """Runs cases on all ranks of ``comm``.
+
+    Args:
+        ledger: on rank 0, ``None`` on the others.
+        begin: where in the list of all cases, from 0 to 1.
+        note: told on rank 0 of each case that has ended.
+        stop_asked: asked on every rank.
+        holding: told on rank 0 of each case that is begun, and by ``None`` that it is over.
+    """
+
+    def __init__(
+        self,
+        batch: Batch,
+        comm: MPI.Intracomm,
+        ledger: Ledger | None,
+        begin: float,
+        note: Callable[[str], None],
+        stop_asked: Callable[[], bool],
+        holding: Callable[[BatchTask | None], None],
+    ) -> None:
+        self.batch, self.comm, self.ledger, self.begin = batch, comm, ledger, begin
+        self.note, self.stop_asked, self.holding = note, stop_asked, holding
+        self.schedule: Schedule[Any] | None = None
+        self.runner = batch.runner(comm)
+        self.solved = 0
+
+    def work(self) -> None:
+        """Solve cases until none is left that others do not have in hand; collective.
+
+        Raises:
+            Interrupted: a signal asked to stop; the case at hand is given back, with what it has saved.
+            OutputError, SystemPartMissing: the same on every rank; the case is given back.
+        """
+        with self.runner:
+            while True:
+                if self.comm.allreduce(self.stop_asked(), op=MPI.LOR):
+                    raise Interrupted("stopped by a signal")
+                task = on_root(self.comm, self._next)
+                if task is None:
+                    return
+                if task is Pause.WAIT:
+                    time.sleep(_PAUSE)
+                else:
+                    self._take(task)
+
+    def _next(self) -> BatchTask | Pause | None:
+        assert self.ledger is not None
+        if self.schedule is None:
+            self.schedule = self.batch.schedule(self.ledger, self.begin, self.comm.size)
+        task: BatchTask | Pause | None = self.schedule.next()
+        if task is not None and task is not Pause.WAIT:
+            self.holding(task)
+        return task
+
+    def _take(self, task: BatchTask) -> None:
+        try:
+            record = self._solve(task)
+        except HpcinvError:
+            if on_root(self.comm, partial(self._release, task)):
+                raise
+        else:
+            on_root(self.comm, partial(self._commit, task, record))
+        self.solved += 1
+        if self.solved % self.runner.collect_every == 0:
+            collect_garbage(self.comm)
+
+    def _solve(self, task: BatchTask) -> CaseRecord:
+        """Solve a case; that it cannot be solved is a result too."""
+        begun = time.perf_counter()
+        record = CaseRecord("", "", {}, 0.0, task.claim.attempt)
+        if (hopeless := _hopeless(task.claim)) is not None:
+            status, advice = hopeless
+            return replace(record, status=status, advice=advice)
+        heard = Listener(self.comm)
+        overdue = self._overdue(begun)
+        try:
+            entries = self.runner.run(task, heard, lambda: self.stop_asked() or overdue())
+            record = replace(record, status="converged", **entries)
+        except (SolveError, MeshError) as error:
+            record = replace(record, status=error.message, advice=error.advice)
+        except JobError as error:  # a formula without a value
+            record = replace(record, status="; ".join(error.problems))
+        except Interrupted:
+            if self.comm.allreduce(self.stop_asked(), op=MPI.LOR) or not self.comm.allreduce(overdue(), op=MPI.LOR):
+                raise
+            record = overdue_record(self.batch.limit, self.batch.retry, task.claim)
+        except HpcinvError:
+            raise
+        except Exception as error:
+            if self.comm.size > 1:  # the ranks may have lost each other
+                raise
+            record = replace(record, status=_unforeseen(error), advice="This is an error in hpcinv; please report it.")
+            self.runner.clear()
+        return replace(record, statistics=heard.statistics, seconds=time.perf_counter() - begun)
+
+    def _overdue(self, begun: float) -> Callable[[], bool]:
+        """Whether a case takes longer than its limit."""
+        limit = self.batch.limit
+        return lambda: limit is not None and time.perf_counter() - begun > limit
+
+    def _release(self, task: BatchTask) -> bool:
+        """Give a case back; false if another has taken it over, and its directory with it, which explains the error."""
+        assert self.ledger is not None
+        if not self.ledger.holds(task.claim):
+            self.note(f"{task.title}: was taken over by another, who thought that this process had ended")
+            self.holding(None)
+            return False
+        self.ledger.release(task.claim)
+        self.holding(None)
+        return True
+
+    def _commit(self, task: BatchTask, record: CaseRecord) -> None:
+        assert self.ledger is not None
+        assert self.schedule is not None
+        first = self.ledger.commit(task.claim, record)
+        self.runner.tidy(task, record)
+        self.holding(None)
+        meanwhile = f"{task.title}: was done by another meanwhile"
+        self.note(self.schedule.report(task, record) if first else meanwhile)
+
+
+def _hopeless(claim: Claim) -> tuple[str, str] | None:
+    """Status and advice of a case that has crashed or ended too many processes to be tried again."""
+    crashes = [how for how in claim.crashes if how != KILLED]
+    if len(crashes) >= CRASHES:
+        status = f"its process crashed {len(crashes)} times: {crashes[-1]}"
+        return status, "What it printed last is in the output of the sweep."
+    if claim.died >= DEADLY or claim.lost >= LOST:
+        status = f"the process that ran it was killed {claim.died + claim.lost} times"
+        return status, "Was it, or a case beside it, out of memory? Give it more, or a coarser mesh."
+    return None
+
+
+def _unforeseen(error: Exception) -> str:
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    return f"internal error: {type(error).__name__}: {error} ({where.name}, line {where.lineno})"

@@ -1,0 +1,54 @@
+"""The directory of a study: its tables and diagrams, and in ``store`` what its runs have left."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from hpcinv.errors import OutputError
+from hpcinv.files.atomic import publish, replace
+from hpcinv.files.names import check_output
+
+_MARK, _STORE = "study.json", "store"
+
+
+class StudyDirectory:
+    """The directory of a study, which any number of allocations may use at once.
+
+    Raises:
+        OutputError: it holds other things than this study, or cannot be written.
+    """
+
+    def __init__(self, path: Path, study: str) -> None:
+        self.path = path
+        check_output(path)
+        with self._explained():
+            if path.is_dir() and any(path.iterdir()) and self._name() != study:
+                of = f"the study '{self._name()}'" if self._name() else "files that are not of a study"
+                raise OutputError(f"{path}: holds {of}", "Choose another --output.")
+            path.mkdir(parents=True, exist_ok=True)
+            publish(path / _MARK, json.dumps({"study": study}).encode())
+
+    def _name(self) -> str | None:
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            return str(json.loads((self.path / _MARK).read_text())["study"])
+        return None
+
+    def write(self, name: str, content: str | bytes) -> None:
+        """Write a file of the study; it appears whole or not at all."""
+        with self._explained():
+            replace(self.path / name, content.encode() if isinstance(content, str) else content, shared=True)
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as exc:
+            raise OutputError(f"{self.path}: cannot be written: {exc.strerror}", "Choose another --output.") from exc
+
+
+def store_in(directory: Path) -> Path:
+    """The store of the study in a directory."""
+    return directory / _STORE

@@ -1,0 +1,127 @@
+"""How a case of a sweep is solved: with mesh, model and solutions of the cases before it, from its last checkpoint."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.batch.ledger.store import told
+from hpcinv.batch.task import Runner
+from hpcinv.certificate import Verdict
+from hpcinv.driver import run
+from hpcinv.errors import CheckpointError
+from hpcinv.methods.initial_guess import Guess
+from hpcinv.output.run_directory import RunDirectory
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.problem_cache import Workspace
+from hpcinv.sweep.neighbours import Neighbours, Solution
+from hpcinv.sweep.queue import SweepTask
+
+if TYPE_CHECKING:
+    from hpcinv.batch.ledger.record import CaseRecord
+    from hpcinv.output.progress import Listener
+    from hpcinv.output.result import Result
+
+_KEPT = ("shape.*", "fields")  # of a run's directory; the summary is in the record
+
+
+class SweepRunner(Runner[SweepTask]):
+    """Solves cases on all ranks of ``comm``.
+
+    Args:
+        warm_start: whether a case begins with what the solutions of its neighbours extrapolate to.
+    """
+
+    collect_every = 20
+
+    def __init__(self, comm: MPI.Intracomm, *, warm_start: bool) -> None:
+        self.comm, self.warm_start = comm, warm_start
+        self.workspace = Workspace(comm)
+        self.neighbours: tuple[str, Neighbours] = "", Neighbours()
+
+    def clear(self) -> None:
+        self.workspace.clear()
+
+    def run(self, task: SweepTask, heard: Listener, stop_asked: Callable[[], bool]) -> dict[str, Any]:
+        if (known := on_root(self.comm, lambda: _summary(task.directory))) is not None:
+            heard.statistics = known  # it was killed just before its commit
+            return {}
+        start, guess = self._guess(task)
+        self._remember(task, self._from_checkpoint(task, heard, guess, stop_asked))
+        return {"start": start if _began_with_guess(heard.statistics) else ""}
+
+    def _from_checkpoint(
+        self, task: SweepTask, heard: Listener, guess: Guess | None, stop_asked: Callable[[], bool]
+    ) -> Result:
+        """From the last checkpoint if there is one that can be used."""
+        go = partial(
+            run,
+            task.job,
+            self.comm,
+            directory=task.directory,
+            progress=heard,
+            stop_asked=stop_asked,
+            workspace=self.workspace,
+            guess=guess,
+        )
+        if on_root(self.comm, lambda: task.directory.is_begun):
+            with contextlib.suppress(CheckpointError):
+                return go(resume=True)
+        on_root(self.comm, partial(_clear, task.directory.path))
+        return go()
+
+    def _guess(self, task: SweepTask) -> tuple[str, Guess | None]:
+        """Key of the nearest case, and what to begin with."""
+        group, known = self.neighbours
+        if not self.warm_start or group != task.reuse_group:
+            return "", None
+        found = known.guess(task.point)
+        return ("", None) if found is None else (found[1], found[0])
+
+    def _remember(self, task: SweepTask, result: Result) -> None:
+        """Keep the solution for the cases to come, unless it lies beyond a limit point or is not to be trusted."""
+        leg = result.legs[0]
+        signs = {sign for solve in leg.solves if solve.outcome.accepted for sign in solve.signs}
+        doubtful = len(signs) > 1 or result.certificate.verdict is Verdict.FAIL
+        if not self.warm_start or result.accuracy is not None or doubtful:
+            return
+        if self.neighbours[0] != task.reuse_group:
+            self.neighbours = task.reuse_group, Neighbours()
+        pressure = None if leg.pressure is None else leg.pressure.x.array.copy()
+        guess = Guess(leg.displacement.x.array.copy(), pressure, signs.pop() if signs else 0)
+        solution = Solution(task.claim.key, task.point, guess)
+        self.neighbours[1].add(solution, self.comm.allreduce(solution.bytes, op=MPI.MAX))
+
+    def tidy(self, task: SweepTask, record: CaseRecord) -> None:
+        directory = task.directory
+        if record.converged and any(path for kept in _KEPT for path in directory.path.glob(kept)):
+            shutil.rmtree(directory.checkpoints, ignore_errors=True)
+        else:
+            super().tidy(task, record)
+
+
+def _clear(path: Path) -> None:
+    """Remove what earlier attempts have left that no run can go on from."""
+    with told(path):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _summary(directory: RunDirectory) -> Mapping[str, Any] | None:
+    """The summary of a run that was finished, but not committed."""
+    if not directory.is_finished:
+        return None
+    found: Mapping[str, Any] = json.loads((directory.path / "summary.json").read_text(encoding="utf-8"))
+    return found
+
+
+def _began_with_guess(statistics: Mapping[str, Any]) -> bool:
+    solves = statistics["legs"][0]["solves"] if statistics else []
+    return bool(solves) and all(solve["strategy"] == "guess" for solve in solves)
