@@ -16,7 +16,7 @@ from pathlib import Path
 import matplotlib as mpl
 import yaml
 
-from hpcinv.batch.groupwork import work
+from hpcinv.batch.worker import work
 from hpcinv.parallel.runtime import MPI
 from hpcinv.sweep.execution import SweepBatch
 from hpcinv.sweep.plan import load_sweep

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 from hpcinv.batch.isolation import can_isolate, supervise
@@ -17,35 +16,25 @@ if TYPE_CHECKING:
     from hpcinv.parallel.signals import StopRequest
 
 
-@dataclass(frozen=True)
-class Share:
-    """The part of the cases, counted from 1, with which an allocation begins before it helps others with theirs."""
-
-    number: int = 1
-    of: int = 1
-
-    def begin(self, group: int, groups: int) -> float:
-        """Where one of its groups begins in the list of all cases, from 0 to 1."""
-        return (self.number - 1 + group / groups) / self.of
-
-
 def conduct(
     batch: Batch,
     world: MPI.Intracomm,
     *,
     ranks_per_case: int = 1,
-    share: Share = Share(),
+    share: tuple[int, int] = (1, 1),
     lease: float = LEASE,
     isolated: bool = True,
     note: Callable[[str], None],
-    stop: StopRequest,
+    stop: StopRequest | None = None,
 ) -> None:
     """Solve the cases of a batch that are open; collective.
 
     Args:
+        share: ``(i, n)``: begin with the i-th of n parts of the cases, then help others with theirs.
         lease: seconds in which a holder on another machine must give a sign of life.
         isolated: whether cases are solved in processes of their own, where that is possible.
         note: called on the first rank of each group.
+        stop: whether a signal has asked to stop; without it signals are none of our business, nor is isolation.
 
     Raises:
         OutputError: on every rank: the number of ranks does not suit, or the store cannot be used.
@@ -56,15 +45,17 @@ def conduct(
     group = cast(MPI.Intracomm, world.Split(number))
     error: HpcinvError | None = None
     try:
-        begin = share.begin(number, groups)
-        if isolated and can_isolate(group):
+        part, parts = share
+        begin = (part - 1 + number / groups) / parts
+        if stop is not None and isolated and can_isolate(group):
             supervise(batch, group, begin, lease, note, stop)
         else:
-            from hpcinv.batch.groupwork import work  # with PETSc and DOLFINx
+            from hpcinv.batch.worker import work  # with PETSc and DOLFINx
 
-            stop.ends_libraries_by(None)  # there are cases of other groups to save
-            stop.install()  # PETSc has put a handler of its own on SIGTERM
-            work(batch, group, begin, lease, note, stop)
+            if stop is not None:
+                stop.ends_libraries_by(None)  # there are cases of other groups to save
+                stop.install()  # PETSc has put a handler of its own on SIGTERM
+            work(batch, group, begin, lease, note, stop or (lambda: False))
     except HpcinvError as met:
         error = met
         if group.rank == 0 and not isinstance(met, Interrupted):

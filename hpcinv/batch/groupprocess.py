@@ -26,7 +26,7 @@ _PATIENCE = 5.0  # seconds after which another rank will not come to its end any
 def main(directory: Path) -> int:
     """Work until no case is left, and tell of the end; only what ends otherwise has an exit code that is not 0."""
     from hpcinv.batch.grouptask import GroupTask, Speaker
-    from hpcinv.batch.groupwork import work
+    from hpcinv.batch.worker import work
     from hpcinv.parallel.runtime import MPI, abort, failing_together, on_root
 
     stop.install()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
@@ -20,7 +19,7 @@ _TASK, _EVENTS = "task", "events"
 
 @dataclass(frozen=True)
 class GroupTask:
-    """What a group does; see ``groupwork.work``."""
+    """What a group does; see `hpcinv.batch.worker.work`."""
 
     batch: Batch
     begin: float
@@ -55,20 +54,17 @@ class Speaker:
     """The side of the group: what it tells, it tells at once."""
 
     def __init__(self, directory: Path) -> None:
-        self._file: TextIO = (directory / _EVENTS).open("a", encoding="utf-8")
+        self._file: TextIO = (directory / _EVENTS).open("a", encoding="ascii")
 
     def holding(self, task: BatchTask | None) -> None:
         """Which case is worked on."""
-        if task is None:
-            self._tell({"claim": None})
-        else:
-            self._tell({"claim": asdict(task.claim) | {"run": str(task.claim.run)}, "title": task.title})
+        self._tell(None if task is None else Held(task.title, task.claim))
 
     def ended(self, error: HpcinvError | None) -> None:
-        self._tell({"ended": pickle.dumps(error).hex()})
+        self._tell(Ended(error))
 
-    def _tell(self, event: object) -> None:
-        self._file.write(json.dumps(event) + "\n")
+    def _tell(self, event: Held | Ended | None) -> None:
+        self._file.write(pickle.dumps(event).hex() + "\n")
         self._file.flush()
 
 
@@ -83,14 +79,7 @@ class Listener:
         """What was told since the last call: a case that is worked on, that none is, or the end."""
         *lines, self._rest = (self._rest + self._file.read()).split(b"\n")
         for line in lines:
-            event = json.loads(line)
-            if "ended" in event:
-                yield Ended(pickle.loads(bytes.fromhex(event["ended"])))
-            elif (claim := event["claim"]) is None:
-                yield None
-            else:
-                claim |= {"run": Path(claim["run"]), "crashes": tuple(claim["crashes"])}
-                yield Held(event["title"], Claim(**claim))
+            yield pickle.loads(bytes.fromhex(line.decode()))
 
     def close(self) -> None:
         self._file.close()

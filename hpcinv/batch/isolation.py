@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, cast
 
 from hpcinv.batch.grouptask import Ended, GroupTask, Held, Listener
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.batch.outcomes import overdue_record
 from hpcinv.errors import Interrupted, SystemPartMissing
 from hpcinv.parallel.processes import Identity
 from hpcinv.parallel.ranks import MPI
@@ -199,7 +198,7 @@ class _Supervisor:
 
     def _give_up(self, held: Held) -> None:
         """Record that a case took too long, while its process still has the claim, so that no other takes it over."""
-        record = overdue_record(self.task.batch.limit, self.task.batch.retry, held.claim)
+        record = self.task.batch.overdue_record(held.claim)
         if self.ledger.commit(held.claim, record):
             self.note(f"{held.title}: {record.status}, and did not stop: its process is ended")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from pydantic import ValidationError
 from hpcinv.errors import JobError
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.quantity.schema import Spec, job_error
+
+_VALUE = re.compile(r", (?:not|but) .*", re.DOTALL)
 
 
 def read_spec[S: Spec](
@@ -42,6 +45,33 @@ def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
         return base, read_yaml(base)
     except JobError as error:
         raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
+
+
+class Faults:
+    """What is wrong with the cases of a file, each thing told once, with the number of cases that have it.
+
+    Args:
+        what: what the cases are called.
+    """
+
+    def __init__(self, path: Path, what: str) -> None:
+        self.path, self.what = path, what
+        self._found: dict[str, tuple[str, str, int]] = {}
+
+    def add(self, title: str, text: str) -> None:
+        """Note what is wrong with one case."""
+        like = _VALUE.sub("", text)  # sampled values differ from case to case, and what is wrong with them does not
+        first, said, others = self._found.get(like, (title, text, -1))
+        self._found[like] = first, said, others + 1
+
+    def raise_if_any(self) -> None:
+        """Raise a ``JobError`` with a line for each thing that is wrong."""
+        if self._found:
+            raise JobError([self._line(*fault) for fault in self._found.values()])
+
+    def _line(self, title: str, text: str, others: int) -> str:
+        also = f" (and {others} more {self.what}{'s' if others > 1 else ''})" if others else ""
+        return f"{self.path}: {title}{also}: {text}"
 
 
 def text_of(value: Any) -> str:

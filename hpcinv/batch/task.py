@@ -6,6 +6,8 @@ group, claims one case after the other in the ledger, and its `Runner`, on all r
 
 from __future__ import annotations
 
+import contextlib
+import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,13 +15,13 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
-from hpcinv.batch.outcomes import remove_run
+from hpcinv.batch.forecast import in_words
+from hpcinv.batch.ledger.record import CaseRecord
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
     from hpcinv.batch.ledger.ledger import Claim, Ledger
-    from hpcinv.batch.ledger.record import CaseRecord
     from hpcinv.job.job import Job
 
 
@@ -78,7 +80,9 @@ class Runner[T: BatchTask](ABC):
 
     def tidy(self, task: T, record: CaseRecord) -> None:
         """Remove what is not to be kept of a case that is committed; on the first rank."""
-        remove_run(task.claim)
+        shutil.rmtree(task.claim.run, ignore_errors=True)
+        with contextlib.suppress(OSError):  # there may be those of earlier rounds
+            task.claim.run.parent.rmdir()
 
 
 class Batch(ABC):
@@ -107,3 +111,9 @@ class Batch(ABC):
     @abstractmethod
     def runner(self, comm: Intracomm) -> Runner[Any]:
         """What solves cases on the ranks of a group."""
+
+    def overdue_record(self, claim: Claim) -> CaseRecord:
+        """The record of a case that took longer than the limit."""
+        seconds = self.limit or 0.0
+        advice = f"Raise 'limit' and open it again with '{self.retry}', or take larger steps or a coarser mesh."
+        return CaseRecord(f"took longer than its limit of {in_words(seconds)}", advice, {}, seconds, claim.attempt)

@@ -1,28 +1,68 @@
-"""A group of ranks that solves one case after the other, as long as there are any."""
+"""What a group of ranks does: it opens the store, and solves one case after the other as long as there are any."""
 
 from __future__ import annotations
 
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+from hpcinv.batch.ledger.holder import Holder
+from hpcinv.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST, Ledger
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.outcomes import overdue_record
+from hpcinv.batch.ledger.store import open_store
 from hpcinv.batch.task import Pause
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError
 from hpcinv.output.progress import Listener
-from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
 from hpcinv.solver.problem_cache import collect_garbage
 
 if TYPE_CHECKING:
-    from hpcinv.batch.ledger.ledger import Claim, Ledger
+    from hpcinv.batch.ledger.ledger import Claim
     from hpcinv.batch.task import Batch, BatchTask, Schedule
 
 _PAUSE = 1.0  # seconds between looks at cases that others hold
+
+
+def work(
+    batch: Batch,
+    group: MPI.Intracomm,
+    begin: float,
+    lease: float,
+    note: Callable[[str], None],
+    stop_asked: Callable[[], bool],
+    holding: Callable[[BatchTask | None], None] | None = None,
+) -> None:
+    """Solve the cases that are open; its first rank alone knows the ledger. Collective.
+
+    Args:
+        begin: where in the list of all cases, from 0 to 1.
+        lease: seconds in which a holder on another machine must give a sign of life.
+        note: called on the first rank with a line on each case that has ended.
+        stop_asked: asked on every rank.
+        holding: where a supervisor listens, on the first rank; told of each case that is begun, and by ``None`` that it
+            is over.
+
+    Raises:
+        HpcinvError: the same on every rank, as ``Worker.work`` does.
+    """
+    with ExitStack() as held, compilation_explained(group):
+
+        def open_ledger() -> Ledger:
+            open_store(batch.store)
+            holder = held.enter_context(Holder(batch.store))
+            return Ledger(batch.store, holder, lease=lease, supervised=holding is not None)
+
+        ledgers: list[Ledger] = []
+        on_root(group, lambda: ledgers.append(open_ledger()))
+        ledger = ledgers[0] if ledgers else None
+        Worker(batch, group, ledger, begin, note, stop_asked, holding or (lambda task: None)).work()
 
 
 class Worker:
@@ -31,9 +71,7 @@ class Worker:
     Args:
         ledger: on rank 0, ``None`` on the others.
         begin: where in the list of all cases, from 0 to 1.
-        note: told on rank 0 of each case that has ended.
-        stop_asked: asked on every rank.
-        holding: told on rank 0 of each case that is begun, and by ``None`` that it is over.
+        note, stop_asked, holding: see `work`.
     """
 
     def __init__(
@@ -111,7 +149,7 @@ class Worker:
         except Interrupted:
             if self.comm.allreduce(self.stop_asked(), op=MPI.LOR) or not self.comm.allreduce(overdue(), op=MPI.LOR):
                 raise
-            record = overdue_record(self.batch.limit, self.batch.retry, task.claim)
+            record = self.batch.overdue_record(task.claim)
         except HpcinvError:
             raise
         except Exception as error:

@@ -97,7 +97,7 @@ def _run(options: argparse.Namespace) -> int:
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks, stack=False) as (world, stop):
-        from hpcinv.batch.conduct import Share, conduct
+        from hpcinv.batch.conduct import conduct
         from hpcinv.parallel.ranks import on_root
 
         plan = on_root(world, lambda: load_sweep(options.sweep))
@@ -119,7 +119,7 @@ def _run(options: argparse.Namespace) -> int:
                 SweepBatch(plan),
                 world,
                 ranks_per_case=options.ranks_per_case,
-                share=Share(*options.shard),
+                share=options.shard,
                 lease=options.lease,
                 isolated=options.isolation,
                 note=lambda text: print(text, flush=True),

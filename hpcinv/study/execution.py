@@ -1,25 +1,49 @@
-"""A study as a batch: what the engine executes, in which order, and how."""
+"""A study as a batch: what is executed, and how: from the beginning, with nothing kept of earlier runs, to be timed."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
-from hpcinv.batch.task import Batch
+from hpcinv.batch.task import Batch, Runner
+from hpcinv.driver import run
+from hpcinv.errors import HpcinvError
+from hpcinv.mesh import build_body
+from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.problem_cache import collect_garbage
 from hpcinv.study.directory import store_in
 from hpcinv.study.executions import Executions
 from hpcinv.study.plan import StudyPlan
-from hpcinv.study.runner import StudyRunner
-from hpcinv.study.schedule import StudySchedule
+from hpcinv.study.schedule import StudySchedule, StudyTask
 
 if TYPE_CHECKING:
-    from mpi4py.MPI import Intracomm
-
     from hpcinv.batch.ledger.ledger import Ledger
+    from hpcinv.job.job import Job
+    from hpcinv.output.progress import Listener
+
+
+class StudyRunner(Runner[StudyTask]):
+    """Executes runs on all ranks of ``comm``, without writing anything."""
+
+    def __init__(self, comm: MPI.Intracomm) -> None:
+        self.comm = comm
+        self._is_first = True
+
+    def run(self, task: StudyTask, heard: Listener, stop_asked: Callable[[], bool]) -> dict[str, Any]:
+        if self._is_first:
+            _load_what_meshes_need(task.job, self.comm)
+            self._is_first = False
+        _forget_peak_memory()
+        before = _compilers()
+        run(task.job, self.comm, progress=heard, stop_asked=stop_asked)
+        return {"compiled": self.comm.allreduce(_compilers() > before, op=MPI.LOR)}
+
+    def clear(self) -> None:
+        collect_garbage(self.comm)
 
 
 @dataclass(frozen=True)
@@ -41,5 +65,23 @@ class StudyBatch(Batch):
     def schedule(self, ledger: Ledger, begin: float, ranks: int) -> StudySchedule:
         return StudySchedule(Executions(self.plan, ledger, ranks))
 
-    def runner(self, comm: Intracomm) -> StudyRunner:
+    def runner(self, comm: MPI.Intracomm) -> StudyRunner:
         return StudyRunner(comm)
+
+
+def _load_what_meshes_need(job: Job, comm: MPI.Intracomm) -> None:
+    """The first mesh of a process pays for loading gmsh, which is not to be counted in the time of any run."""
+    with contextlib.suppress(HpcinvError):
+        build_body(job.mesh, job.regions, comm, resolve=job.resolve)
+
+
+def _compilers() -> float:
+    """Processor time of the processes that this one has started and that have ended: compilers of kernels."""
+    used = os.times()
+    return used.children_user + used.children_system
+
+
+def _forget_peak_memory() -> None:
+    """Let the system measure the largest memory of this process from now on, where it can (Linux)."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")

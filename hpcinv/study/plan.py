@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hpcinv.batch.specification import read_base, read_spec, text_of
+from hpcinv.batch.expand import combined, sections_first
+from hpcinv.batch.specification import Faults, read_base, read_spec, text_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.quantity.keys import assigned, parse_key
+from hpcinv.quantity.keys import assigned
 from hpcinv.quantity.schema import Location, Problems, at, raise_if_any
 from hpcinv.study.spec import Study, measured_key
 
@@ -94,19 +95,15 @@ def load_study(path: Path, *, untrusted: bool = False) -> StudyPlan:
     untrusted = untrusted or is_asked()
     study = read_spec(Study, "study", path, untrusted=untrusted)
     base, data = read_base(path, study.job)
-    faults: dict[str, list[str]] = {}
+    faults = Faults(path, "run")
     runs = tuple(_runs(study, base, data, faults, untrusted))
-    if faults:
-        raise JobError([f"{path}: {_first_of(titles)}: {fault}" for fault, titles in faults.items()])
+    faults.raise_if_any()
     return StudyPlan(path, study, runs)
 
 
-def _runs(
-    study: Study, base: Path, data: Mapping[str, Any], faults: dict[str, list[str]], untrusted: bool
-) -> Iterator[Run]:
+def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: Faults, untrusted: bool) -> Iterator[Run]:
     """Every run that is valid; what is wrong with the others goes to ``faults``, with the titles of the runs."""
-    listed = [(block.set, values) for block in study.cases for values in block.listed()] or [({}, {})]
-    for case, (common, parameters) in enumerate(listed):
+    for case, (parameters, of_case) in enumerate(combined(study.cases)):
         for ladder in study.ladders:
             for step in range(ladder.steps):
                 varied = {key: values[step] for key, values in ladder.vary.items()}
@@ -114,7 +111,7 @@ def _runs(
                 place = Place(ladder.name, step, case, label, varied, parameters)
                 least = {key: taken.at_least for key, taken in ladder.take.items()}
                 try:
-                    settings = _merged(study.set, (ladder.set, common, parameters, varied, least))
+                    settings = _merged(study.set, (ladder.set, of_case, varied, least))
                     changed = assigned(data, settings)
                     job = parse(changed, base, untrusted=untrusted)
                     raise_if_any(_unmeasurable(study, job))
@@ -128,7 +125,7 @@ def _runs(
                     problems = []
                     yield Run(place, job, changed)
                 for problem in problems:
-                    faults.setdefault(problem, []).append(place.title)
+                    faults.add(place.title, problem)
 
 
 def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
@@ -139,7 +136,7 @@ def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) 
             if key in merged:
                 raise ValueError(f"{key} is set by both the ladder and the cases")
         merged |= layer
-    return dict(sorted((dict(defaults) | merged).items(), key=lambda setting: len(parse_key(setting[0]))))
+    return sections_first({**defaults, **merged})
 
 
 def _unmeasurable(study: Study, job: Job) -> Iterator[tuple[Location, str]]:
@@ -163,8 +160,3 @@ def _quantities(job: Job) -> dict[str, bool]:
 def _label(varied: Mapping[str, Any]) -> str:
     """The values that vary, each once."""
     return ", ".join(dict.fromkeys(text_of(value) for value in varied.values()))
-
-
-def _first_of(titles: list[str]) -> str:
-    more = len(titles) - 1
-    return f"{titles[0]} (and {more} more run{'s' if more > 1 else ''})" if more else titles[0]

@@ -7,12 +7,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
+from hpcinv.batch import axes
+from hpcinv.batch.axes import Axis
 from hpcinv.files.untrusted import FileBeside
 from hpcinv.quantity.keys import JobKey, SummaryKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, Quantity
 from hpcinv.quantity.schema import FileName, ListOf, Location, Name, Spec, raise_if_any, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.study.cases import Cases
 from hpcinv.study.ladder import Ladder, Title, faults_between
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
@@ -83,8 +84,8 @@ class Study(Spec):
     """values that all runs have unless a ladder or a case has its own"""
     ladders: ListOf[Ladder]
     """series of runs, each a line in the diagrams"""
-    cases: ListOf[Cases] = ()
-    """combinations of parameters that every ladder runs over, for statistics; left out, the job as it is"""
+    cases: ListOf[Axis] = ()
+    """axes of parameters that every ladder runs over, for statistics: each combination of their points is a case"""
     measure: ListOf[SummaryKey]
     """quantities of interest of the job by name, and keys of its summary such as errors.round_trip.max"""
     reference: Annotated[Mapping[SummaryKey, Reference], BeforeValidator(_by_name)] = {
@@ -118,9 +119,10 @@ class Study(Spec):
 
     @field_validator("cases")
     @classmethod
-    def _can_be_run(cls, cases: tuple[Cases, ...], info: ValidationInfo) -> tuple[Cases, ...]:
+    def _can_be_run(cls, cases: tuple[Axis, ...], info: ValidationInfo) -> tuple[Axis, ...]:
+        raise_if_any(axes.faults_between(cases))
         steps = sum(ladder.steps for ladder in info.data.get("ladders", ()))
-        if (runs := steps * max(sum(block.size for block in cases), 1)) > MOST:
+        if (runs := steps * axes.number_of(cases)) > MOST:
             raise ValueError(f"make {runs:,} runs, but a study can have no more than {MOST:,}; split it")
         return cases
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-from hpcinv.batch.conduct import groups_of, wait_for_all
-from hpcinv.batch.groupwork import work
+from hpcinv.batch.conduct import conduct
 from hpcinv.batch.ledger.ledger import ledger_of
-from hpcinv.batch.ledger.liveness import LEASE
-from hpcinv.errors import HpcinvError
-from hpcinv.parallel.runtime import MPI, agree, on_root
+from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.sweep.execution import SweepBatch
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import results
@@ -62,16 +59,7 @@ def sweep(
         OutputError: the number of ranks does not suit, or the store cannot be used.
     """
     plan = on_root(comm, lambda: load_sweep(source, directory))
-    groups, number = groups_of(comm, ranks_per_case), comm.rank // ranks_per_case
-    group = cast(MPI.Intracomm, comm.Split(number))
-    error: HpcinvError | None = None
-    try:
-        work(SweepBatch(plan), group, number / groups, LEASE, note, lambda: False)
-    except HpcinvError as met:
-        error = met
-    wait_for_all(comm)
-    group.Free()
-    agree(comm, error)
+    conduct(SweepBatch(plan), comm, ranks_per_case=ranks_per_case, note=note)
 
     def table() -> Table:
         records = results(plan, ledger_of(plan.store))

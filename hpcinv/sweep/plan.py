@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from hpcinv.batch.specification import read_base, read_spec, text_of
+from hpcinv.batch.expand import Point, combined, sections_first
+from hpcinv.batch.specification import Faults, read_base, read_spec, text_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.content_key import content_key
@@ -18,7 +18,6 @@ from hpcinv.job.job import UNNAMED, Job, parse
 from hpcinv.job.reuse_key import numbers_of, structure_of
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.quantity.keys import assigned
-from hpcinv.sweep.expand import Point, expanded
 from hpcinv.sweep.spec import Sweep
 
 _STORE = Path("results/store")
@@ -27,7 +26,6 @@ _DEFAULTS: Mapping[str, Mapping[str, Any]] = {
     "output": {"fields": False, "mesh": [], "summary": ["json"]},
     "checkpoint": {"seconds": 10.0},
 }
-_VALUE = re.compile(r", (?:not|but) .*", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -110,43 +108,24 @@ def load_sweep(
     untrusted = untrusted or is_asked()
     sweep = read_spec(Sweep, "sweep", path, content, untrusted=untrusted)
     base, data = read_base(path, sweep.job)
-    faults: dict[str, _Fault] = {}
+    faults = Faults(path, "case")
     cases = tuple(_cases(sweep, base, data, faults, untrusted))
-    if faults:
-        raise JobError([f"{path}: {fault}" for fault in faults.values()])
+    faults.raise_if_any()
     return SweepPlan(path, sweep, base, data, cases, untrusted)
 
 
-@dataclass
-class _Fault:
-    """Something that is wrong with one case, and how many others have the like of it."""
-
-    title: str
-    text: str
-    more: int = 0
-
-    def __str__(self) -> str:
-        others = f" (and {self.more} more case{'s' if self.more > 1 else ''})" if self.more else ""
-        return f"{self.title}{others}: {self.text}"
-
-
-def _cases(
-    sweep: Sweep, base: Path, data: Mapping[str, Any], faults: dict[str, _Fault], untrusted: bool
-) -> Iterator[Case]:
+def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: Faults, untrusted: bool) -> Iterator[Case]:
     """Every case that is valid; what is wrong with the others goes to ``faults``."""
     digest = cache(file_digest)
-    for number, point in enumerate(expanded(sweep)):
+    defaults = sections_first(sweep.set)
+    for number, (parameters, given) in enumerate(combined(sweep.axes)):
+        settings = {k: v for k, v in defaults.items() if k not in given} | sections_first(given)
+        point = Point(parameters, settings)
         try:
-            yield _case(number, point, _job(data, point.settings, base, untrusted), digest)
+            yield _case(number, point, _job(data, settings, base, untrusted), digest)
         except JobError as error:
             for problem in error.problems:
-                text = problem.removeprefix(f"{base}: ")
-                # Sampled values differ from case to case, and what is wrong with them does not.
-                like = _VALUE.sub("", text)
-                if like in faults:
-                    faults[like].more += 1
-                else:
-                    faults[like] = _Fault(_title(number, point.parameters), text)
+                faults.add(_title(number, parameters), problem.removeprefix(f"{base}: "))
 
 
 def _case(number: int, point: Point, job: Job, digest: Callable[[Path], str]) -> Case:

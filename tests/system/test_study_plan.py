@@ -79,19 +79,22 @@ def ladder(**changes: Any) -> list[dict[str, Any]]:
         ({"reference": {"lenght": 1, "all": "finest"}}, "reference.lenght: is not measured. Did you mean 'length'?"),
         ({"reference": {"richardson": "P4"}}, "reference.all: there is no ladder 'P4'. Known: P2"),
         ({"measure": ["length", "legs[0].J.min"]}, "reference: is needed for 'legs[0].J.min' too"),
-        ({"cases": [{"random": {"material.mu": [1, 2]}}]}, "cases[0].count: is needed for random cases"),
+        (
+            {"cases": [{"random": {"material.mu": [1, 2]}}]},
+            "cases[0].count: is needed: the number of points",
+        ),
         (
             {"cases": [{"random": {"material.mu": ["1 kPa", "2 m"]}, "count": 2}]},
-            "must have the same unit",
+            "must have two values of the same dimension",
         ),
         ({"cases": [{"random": {"material.mu": [2, 1]}, "count": 2}]}, "must begin below its end, not 2 and 1"),
         (
-            {"cases": [{"random": {"material.mu": [0, 1]}, "count": 2, "distribution": "log-uniform"}]},
+            {"cases": [{"random": {"material.mu": {"log-uniform": [0, 1]}}, "count": 2}]},
             "cases[0].random.material.mu: must begin above 0 to be log-uniform",
         ),
         ({"cases": [{"grid": {"material.mu": []}}]}, "cases[0].grid.material.mu: must have at least one value"),
         ({"cases": [{"zip": {"material.mu": [1], "material.lam": [1, 2]}}]}, "needs as many values of each key"),
-        ({"cases": [{"grid": {"material.mu": [1]}, "seed": 1}]}, "cases[0].seed: has no use without 'random'"),
+        ({"cases": [{"grid": {"material.mu": [1]}, "seed": 1}]}, "cases[0].seed: has a use only with a sample"),
         ({"costs": {"time": "mesh.cells"}}, "costs.time: is already the name of something else"),
         ({"beside": {"source": "x", "values": {"tip": {}}}}, "beside.values.tip: is not measured"),
         (
@@ -194,16 +197,18 @@ def test_every_kind_of_ladder_that_is_asked_for_can_be_written(tmp_path: Path) -
 
 def test_cases_are_combined_side_by_side_and_drawn_at_random(tmp_path: Path) -> None:
     law = {"law": "neo-hookean", "young": "1 MPa", "poisson": 0.3}
-    cases = [
-        {"grid": {"material.mu": [1, 2], "material.lam": [10, 20, 30]}},
-        {"zip": {"material.mu": [1, 2], "material.lam": [10, 20]}},
-        {"set": {"material": law}, "zip": {"material.poisson": [0.2, 0.4]}},
-        {"set": {"material.mu": 7}},
-        {"random": {"material.mu": ["2 kPa", "200 kPa"], "material.lam": [8e4, 8e6]}, "count": 60, "seed": 3},
-    ]
+    random = {"material.mu": ["2 kPa", "200 kPa"], "material.lam": [8e4, 8e6]}
+    branches = {
+        "grid": {"axes": [{"grid": {"material.mu": [1, 2], "material.lam": [10, 20, 30]}}]},
+        "zip": {"axes": [{"zip": {"material.mu": [1, 2], "material.lam": [10, 20]}}]},
+        "young": {"set": {"material": law}, "axes": [{"zip": {"material.poisson": [0.2, 0.4]}}]},
+        "one": {"set": {"material.mu": 7}},
+        "sample": {"axes": [{"random": random, "count": 60, "seed": 3}]},
+    }
+    cases = [{"branches": branches}]
     found = plan(tmp_path, ladders=[{"name": "all"}], cases=cases)
     assert found.cases == 6 + 2 + 2 + 1 + 60
-    pairs = [tuple(run.place.parameters.values()) for run in found.runs]
+    pairs = [tuple(run.place.parameters.values())[1:] for run in found.runs]
     assert pairs[:8] == [(1, 10), (1, 20), (1, 30), (2, 10), (2, 20), (2, 30), (1, 10), (2, 20)]
     (first, second) = (next(iter(run.job.laws.values())) for run in found.runs[8:10])
     for law_, nu in ((first, 0.2), (second, 0.4)):
@@ -213,11 +218,11 @@ def test_cases_are_combined_side_by_side_and_drawn_at_random(tmp_path: Path) -> 
     # Uniform: the mean is within three standard errors of the middle.
     mean = math.fsum(mu for mu, _ in drawn) / 60
     assert abs(mean - 101e3) < 3 * 198e3 / math.sqrt(12 * 60)
-    assert drawn == [tuple(r.place.parameters.values()) for r in plan(tmp_path, cases=cases).runs[11 * 5 :: 5]]
+    assert drawn == [tuple(r.place.parameters.values())[1:] for r in plan(tmp_path, cases=cases).runs[11 * 5 :: 5]]
 
 
 def test_log_uniform_cases_fall_equally_often_in_each_decade(tmp_path: Path) -> None:
-    random = {"random": {"material.mu": [1, 1e4]}, "count": 400, "distribution": "log-uniform"}
+    random = {"random": {"material.mu": {"log-uniform": [1, 1e4]}}, "count": 400}
     drawn = [
         run.place.parameters["material.mu"] for run in plan(tmp_path, ladders=[{"name": "all"}], cases=[random]).runs
     ]

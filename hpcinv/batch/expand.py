@@ -1,4 +1,4 @@
-"""From the axes of a sweep to the settings of each of its cases."""
+"""From axes to the points that they combine to."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 from hpcinv.batch.axes import SAMPLES, Axis
 from hpcinv.batch.sampling import unit_points
 from hpcinv.quantity.keys import parse_key
-from hpcinv.sweep.spec import Sweep
 
 
 class Point(NamedTuple):
@@ -24,21 +23,8 @@ class Point(NamedTuple):
     settings: Mapping[str, Any]
 
 
-def expanded(sweep: Sweep) -> Iterator[Point]:
-    """The cases in order, with all that is set in each of them, in the order in which it is to be set."""
-    defaults = _sections_first(sweep.set)
-    for parameters, settings in _combined(sweep.axes):
-        others = {key: value for key, value in defaults.items() if key not in settings}
-        yield Point(parameters, others | _sections_first(settings))
-
-
-def _sections_first(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Whole sections before values in them."""
-    return dict(sorted(settings.items(), key=lambda setting: len(parse_key(setting[0]))))
-
-
-def _combined(axes: Sequence[Axis]) -> Iterator[Point]:
-    """Every combination of the points of axes, the last one changing fastest."""
+def combined(axes: Sequence[Axis]) -> Iterator[Point]:
+    """Every combination of the points of axes, the last one changing fastest; without axes one point."""
     for points in itertools.product(*(list(_points(axis)) for axis in axes)):
         yield Point(
             {key: value for point in points for key, value in point.parameters.items()},
@@ -46,10 +32,15 @@ def _combined(axes: Sequence[Axis]) -> Iterator[Point]:
         )
 
 
+def sections_first(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings in the order in which they are to be set: whole sections before values in them."""
+    return dict(sorted(settings.items(), key=lambda setting: len(parse_key(setting[0]))))
+
+
 def _points(axis: Axis) -> Iterator[Point]:
     if axis.branches is not None:
         for label, branch in axis.branches.items():
-            for parameters, settings in _combined(branch.axes):
+            for parameters, settings in combined(branch.axes):
                 yield Point({axis.name: label, **parameters}, {**branch.set, **settings})
     else:
         for values in _values(axis):
