@@ -117,7 +117,7 @@ def _files(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: 
     study = plan.study
     most = max(len(row.times) for row in rows)
     seconds = f"{SECONDS[study.time]}, {ranks} rank{'s' if ranks > 1 else ''}, median of {most}"
-    varied = {ladder.name: ", ".join(key.rpartition(".")[2] for key in ladder.vary) for ladder in study.ladders}
+    varied = {series.name: ", ".join(key.rpartition(".")[2] for key in series.vary) for series in study.series}
     for a in found:
         stem = re.sub(r"[\[\]]+", "-", a.name).strip("-")
         files |= {f"{stem}.{form}": data for form, data in work_precision(study.study, a, seconds, varied).items()}

@@ -1,1 +1,1 @@
-"""Studies of accuracy against time: ladders of runs, their errors, what they cost, and which of them are worth it."""
+"""Studies of accuracy against time: series of runs, their errors, what they cost, and which of them are worth it."""

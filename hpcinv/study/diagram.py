@@ -1,4 +1,4 @@
-"""Work–precision diagrams: error against time, a line for each ladder, the Pareto front behind them."""
+"""Work–precision diagrams: error against time, a line for each series, the Pareto front behind them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
 
     Args:
         seconds: what the time is of.
-        varied: what varies along each ladder.
+        varied: what varies along each series.
     """
     points = [point for point in accuracy.points if _can_be_shown(point)]
     if not points:
@@ -29,11 +29,11 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
     with new_figure(7.0, 4.8) as figure:
         axes = figure.add_subplot()
         _draw_front(axes, [point for point in points if point.on_front])
-        ladders = list(dict.fromkeys(point.ladder for point in accuracy.points))
-        for i, ladder in enumerate(ladders):
-            name = f"{ladder} ({varied[ladder]})" if varied[ladder] else ladder
-            if of_ladder := [point for point in points if point.ladder == ladder]:
-                _draw_ladder(axes, i, name, of_ladder)
+        names = list(dict.fromkeys(point.series for point in accuracy.points))
+        for i, series in enumerate(names):
+            name = f"{series} ({varied[series]})" if varied[series] else series
+            if its_points := [point for point in points if point.series == series]:
+                _draw_series(axes, i, name, its_points)
         many = "average " if any(len(point.errors) > 1 for point in points) else ""
         axes.set(xscale="log", yscale="log", xlabel=f"time / s ({seconds})", ylabel=many + _error_label(accuracy))
         axes.set_title(f"{title}: {accuracy.name}", loc="left", fontsize=10)
@@ -65,7 +65,7 @@ def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict
         return {}
     with new_figure(3.6 * len(keys) + 1.0, 3.8) as figure:
         for n, (key, axes) in enumerate(zip(keys, figure.subplots(1, len(keys), squeeze=False)[0], strict=True)):
-            groups = dict.fromkeys((row.place.ladder, row.place.step, row.place.label) for row, _ in shown)
+            groups = dict.fromkeys((row.place.series, row.place.step, row.place.label) for row, _ in shown)
             for i, group in enumerate(groups):
                 those = [(row.place.parameters.get(key), e) for row, e in shown if _group(row) == group]
                 x, y = zip(*((p, e) for p, e in those if p is not None), strict=True)
@@ -82,18 +82,18 @@ def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict
 
 
 def _group(row: StudyRow) -> tuple[str, int, str]:
-    return row.place.ladder, row.place.step, row.place.label
+    return row.place.series, row.place.step, row.place.label
 
 
 def _can_be_shown(point: Point) -> bool:
     return bool(point.average) and bool(point.costs["time"])
 
 
-def _draw_ladder(axes: Axes, number: int, name: str, points: Sequence[Point]) -> None:
+def _draw_series(axes: Axes, number: int, name: str, points: Sequence[Point]) -> None:
     colour, marker, dashes = style(number)
     times = [point.costs["time"] or 0.0 for point in points]
     errors = [point.average or 0.0 for point in points]
-    axes.plot(times, errors, linestyle=dashes, color=colour, linewidth=1.2, gid=f"ladder-{number}")
+    axes.plot(times, errors, linestyle=dashes, color=colour, linewidth=1.2, gid=f"series-{number}")
     for point, time, error in zip(points, times, errors, strict=True):
         face = colour if point.on_front else "white"
         axes.plot(time, error, marker, color=colour, markerfacecolor=face, markersize=6)

@@ -31,7 +31,7 @@ class Executions:
         self.plan, self.ledger, self.ranks = plan, ledger, ranks
         self._records: dict[str, CaseRecord] = {}
         self._jobs: dict[int, tuple[Job, str] | CaseRecord] = {}
-        self._by_place = {(r.place.ladder, r.place.step, r.place.case): i for i, r in enumerate(plan.runs)}
+        self._by_place = {(r.place.series, r.place.step, r.place.case): i for i, r in enumerate(plan.runs)}
         self.read()
 
     def read(self) -> None:
@@ -79,7 +79,7 @@ class Executions:
 
     def repetitions(self, run: int) -> int:
         """How often a run is to be timed."""
-        return self.plan.study.ladder(self.plan.runs[run].place.ladder).repeat or self.plan.study.repeat
+        return self.plan.study.series_called(self.plan.runs[run].place.series).repeat or self.plan.study.repeat
 
     def needed(self, run: int) -> int:
         """How many executions a run needs in all, as far as is known: one more if one had to compile kernels.
@@ -119,9 +119,9 @@ class Executions:
     def _sources(self, run: int) -> Iterator[tuple[str, int]]:
         """Keys that take their value from another run, with its number."""
         place = self.plan.runs[run].place
-        for key, taken in self.plan.study.ladder(place.ladder).take.items():
-            step = place.step if self.plan.study.ladder(taken.ladder).steps > 1 else 0
-            yield key, self._by_place[taken.ladder, step, place.case]
+        for key, taken in self.plan.study.series_called(place.series).take.items():
+            step = place.step if self.plan.study.series_called(taken.series).steps > 1 else 0
+            yield key, self._by_place[taken.series, step, place.case]
 
     def _prepared(self, run: int) -> tuple[Job, str] | CaseRecord:
         """The job of a run and its hash, or why there is none: another run, from which it takes values, has failed."""
@@ -137,13 +137,13 @@ class Executions:
     def _completed(self, number: int) -> Job | CaseRecord:
         run, values = self.plan.runs[number], {}
         for key, source in self._sources(number):
-            taken, record = self.plan.study.ladder(run.place.ladder).take[key], self._first(source)
+            taken, record = self.plan.study.series_called(run.place.series).take[key], self._first(source)
             if record is None:
                 raise ValueError(f"run {number} is not ready")
             value = look_up(record.statistics, taken.key) if record.converged else None
             if value is None:
                 why = "has failed" if not record.converged else f"has no number at {taken.key}"
-                return _not_run(f"'{taken.ladder}', which {key} is taken from, {why}")
+                return _not_run(f"'{taken.series}', which {key} is taken from, {why}")
             values[key] = max(value, taken.at_least)
         try:
             return run.with_values(values) if values else run.job

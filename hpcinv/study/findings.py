@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Point:
-    """A step of a ladder, over all cases: a point in the diagrams.
+    """A step of a series, over all cases: a point in the diagrams.
 
     Attributes:
         errors: of the cases that have one.
         average, sd, minimum, maximum: of these; ``sd`` is that of a sample, ``None`` of fewer than two.
         costs: averages over the cases that converged.
-        ratio: its time over that of the base ladder, in the cases that converged in both.
+        ratio: its time over that of the base series, in the cases that converged in both.
         failed: number of cases that did not converge.
         on_front: whether no other point has as small an error in as little time.
     """
 
-    ladder: str
+    series: str
     step: int
     label: str
     errors: tuple[float, ...]
@@ -73,7 +73,7 @@ class Accuracy:
         references: of each case; text says why there is none.
         errors, orders, effectivities: of each row, ``None`` where there is none. The order is the one observed from
             the step before; the effectivity is the estimated error over the true one.
-        fitted: order of each ladder along which the mesh is refined, where there is one case.
+        fitted: order of each series along which the mesh is refined, where there is one case.
     """
 
     name: str
@@ -91,7 +91,7 @@ class Accuracy:
         return next((r for r in self.references if isinstance(r, str)), None)
 
     def point_of(self, row: StudyRow) -> Point:
-        return next(p for p in self.points if (p.ladder, p.step) == (row.place.ladder, row.place.step))
+        return next(p for p in self.points if (p.series, p.step) == (row.place.series, row.place.step))
 
 
 def accuracy(plan: StudyPlan, rows: Sequence[StudyRow], name: str, unit: str) -> Accuracy:
@@ -100,19 +100,19 @@ def accuracy(plan: StudyPlan, rows: Sequence[StudyRow], name: str, unit: str) ->
         _reference(plan, [row for row in rows if row.place.case == case], name) for case in range(plan.cases)
     )
     errors = [_error(references[row.place.case], row, name) for row in rows]
-    series: dict[tuple[str, int], list[int]] = {}
+    groups: dict[tuple[str, int], list[int]] = {}
     for i, row in enumerate(rows):
-        series.setdefault((row.place.ladder, row.place.case), []).append(i)
+        groups.setdefault((row.place.series, row.place.case), []).append(i)
     observed: list[float | None] = [None] * len(rows)
     fitted = {}
-    for (ladder, _), members in series.items():
+    for (series, _), members in groups.items():
         sizes = [size for i in members if (size := rows[i].size) is not None]
         if len(sizes) == len(members):
-            of_series = [errors[i] for i in members]
-            for i, order in zip(members, orders(sizes, of_series), strict=True):
+            its_errors = [errors[i] for i in members]
+            for i, order in zip(members, orders(sizes, its_errors), strict=True):
                 observed[i] = order
-            if plan.cases == 1 and (order := fitted_order(sizes, of_series)) is not None:
-                fitted[ladder] = order
+            if plan.cases == 1 and (order := fitted_order(sizes, its_errors)) is not None:
+                fitted[series] = order
     effectivities = tuple(_effectivity(references[row.place.case], row, name) for row in rows)
     points = _points(plan, rows, errors)
     return Accuracy(name, unit, references, tuple(errors), tuple(observed), effectivities, fitted, points)
@@ -139,11 +139,11 @@ def _effectivity(reference: ReferenceValue | str, row: StudyRow, name: str) -> f
 def _points(plan: StudyPlan, rows: Sequence[StudyRow], errors: Sequence[float | None]) -> tuple[Point, ...]:
     members: dict[tuple[str, int], list[int]] = {}
     for i, row in enumerate(rows):
-        members.setdefault((row.place.ladder, row.place.step), []).append(i)
+        members.setdefault((row.place.series, row.place.step), []).append(i)
     points = []
-    for (ladder, step), numbers in members.items():
+    for (series, step), numbers in members.items():
         those = [rows[i] for i in numbers]
-        base = plan.study.ladder(ladder).base
+        base = plan.study.series_called(series).base
         ratio = None if base is None else _ratio(those, [rows[i] for i in members.get((base, step), members[base, 0])])
         known = tuple(e for i in numbers if (e := errors[i]) is not None)
         converged = [row for row in those if row.converged]
@@ -151,7 +151,7 @@ def _points(plan: StudyPlan, rows: Sequence[StudyRow], errors: Sequence[float | 
             name: _average([c for row in converged if (c := row.costs[name]) is not None]) for name in those[0].costs
         }
         failed = len(those) - len(converged)
-        points.append(Point(ladder, step, those[0].place.label, known, costs, ratio, failed))
+        points.append(Point(series, step, those[0].place.label, known, costs, ratio, failed))
     best = front([(point.costs["time"], point.average) for point in points])
     return tuple(replace(point, on_front=is_best) for point, is_best in zip(points, best, strict=True))
 

@@ -23,13 +23,13 @@ class Place:
     """Where a run stands in its study.
 
     Attributes:
-        ladder, step, case: which one; steps and cases are counted from 0.
-        label: what it is called among the runs of its ladder.
-        varied: values of the ladder at this step, by key.
+        series, step, case: which one; steps and cases are counted from 0.
+        label: what it is called among the runs of its series.
+        varied: values of the series at this step, by key.
         parameters: values of the case, by key.
     """
 
-    ladder: str
+    series: str
     step: int
     case: int
     label: str
@@ -39,7 +39,7 @@ class Place:
     @property
     def title(self) -> str:
         case = ", ".join(f"{key.rpartition('.')[2]} {text_of(value)}" for key, value in self.parameters.items())
-        return ", ".join(part for part in (self.ladder, self.label, case) if part)
+        return ", ".join(part for part in (self.series, self.label, case) if part)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Run:
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """A study and its runs: case by case, of each the ladders in their order, of each its steps."""
+    """A study and its runs: case by case, of each the series in their order, of each its steps."""
 
     path: Path
     study: Study
@@ -80,7 +80,7 @@ class StudyPlan:
 
 def is_study(path: Path) -> bool:
     """Whether a file is a study rather than a job; raises ``JobError`` if it cannot be read."""
-    return "ladders" in read_yaml(path)
+    return "series" in read_yaml(path)
 
 
 def load_study(path: Path, *, untrusted: bool = False) -> StudyPlan:
@@ -90,7 +90,7 @@ def load_study(path: Path, *, untrusted: bool = False) -> StudyPlan:
         untrusted: it came from elsewhere, as in `hpcinv.job.job.load`.
 
     Raises:
-        JobError: with a line for each thing that is wrong, of the form ``file: ladder, value: key: what``.
+        JobError: with a line for each thing that is wrong, of the form ``file: series, value: key: what``.
     """
     untrusted = untrusted or is_asked()
     study = read_spec(Study, "study", path, untrusted=untrusted)
@@ -104,14 +104,14 @@ def load_study(path: Path, *, untrusted: bool = False) -> StudyPlan:
 def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: Faults, untrusted: bool) -> Iterator[Run]:
     """Every run that is valid; what is wrong with the others goes to ``faults``, with the titles of the runs."""
     for case, (parameters, of_case) in enumerate(combined(study.cases)):
-        for ladder in study.ladders:
-            for step in range(ladder.steps):
-                varied = {key: values[step] for key, values in ladder.vary.items()}
-                label = ladder.labels[step] if ladder.labels is not None else _label(varied)
-                place = Place(ladder.name, step, case, label, varied, parameters)
-                least = {key: taken.at_least for key, taken in ladder.take.items()}
+        for series in study.series:
+            for step in range(series.steps):
+                varied = {key: values[step] for key, values in series.vary.items()}
+                label = series.labels[step] if series.labels is not None else _label(varied)
+                place = Place(series.name, step, case, label, varied, parameters)
+                least = {key: taken.at_least for key, taken in series.take.items()}
                 try:
-                    settings = _merged(study.set, (ladder.set, of_case, varied, least))
+                    settings = _merged(study.set, (series.set, of_case, varied, least))
                     changed = assigned(data, settings)
                     job = parse(changed, base, untrusted=untrusted)
                     raise_if_any(_unmeasurable(study, job))
@@ -134,7 +134,7 @@ def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) 
     for layer in layers:
         for key in layer:
             if key in merged:
-                raise ValueError(f"{key} is set by both the ladder and the cases")
+                raise ValueError(f"{key} is set by both the series and the cases")
         merged |= layer
     return sections_first({**defaults, **merged})
 

@@ -35,31 +35,31 @@ def find_reference(reference: Reference, rows: Sequence[StudyRow], name: str) ->
     """
     if reference.value is not None:
         return ReferenceValue(reference.value, reference.kind)
-    known = [row for row in rows if row.values[name] is not None and reference.ladder in (None, row.place.ladder)]
+    known = [row for row in rows if row.values[name] is not None and reference.series in (None, row.place.series)]
     if not known:
         raise ValueError("no run has a value to compare the others with")
-    # Of equally fine runs the last one counts: ladders of tolerances, say, end with the strictest.
+    # Of equally fine runs the last one counts: series of tolerances, say, end with the strictest.
     finest = max(reversed(known), key=lambda row: row.costs["unknowns"] or 0.0)
     if reference.kind == "finest":
         value = finest.values[name]
         assert value is not None
         return ReferenceValue(value, f"finest run: {finest.place.title}", finest.key)
-    return _extrapolated([row for row in known if row.place.ladder == finest.place.ladder], name)
+    return _extrapolated([row for row in known if row.place.series == finest.place.series], name)
 
 
 def _extrapolated(rows: Sequence[StudyRow], name: str) -> ReferenceValue:
-    ladder = rows[0].place.ladder
-    instead = "; take finest or a value instead, or another ladder: {richardson: NAME}"
+    series = rows[0].place.series
+    instead = "; take finest or a value instead, or another series: {richardson: NAME}"
     by_size = {row.size: row for row in rows if row.size is not None}
     if len(by_size) == 0:
-        raise ValueError(f"richardson needs a ladder along which nothing but the mesh varies, not '{ladder}'{instead}")
+        raise ValueError(f"richardson needs a series along which nothing but the mesh varies, not '{series}'{instead}")
     three = [by_size[size] for size in sorted(by_size, reverse=True)[-3:]]
     if len(three) < 3:
-        raise ValueError(f"richardson needs three meshes, and ladder '{ladder}' has {len(three)}{instead}")
+        raise ValueError(f"richardson needs three meshes, and series '{series}' has {len(three)}{instead}")
     values = [row.values[name] or 0.0 for row in three]
     try:
         limit, order = richardson([row.size or 0.0 for row in three], values)
     except ValueError as error:
         shown = ", ".join(f"{value:.9g}" for value in values)
-        raise ValueError(f"richardson: the values of ladder '{ladder}', {shown}, {error}{instead}") from None
-    return ReferenceValue(limit, f"Richardson's extrapolation of {ladder}, observed order {order:.2f}")
+        raise ValueError(f"richardson: the values of series '{series}', {shown}, {error}{instead}") from None
+    return ReferenceValue(limit, f"Richardson's extrapolation of {series}, observed order {order:.2f}")

@@ -52,13 +52,13 @@ def _heading(plan: StudyPlan, accuracy: Accuracy) -> str:
 def _of_runs(rows: Sequence[StudyRow], accuracy: Accuracy) -> Table:
     estimated = any(e is not None for e in accuracy.effectivities)
     extra = [name for name in rows[0].costs if name not in (*_COSTS, *_LEFT_OUT)]
-    table = _table("ladder", "run", *_COSTS.values(), *extra, "value", "error", "relative", "order")
+    table = _table("series", "run", *_COSTS.values(), *extra, "value", "error", "relative", "order")
     if estimated:
         table.add_column("effectivity", justify="right", no_wrap=True)
     table.add_column("front", justify="center")
     for i, row in enumerate(rows):
         error = accuracy.errors[i]
-        cells = [row.place.ladder, row.place.label, *(_cost(name, row.costs[name]) for name in (*_COSTS, *extra))]
+        cells = [row.place.series, row.place.label, *(_cost(name, row.costs[name]) for name in (*_COSTS, *extra))]
         cells += [_number(row.values[accuracy.name], ".10g"), _number(error, ".2e")]
         cells += [_number(relative(accuracy, row, error), ".1e"), _number(accuracy.orders[i], ".2f")]
         if estimated:
@@ -74,22 +74,22 @@ def _of_cases(plan: StudyPlan, accuracy: Accuracy) -> Table:
     published = beside.statistics.get(accuracy.name, {}) if beside else {}
     extra = list(plan.study.costs)
     names = (*STATISTICS, *_COSTS, *extra, "ratio", "failed")
-    table = _table("ladder", "run", *(_COSTS.get(name, name) for name in names))
+    table = _table("series", "run", *(_COSTS.get(name, name) for name in names))
     for point in accuracy.points:
-        table.add_row(point.ladder, point.label, *(_statistic(name, point.statistic(name)) for name in names))
-        if point.ladder in published and point.step == 0:
-            theirs = published[point.ladder]
+        table.add_row(point.series, point.label, *(_statistic(name, point.statistic(name)) for name in names))
+        if point.series in published and point.step == 0:
+            theirs = published[point.series]
             table.add_row("", "published", *(_statistic(name, theirs.get(name)) for name in names), style="italic")
     return table
 
 
 def _notes(plan: StudyPlan, accuracy: Accuracy) -> Iterator[str]:
     if accuracy.fitted:
-        orders = ", ".join(f"{ladder} {order:.2f}" for ladder, order in accuracy.fitted.items())
+        orders = ", ".join(f"{series} {order:.2f}" for series, order in accuracy.fitted.items())
         yield f"orders of convergence (least squares): {orders}"
     if on_front := [point for point in accuracy.points if point.on_front]:
         best = sorted(on_front, key=lambda point: point.costs["time"] or 0.0)
-        titles = "; ".join(", ".join(filter(None, (p.ladder, p.label))) for p in best)
+        titles = "; ".join(", ".join(filter(None, (p.series, p.label))) for p in best)
         yield f"Pareto front, from fast to accurate: {titles}"
     if (beside := plan.study.beside) is None:
         return
@@ -116,7 +116,7 @@ _LEFT_OUT = ("run", "solver", "compile", "cells")
 def _table(*titles: str) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for title in titles:
-        left = title in ("ladder", "run")
+        left = title in ("series", "run")
         table.add_column(title, justify="left" if left else "right", no_wrap=True)
     return table
 

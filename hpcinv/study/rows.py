@@ -61,9 +61,9 @@ class StudyRow:
 def rows_of(executions: Executions) -> list[StudyRow]:
     """The rows of a study whose runs are all done, in the order of its plan."""
     plan = executions.plan
-    proportional = {ladder.name: _proportional(plan, ladder.name) for ladder in plan.study.ladders}
+    proportional = {series.name: _proportional(plan, series.name) for series in plan.study.series}
     return [
-        _row(plan, run, executions.key(i), executions.records(i), proportional[run.place.ladder])
+        _row(plan, run, executions.key(i), executions.records(i), proportional[run.place.series])
         for i, run in enumerate(plan.runs)
     ]
 
@@ -109,16 +109,16 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 def _refines(run: Run) -> bool:
-    """Whether nothing but the mesh varies along the ladder."""
+    """Whether nothing but the mesh varies along the series."""
     keys = run.place.varied.keys()
     of_meshes = ("mesh.parameters", "expected_shape")
     return bool(keys) and all(key in ("mesh", "mesh.file") or key.startswith(of_meshes) for key in keys)
 
 
-def _proportional(plan: StudyPlan, ladder: str) -> str | None:
+def _proportional(plan: StudyPlan, series: str) -> str | None:
     """The mesh parameter that varies, if there is one, or if those that do keep their proportion."""
     prefix = "mesh.parameters."
-    runs = [run for run in plan.runs if run.place.ladder == ladder and run.place.case == 0]
+    runs = [run for run in plan.runs if run.place.series == series and run.place.case == 0]
     names = [key.removeprefix(prefix) for key in runs[0].place.varied if key.startswith(prefix)]
     sizes = {name: [_of_parameter(run, name) for run in runs] for name in names}
     known = {name: [s for s in values if s is not None] for name, values in sizes.items()}

@@ -14,7 +14,7 @@ from hpcinv.quantity.keys import JobKey, SummaryKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, Quantity
 from hpcinv.quantity.schema import FileName, ListOf, Location, Name, Spec, raise_if_any, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.study.ladder import Ladder, Title, faults_between
+from hpcinv.study.refinement_series import RefinementSeries, Title, faults_between
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
 """of an error over the cases"""
@@ -39,7 +39,7 @@ class Reference(Spec):
 
     kind: Literal["closed form", "finest", "richardson"]
     value: float | None = None
-    ladder: Title | None = None
+    series: Title | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -50,11 +50,11 @@ class Reference(Spec):
             return {"kind": data}
         if isinstance(data, Mapping):
             if len(data) == 1 and (kind := next(iter(data))) in _KINDS:
-                return {"kind": kind, "ladder": data[kind]}
+                return {"kind": kind, "series": data[kind]}
         elif not isinstance(data, str) or data[:1].isdigit() or data[:1] in "+-.":
             return {"kind": "closed form", "value": Quantity(None).parse(data)}
         raise ValueError(
-            f"must be a value (closed form), finest, richardson, or one of these of a ladder, such as "
+            f"must be a value (closed form), finest, richardson, or one of these of a series, such as "
             f"{{richardson: NAME}}, not {shown(data)}"
         )
 
@@ -70,22 +70,22 @@ class Beside(Spec):
     values: Mapping[SummaryKey, Mapping[str, AnyQuantity]] = {}
     """by what is measured: values by what they are of, such as {tip: {Abaqus: 132.71 mm}}"""
     statistics: Mapping[SummaryKey, Mapping[str, Mapping[str, float]]] = {}
-    """by what is measured and ladder: statistics over the cases, such as {average: 4.5e-12, failed: 7}"""
+    """by what is measured and series: statistics over the cases, such as {average: 4.5e-12, failed: 7}"""
 
 
 class Study(Spec):
-    """Ladders of runs of one job, what is measured on them, and what that cost."""
+    """Refinement series of runs of one job, what is measured on them, and what that cost."""
 
     study: FileName = "study"
     """up to 100 letters, digits, dots, _, - (no dot or - first), naming the results; left out, the name of the file"""
     job: FileBeside
     """path from the study file to the job that all runs begin with"""
     set: Mapping[JobKey, Any] = {}
-    """values that all runs have unless a ladder or a case has its own"""
-    ladders: ListOf[Ladder]
-    """series of runs, each a line in the diagrams"""
+    """values that all runs have unless a series or a case has its own"""
+    series: ListOf[RefinementSeries]
+    """refinement series: runs that differ in one thing, each series a line in the diagrams"""
     cases: ListOf[Axis] = ()
-    """axes of parameters that every ladder runs over, for statistics: each combination of their points is a case"""
+    """axes of parameters that every series runs over, for statistics: each combination of their points is a case"""
     measure: ListOf[SummaryKey]
     """quantities of interest of the job by name, and keys of its summary such as errors.round_trip.max"""
     reference: Annotated[Mapping[SummaryKey, Reference], BeforeValidator(_by_name)] = {
@@ -106,22 +106,22 @@ class Study(Spec):
     def reference_of(self, measured: str) -> Reference:
         return self.reference[measured if measured in self.reference else "all"]
 
-    def ladder(self, name: str) -> Ladder:
-        return next(ladder for ladder in self.ladders if ladder.name == name)
+    def series_called(self, name: str) -> RefinementSeries:
+        return next(series for series in self.series if series.name == name)
 
     # The rules between sections stand with the later section, which sees the earlier ones that are right in themselves.
 
-    @field_validator("ladders")
+    @field_validator("series")
     @classmethod
-    def _know_each_other(cls, ladders: tuple[Ladder, ...]) -> tuple[Ladder, ...]:
-        raise_if_any(faults_between(ladders))
-        return ladders
+    def _know_each_other(cls, listed: tuple[RefinementSeries, ...]) -> tuple[RefinementSeries, ...]:
+        raise_if_any(faults_between(listed))
+        return listed
 
     @field_validator("cases")
     @classmethod
     def _can_be_run(cls, cases: tuple[Axis, ...], info: ValidationInfo) -> tuple[Axis, ...]:
         raise_if_any(axes.faults_between(cases))
-        steps = sum(ladder.steps for ladder in info.data.get("ladders", ()))
+        steps = sum(series.steps for series in info.data.get("series", ()))
         if (runs := steps * axes.number_of(cases)) > MOST:
             raise ValueError(f"make {runs:,} runs, but a study can have no more than {MOST:,}; split it")
         return cases
@@ -139,9 +139,9 @@ class Study(Spec):
     def _is_of_what_is_measured(cls, reference: Mapping[str, Reference], info: ValidationInfo) -> Any:
         measure, names = info.data.get("measure"), _names(info)
         problems: list[tuple[Location, str]] = [
-            ((key,), f"there is no ladder '{r.ladder}'.{did_you_mean(r.ladder, names)}")
+            ((key,), f"there is no series '{r.series}'.{did_you_mean(r.series, names)}")
             for key, r in reference.items()
-            if r.ladder is not None and names and r.ladder not in names
+            if r.series is not None and names and r.series not in names
         ]
         if measure is not None:
             problems += _not_measured({key: r for key, r in reference.items() if key != "all"}, measure)
@@ -166,11 +166,11 @@ class Study(Spec):
         names, columns = _names(info), {*STATISTICS, *COSTS, *info.data.get("costs", ()), "ratio", "failed"}
         for part, content in (("values", beside.values), ("statistics", beside.statistics)):
             problems += [((part, *w), text) for w, text in _not_measured(content, info.data.get("measure", content))]
-        for key, ladders in beside.statistics.items():
-            for name, statistics in ladders.items():
+        for key, by_name in beside.statistics.items():
+            for name, statistics in by_name.items():
                 where: Location = ("statistics", key, name)
                 if names and name not in names:
-                    problems.append((where, f"there is no such ladder.{did_you_mean(name, names)}"))
+                    problems.append((where, f"there is no such series.{did_you_mean(name, names)}"))
                 unknown = (column for column in statistics if column not in columns)
                 problems += [((*where, c), f"is no statistic.{did_you_mean(c, columns)}") for c in unknown]
         raise_if_any(problems)
@@ -178,7 +178,7 @@ class Study(Spec):
 
 
 def _names(info: ValidationInfo) -> list[str]:
-    return [ladder.name for ladder in info.data.get("ladders", ())]
+    return [series.name for series in info.data.get("series", ())]
 
 
 def _not_measured(keys: Mapping[str, Any], measure: Any) -> list[tuple[Location, str]]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> Columns:
     """A row for each run; times in s, memory in bytes, values and errors in SI."""
     places = [row.place for row in rows]
-    columns: Columns = {"ladder": [p.ladder for p in places], "label": [p.label for p in places]}
+    columns: Columns = {"series": [p.series for p in places], "label": [p.label for p in places]}
     for key in dict.fromkeys(key for p in places for key in p.varied):
         columns[key] = [text_of(p.varied[key]) if key in p.varied else "" for p in places]
     if plan.cases > 1:
@@ -62,16 +62,16 @@ def run_units(found: Sequence[Accuracy]) -> dict[str, str]:
 
 
 def point_columns(plan: StudyPlan, accuracy: Accuracy) -> Columns:
-    """A row for each step of each ladder: statistics of the errors over the cases, and averages of the costs."""
+    """A row for each step of each series: statistics of the errors over the cases, and averages of the costs."""
     points = accuracy.points
-    columns: Columns = {"ladder": [p.ladder for p in points], "label": [p.label for p in points]}
+    columns: Columns = {"series": [p.series for p in points], "label": [p.label for p in points]}
     for name in (*STATISTICS, *points[0].costs, "ratio", "failed"):
         columns[name] = [point.statistic(name) for point in points]
     columns["on Pareto front"] = [point.on_front for point in points]
     beside = plan.study.beside
     published = beside.statistics.get(accuracy.name, {}) if beside else {}
     for name in dict.fromkeys(name for statistics in published.values() for name in statistics):
-        columns[f"published {name}"] = [published.get(point.ladder, {}).get(name) for point in points]
+        columns[f"published {name}"] = [published.get(point.series, {}).get(name) for point in points]
     return columns
 
 

@@ -166,9 +166,9 @@ def test_what_is_done_is_kept_and_a_changed_study_does_only_what_is_new(begin: B
     assert reused(second) == 7
     assert titles(drain(second, itertools.repeat(good(1.0)))) == ["P2, 4", "P3, 1", "P3, 2"]
     assert begin(plan(tmp_path, repeat=2), tmp_path).next() is None
-    # Equal runs are one, whatever their ladders are called.
-    ladders = [STUDY["ladders"][0] | {"name": "other"}, {"name": "P2", "vary": {"mesh.parameters.nz": [2, 3, 4]}}]
-    third = begin(plan(tmp_path, repeat=2, ladders=ladders), tmp_path)
+    # Equal runs are one, whatever their series are called.
+    series = [STUDY["series"][0] | {"name": "other"}, {"name": "P2", "vary": {"mesh.parameters.nz": [2, 3, 4]}}]
+    third = begin(plan(tmp_path, repeat=2, series=series), tmp_path)
     assert titles(drain(third, itertools.repeat(good(1.0)))) == ["P2, 3"] * 2
     # On another number of ranks times are others.
     assert reused(begin(plan(tmp_path, repeat=2), tmp_path, ranks=2)) == 0
@@ -186,7 +186,7 @@ def test_a_damaged_record_is_done_again(begin: Begin, tmp_path: Path) -> None:
 
 
 def test_two_schedules_share_the_runs_and_each_waits_for_the_other(begin: Begin, tmp_path: Path) -> None:
-    study = plan(tmp_path, repeat=2, ladders=[{"name": "P2", "vary": {"mesh.parameters.nz": [1, 2]}}])
+    study = plan(tmp_path, repeat=2, series=[{"name": "P2", "vary": {"mesh.parameters.nz": [1, 2]}}])
     here, there = begin(study, tmp_path), begin(study, tmp_path)
     one, other = here.next(), there.next()
     assert isinstance(one, StudyTask)
@@ -246,11 +246,11 @@ def test_the_hash_follows_what_result_and_time_depend_on(tmp_path: Path) -> None
     assert len({same[0], *other, key()}) == len(other) + 2
 
 
-def test_values_are_taken_from_the_same_case_of_an_earlier_ladder(begin: Begin, tmp_path: Path) -> None:
-    taken = {"ladder": "direct", "key": "errors.gap", "at_least": 1e-11}
-    ladders = [{"name": "direct"}, {"name": "to its accuracy", "take": {"solver.tolerance": taken}}]
+def test_values_are_taken_from_the_same_case_of_an_earlier_series(begin: Begin, tmp_path: Path) -> None:
+    taken = {"series": "direct", "key": "errors.gap", "at_least": 1e-11}
+    series = [{"name": "direct"}, {"name": "to its accuracy", "take": {"solver.tolerance": taken}}]
     cases = [{"grid": {"material.mu": [1e4, 2e4, 3e4, 4e4]}}]
-    schedule = begin(plan(tmp_path, ladders=ladders, cases=cases, repeat=1), tmp_path)
+    schedule = begin(plan(tmp_path, series=series, cases=cases, repeat=1), tmp_path)
     outcomes = {1e4: good(1.0, errors={"gap": 1e-5}), 2e4: good(1.0, errors={"gap": 0.0}), 3e4: BAD, 4e4: good(1.0)}
     tolerances = []
     while isinstance(task := schedule.next(), StudyTask):
@@ -261,7 +261,7 @@ def test_values_are_taken_from_the_same_case_of_an_earlier_ladder(begin: Begin, 
         assert schedule.executions.ledger.commit(task.claim, record)
     assert tolerances == [1e-5, 1e-11]
     assert reused(begin(schedule.executions.plan, tmp_path)) == 6
-    why = [row.status for row in rows_of(schedule.executions) if row.place.ladder != "direct"]
+    why = [row.status for row in rows_of(schedule.executions) if row.place.series != "direct"]
     assert why[:2] == ["converged", "converged"]
     assert why[2] == "not run: 'direct', which solver.tolerance is taken from, has failed"
     assert why[3].endswith("has no number at errors.gap")
@@ -275,7 +275,7 @@ def rows_and_accuracy(begin: Begin, plan: StudyPlan, directory: Path, records: l
 
 
 def test_costs_are_medians_without_compilation_and_certificate(begin: Begin, tmp_path: Path) -> None:
-    study = plan(tmp_path, ladders=[{"name": "P2"}], costs={"gap": "errors.gap"}, time="solver")
+    study = plan(tmp_path, series=[{"name": "P2"}], costs={"gap": "errors.gap"}, time="solver")
     more = {"compile_": 0.5, "errors": {"gap": 4.0}}
     records = [good(1.0, compiled=True, total=90.0, **more), *(good(1.0, total=t, **more) for t in (3.0, 9.0, 2.0))]
     [row], _ = rows_and_accuracy(begin, study, tmp_path, records)
@@ -286,9 +286,9 @@ def test_costs_are_medians_without_compilation_and_certificate(begin: Begin, tmp
 
 
 def test_statistics_over_cases_and_the_ratio_of_times(begin: Begin, tmp_path: Path) -> None:
-    ladders = [{"name": "base"}, {"name": "other", "base": "base", "set": {"discretisation.displacement": 3}}]
+    series = [{"name": "base"}, {"name": "other", "base": "base", "set": {"discretisation.displacement": 3}}]
     cases = [{"grid": {"material.mu": [1, 2, 3, 4]}}]
-    study = plan(tmp_path, ladders=ladders, cases=cases, repeat=1, reference=10)
+    study = plan(tmp_path, series=series, cases=cases, repeat=1, reference=10)
     records = [
         record
         for e, t in ((1.0, 2.0), (2.0, 3.0), (3.0, 5.0), (6.0, 7.0))
@@ -325,25 +325,25 @@ def test_errors_against_the_finest_run_and_richardsons_limit(begin: Begin, tmp_p
     assert found.fitted == pytest.approx({"P2": 2, "P3": 2})
 
     _, found = rows_and_accuracy(begin, plan(tmp_path, repeat=1, reference={"richardson": "P3"}), tmp_path, [])
-    assert "richardson needs three meshes, and ladder 'P3' has 2; take finest or a value instead" in found.refusal
+    assert "richardson needs three meshes, and series 'P3' has 2; take finest or a value instead" in found.refusal
     assert found.errors == (None,) * 5
 
 
 def test_there_is_no_order_where_more_than_the_mesh_varies(begin: Begin, tmp_path: Path) -> None:
     vary = {"mesh.parameters.nz": [1, 2, 4], "discretisation.displacement": [1, 2, 3]}
-    study = plan(tmp_path, repeat=1, ladders=[{"name": "all", "vary": vary}], reference="richardson")
+    study = plan(tmp_path, repeat=1, series=[{"name": "all", "vary": vary}], reference="richardson")
     rows, found = rows_and_accuracy(begin, study, tmp_path, [good(v) for v in (1.0, 1.5, 1.75)])
     assert [row.size for row in rows] == [None] * 3
-    assert "needs a ladder along which nothing but the mesh varies, not 'all'" in found.refusal
+    assert "needs a series along which nothing but the mesh varies, not 'all'" in found.refusal
     # Parameters that do not keep their proportion: the number of cells tells.
     vary = {"mesh.parameters.nz": [1, 2, 4], "mesh.parameters.nx": [1, 1, 2]}
-    study = plan(tmp_path, repeat=1, ladders=[{"name": "all", "vary": vary}])
+    study = plan(tmp_path, repeat=1, series=[{"name": "all", "vary": vary}])
     rows, _ = rows_and_accuracy(begin, study, tmp_path / "b", [good(1.0, unknowns=n) for n in (1, 8, 64)])
     assert [row.size for row in rows] == pytest.approx([1, 0.5, 0.25])
 
 
 def test_effectivity_is_the_estimated_over_the_true_error(begin: Begin, tmp_path: Path) -> None:
-    study = plan(tmp_path, repeat=1, ladders=[{"name": "P2"}], reference=2.0)
+    study = plan(tmp_path, repeat=1, series=[{"name": "P2"}], reference=2.0)
     estimate = {"estimate": {"quantities": {"length": 0.4}}}
     _, found = rows_and_accuracy(begin, study, tmp_path, [good(1.5, certificate=estimate)])
     assert found.effectivities == pytest.approx((0.8,))
@@ -361,7 +361,7 @@ def test_a_study_ends_in_an_error_where_nothing_converged_or_nothing_can_be_comp
         ended(Path("a"), [BAD] * 5)
     assert "failed: P3, 2: stopped at load factor 0.5 of 1" in capsys.readouterr().out
     with pytest.raises(
-        JobError, match=r"reference.length: richardson: the values of ladder 'P2', 1, 3, 2, are not mono"
+        JobError, match=r"reference.length: richardson: the values of series 'P2', 1, 3, 2, are not mono"
     ):
         ended(
             Path("b"),
@@ -382,7 +382,7 @@ def test_published_numbers_are_printed_beside_ours(
         "values": {"length": {"measured": "2.5 m"}},
         "statistics": {"length": {"all": {"average": 4.49e-12, "failed": 7}}},
     }
-    study = plan(tmp_path, repeat=1, ladders=[{"name": "all"}], beside=beside, reference=2)
+    study = plan(tmp_path, repeat=1, series=[{"name": "all"}], beside=beside, reference=2)
     schedule = begin(study, tmp_path)
     drain(schedule, iter([good(1.0)]))
     conclude(schedule.executions, StudyDirectory(tmp_path / "out", "study"))
@@ -390,7 +390,7 @@ def test_published_numbers_are_printed_beside_ours(
     assert "published: measured 2.5 m, +25.00% from the reference here" in shown
     assert "published numbers: someone (1999)" in shown
     cases = [{"grid": {"material.mu": [1, 2]}}]
-    study = plan(tmp_path, repeat=1, ladders=[{"name": "all"}], beside=beside, reference=2, cases=cases)
+    study = plan(tmp_path, repeat=1, series=[{"name": "all"}], beside=beside, reference=2, cases=cases)
     schedule = begin(study, tmp_path / "b")
     drain(schedule, iter([good(1.0), good(1.5)]))
     conclude(schedule.executions, StudyDirectory(tmp_path / "b" / "out", "study"))
@@ -415,7 +415,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A directory with a study, one of whose runs cannot be solved."""
     place = tmp_path_factory.mktemp("study")
     (place / "column.yaml").write_text(yaml.safe_dump(COLUMN | {"certificate": NO_CERTIFICATE}))
-    ladders = [
+    series = [
         {"name": "P2", "vary": {"mesh.parameters.nz": [*NZ]}},
         {
             "name": "one iteration",
@@ -424,10 +424,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         },
         {"name": "tolerance", "set": {"mesh.parameters.nz": 4}, "vary": {"solver.tolerance": [1e-1, 1e-3]}},
     ]
-    study = STUDY | {"ladders": ladders, "reference": f"{CLOSED_FORM} m", "repeat": 2}
+    study = STUDY | {"series": series, "reference": f"{CLOSED_FORM} m", "repeat": 2}
     (place / "column-study.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
     # Many quick repetitions, for those who interrupt.
-    study |= {"ladders": [ladders[0] | {"vary": {"mesh.parameters.nz": [1, 2]}}], "repeat": 6}
+    study |= {"series": [series[0] | {"vary": {"mesh.parameters.nz": [1, 2]}}], "repeat": 6}
     (place / "long.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
     return place
 
@@ -450,7 +450,7 @@ def table(results: Path) -> list[dict[str, str]]:
 
 
 def test_the_table_has_every_run_with_its_value_error_and_cost(table: list[dict[str, str]]) -> None:
-    assert [(r["ladder"], r["label"]) for r in table] == [
+    assert [(r["series"], r["label"]) for r in table] == [
         *(("P2", str(n)) for n in NZ),
         ("one iteration", "2"),
         ("tolerance", "0.1"),
@@ -486,7 +486,7 @@ def test_hdf5_holds_the_same_and_every_time(results: Path, table: list[dict[str,
     with h5py.File(results / "table.h5") as file:
         assert (file.attrs["study"], file.attrs["ranks"]) == ("column-study", 2)
         runs = file["runs"]
-        assert list(runs["ladder"].asstr()[:]) == [r["ladder"] for r in table]
+        assert list(runs["series"].asstr()[:]) == [r["series"] for r in table]
         for name in ("length", "length error", "time", "unknowns"):
             expected = [float(r[name] or "nan") for r in table]
             np.testing.assert_array_equal(runs[name][:], expected)
@@ -501,15 +501,15 @@ def test_hdf5_holds_the_same_and_every_time(results: Path, table: list[dict[str,
         assert file["quantities/length/orders"].attrs["P2"] > 1.0
 
 
-def test_diagrams_show_every_ladder_and_the_front(results: Path, table: list[dict[str, str]]) -> None:
+def test_diagrams_show_every_series_and_the_front(results: Path, table: list[dict[str, str]]) -> None:
     image = matplotlib.image.imread(results / "length.png")
     assert image.shape[0] > 700
     assert image.shape[1] > 1000
     assert np.ptp(image[..., :3]) > 0.9, "it is not blank"
     svg = ET.parse(results / "length.svg").getroot()
     groups = {g.get("id"): g for g in svg.iter("{http://www.w3.org/2000/svg}g")}
-    assert {"front", "ladder-0", "ladder-2"} <= groups.keys()
-    path = groups["ladder-0"].find("{http://www.w3.org/2000/svg}path")
+    assert {"front", "series-0", "series-2"} <= groups.keys()
+    path = groups["series-0"].find("{http://www.w3.org/2000/svg}path")
     assert path is not None
     assert path.get("d", "").count("L") == len(NZ) - 1
     texts = {"".join(t.itertext()).strip() for t in svg.iter("{http://www.w3.org/2000/svg}text")}
@@ -606,7 +606,7 @@ def test_two_allocations_share_a_study_and_both_show_the_same_table(place: Path)
 
 
 def test_a_wrong_study_is_told_once_and_leaves_nothing(place: Path) -> None:
-    wrong = STUDY | {"ladders": [{"name": "P2", "vary": {"mesh.parameters.nz": [1, "x"]}}]}
+    wrong = STUDY | {"series": [{"name": "P2", "vary": {"mesh.parameters.nz": [1, "x"]}}]}
     (place / "wrong.yaml").write_text(yaml.safe_dump(wrong))
     done = hpcinv(2, "study", "wrong.yaml", cwd=place)
     assert done.returncode == 2

@@ -29,7 +29,7 @@ COLUMN: dict[str, Any] = {
 }
 STUDY: dict[str, Any] = {
     "job": "column.yaml",
-    "ladders": [
+    "series": [
         {"name": "P2", "vary": {"mesh.parameters.nz": [1, 2, 4]}},
         {"name": "P3", "set": {"discretisation.displacement": 3}, "vary": {"mesh.parameters.nz": [1, 2]}},
     ],
@@ -51,33 +51,33 @@ def problems(directory: Path, **changes: Any) -> list[str]:
     return [problem.removeprefix(f"{directory / 'study.yaml'}: ") for problem in caught.value.problems]
 
 
-def ladder(**changes: Any) -> list[dict[str, Any]]:
-    return [STUDY["ladders"][0] | changes]
+def series(**changes: Any) -> list[dict[str, Any]]:
+    return [STUDY["series"][0] | changes]
 
 
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
         ({"mesure": ["length"]}, "mesure: unknown key. Did you mean 'measure'?"),
-        ({"ladders": []}, "ladders: must hold at least one ladder"),
-        ({"ladders": ladder(very={})}, "ladders[0].very: unknown key. Did you mean 'vary'?"),
-        ({"ladders": ladder(set={"solver..x": 1})}, "ladders[0].set.solver..x: 'solver..x' is no key"),
-        ({"ladders": ladder(set={"effects[].density": 1})}, "put a number between the brackets"),
-        ({"ladders": ladder(vary={"a.b": [1, 2], "c": [1]})}, "needs as many values of each key, and one at least"),
-        ({"ladders": ladder(vary={"a.b": []})}, "needs as many values of each key, and one at least"),
-        ({"ladders": ladder(labels=["x"])}, "ladders[0].labels: must be as many as there are runs, 3, not 1"),
-        ({"ladders": ladder(set={"mesh.parameters.nz": 1})}, "ladders[0].vary.mesh.parameters.nz: stands in 'set' too"),
-        ({"ladders": ladder() * 2}, "ladders[1].name: 'P2' is the name of an earlier ladder"),
-        ({"ladders": ladder(base="P4")}, "ladders[0].base: there is no ladder 'P4'. Known: P2"),
+        ({"series": []}, "series: must hold at least one series"),
+        ({"series": series(very={})}, "series[0].very: unknown key. Did you mean 'vary'?"),
+        ({"series": series(set={"solver..x": 1})}, "series[0].set.solver..x: 'solver..x' is no key"),
+        ({"series": series(set={"effects[].density": 1})}, "put a number between the brackets"),
+        ({"series": series(vary={"a.b": [1, 2], "c": [1]})}, "needs as many values of each key, and one at least"),
+        ({"series": series(vary={"a.b": []})}, "needs as many values of each key, and one at least"),
+        ({"series": series(labels=["x"])}, "series[0].labels: must be as many as there are runs, 3, not 1"),
+        ({"series": series(set={"mesh.parameters.nz": 1})}, "series[0].vary.mesh.parameters.nz: stands in 'set' too"),
+        ({"series": series() * 2}, "series[1].name: 'P2' is the name of an earlier series"),
+        ({"series": series(base="P4")}, "series[0].base: there is no series 'P4'. Known: P2"),
         (
-            {"ladders": ladder(take={"solver.tolerance": {"ladder": "P2", "key": "errors.x", "at_least": 0.1}})},
-            "ladders[0].take.solver.tolerance.ladder: there is no earlier ladder 'P2'",
+            {"series": series(take={"solver.tolerance": {"series": "P2", "key": "errors.x", "at_least": 0.1}})},
+            "series[0].take.solver.tolerance.series: there is no earlier series 'P2'",
         ),
         ({"measure": []}, "measure: must name at least one quantity"),
         ({"measure": ["length", "length"]}, "measure[1]: 'length' is there already"),
         ({"reference": "best"}, "reference.all: must be a value (closed form), finest, richardson"),
         ({"reference": {"lenght": 1, "all": "finest"}}, "reference.lenght: is not measured. Did you mean 'length'?"),
-        ({"reference": {"richardson": "P4"}}, "reference.all: there is no ladder 'P4'. Known: P2"),
+        ({"reference": {"richardson": "P4"}}, "reference.all: there is no series 'P4'. Known: P2"),
         ({"measure": ["length", "legs[0].J.min"]}, "reference: is needed for 'legs[0].J.min' too"),
         (
             {"cases": [{"random": {"material.mu": [1, 2]}}]},
@@ -130,20 +130,20 @@ def test_what_is_wrong_with_the_study_is_told(changes: dict[str, Any], expected:
         ({"measure": ["errors.round_trip.max"], "reference": 0}, "needs 'analysis: round_trip' in the job"),
         ({"measure": ["errors.expected_shape.max"], "reference": 0}, "needs an 'expected_shape' in the job"),
         (
-            {"ladders": ladder(vary={"mesh.parameters.n": [4]})},
+            {"series": series(vary={"mesh.parameters.n": [4]})},
             "P2, 4: mesh.parameters.n: box.py has no such",
         ),
         (
-            {"ladders": ladder(set={"effects[1].density": 1})},
+            {"series": series(set={"effects[1].density": 1})},
             "cannot set effects[1].density: [1] is taken of a list of 1",
         ),
         (
-            {"ladders": ladder(set={"analysis.x": 1})},
+            {"series": series(set={"analysis.x": 1})},
             "cannot set analysis.x: what comes before 'x'",
         ),
         (
             {"cases": [{"grid": {"mesh.parameters.nz": [1]}}]},
-            "mesh.parameters.nz is set by both the ladder",
+            "mesh.parameters.nz is set by both the series",
         ),
     ],
 )
@@ -153,17 +153,17 @@ def test_what_is_wrong_with_a_run_is_told_once(changes: dict[str, Any], expected
 
 
 def test_everything_that_is_wrong_with_the_runs_is_told_before_any_begins(tmp_path: Path) -> None:
-    ladders = [
+    series = [
         {"name": "sizes", "vary": {"mesh.parameters.nz": [1, "2 m", 4]}},
         {"name": "degrees", "vary": {"discretisation.displacement": [2, 9]}},
     ]
-    assert problems(tmp_path, ladders=ladders) == [
+    assert problems(tmp_path, series=series) == [
         "sizes, 2 m: mesh.parameters.nz: must be a whole number, not '2 m'",
         "degrees, 9: discretisation.displacement: must be at most 4, not 9",
     ]
 
 
-def test_runs_are_case_by_case_ladder_by_ladder_step_by_step(tmp_path: Path) -> None:
+def test_runs_are_case_by_case_series_by_series_step_by_step(tmp_path: Path) -> None:
     found = plan(tmp_path, cases=[{"grid": {"material.mu": ["10 kPa", 2e4]}}])
     assert [run.place.title for run in found.runs] == [
         f"{name}, mu {mu}" for mu in ("10 kPa", "20000") for name in ("P2, 1", "P2, 2", "P2, 4", "P3, 1", "P3, 2")
@@ -174,8 +174,8 @@ def test_runs_are_case_by_case_ladder_by_ladder_step_by_step(tmp_path: Path) -> 
     assert {run.job.mesh.parameters["lx"] for run in found.runs} == {0.2}  # what nothing changes stays
 
 
-def test_every_kind_of_ladder_that_is_asked_for_can_be_written(tmp_path: Path) -> None:
-    ladders = [
+def test_every_kind_of_series_that_is_asked_for_can_be_written(tmp_path: Path) -> None:
+    series = [
         {"name": "geometry degree", "vary": {"mesh.geometry_degree": [1, 2]}},
         {"name": "quadrature", "vary": {"discretisation.quadrature": [2, 4]}},
         {"name": "tolerance", "vary": {"solver.tolerance": [1e-4, 1e-8]}},
@@ -183,7 +183,7 @@ def test_every_kind_of_ladder_that_is_asked_for_can_be_written(tmp_path: Path) -
         {"name": "method", "vary": {"method": ["direct", "sellier"]}},
         {"name": "mesh file", "vary": {"mesh": [COLUMN["mesh"], COLUMN["mesh"] | {"partition": "scotch"}]}},
     ]
-    runs = plan(tmp_path, ladders=ladders).runs
+    runs = plan(tmp_path, series=series).runs
     assert [run.job.mesh.geometry_degree for run in runs[:2]] == [1, 2]
     assert [run.job.discretisation.quadrature for run in runs[2:4]] == [2, 4]
     assert [run.job.solver.tolerance for run in runs[4:6]] == [1e-4, 1e-8]
@@ -206,7 +206,7 @@ def test_cases_are_combined_side_by_side_and_drawn_at_random(tmp_path: Path) -> 
         "sample": {"axes": [{"random": random, "count": 60, "seed": 3}]},
     }
     cases = [{"branches": branches}]
-    found = plan(tmp_path, ladders=[{"name": "all"}], cases=cases)
+    found = plan(tmp_path, series=[{"name": "all"}], cases=cases)
     assert found.cases == 6 + 2 + 2 + 1 + 60
     pairs = [tuple(run.place.parameters.values())[1:] for run in found.runs]
     assert pairs[:8] == [(1, 10), (1, 20), (1, 30), (2, 10), (2, 20), (2, 30), (1, 10), (2, 20)]
@@ -224,7 +224,7 @@ def test_cases_are_combined_side_by_side_and_drawn_at_random(tmp_path: Path) -> 
 def test_log_uniform_cases_fall_equally_often_in_each_decade(tmp_path: Path) -> None:
     random = {"random": {"material.mu": {"log-uniform": [1, 1e4]}}, "count": 400}
     drawn = [
-        run.place.parameters["material.mu"] for run in plan(tmp_path, ladders=[{"name": "all"}], cases=[random]).runs
+        run.place.parameters["material.mu"] for run in plan(tmp_path, series=[{"name": "all"}], cases=[random]).runs
     ]
     decades = [sum(10**k <= mu < 10 ** (k + 1) for mu in drawn) for k in range(4)]
     assert sum(decades) == 400
@@ -252,7 +252,7 @@ def test_keys_reach_into_jobs_and_summaries() -> None:
 
 def test_validate_takes_studies_and_loads_neither_mpi_nor_the_solver(tmp_path: Path) -> None:
     plan(tmp_path)
-    studies = [str(p) for p in sorted((ROOT / "jobs").glob("*.yaml")) if "ladders:" in p.read_text()]
+    studies = [str(p) for p in sorted((ROOT / "jobs").glob("*.yaml")) if "series:" in p.read_text()]
     assert len(studies) >= 4
     files = [*studies, str(tmp_path / "study.yaml"), str(tmp_path / "column.yaml")]
     code = (

@@ -112,8 +112,8 @@ def test_names_of_results_stay_in_the_directory_of_results(name: str, tmp_path: 
     axes = [{"grid": {"material.young": ["1 MPa"]}}]
     sweep = write_job(tmp_path / "sweep.yaml", {"job": plain.name, "axes": axes}, sweep=name)
     assert_refused(load_sweep, sweep, "sweep")
-    ladders = [{"name": "a", "vary": {"discretisation.displacement": [1, 2]}}]
-    study = write_job(tmp_path / "study.yaml", {"job": plain.name, "ladders": ladders, "measure": ["a"]}, study=name)
+    series = [{"name": "a", "vary": {"discretisation.displacement": [1, 2]}}]
+    study = write_job(tmp_path / "study.yaml", {"job": plain.name, "series": series, "measure": ["a"]}, study=name)
     assert_refused(load_study, study, "study")
 
 
@@ -258,8 +258,8 @@ def test_every_command_that_reads_a_job_can_be_told(command: str, elsewhere: Pat
         file = elsewhere / "sweep.yaml"
         write_job(file, {"job": job.name, "axes": [{"grid": {"material.young": ["1 MPa", "2 MPa"]}}]})
     elif command == "study":
-        ladders = [{"name": "a", "vary": {"discretisation.displacement": [1, 2]}}]
-        write_job(elsewhere / "study.yaml", {"job": job.name, "ladders": ladders, "measure": ["errors.round_trip.max"]})
+        series = [{"name": "a", "vary": {"discretisation.displacement": [1, 2]}}]
+        write_job(elsewhere / "study.yaml", {"job": job.name, "series": series, "measure": ["errors.round_trip.max"]})
         file = elsewhere / "study.yaml"
     elif command == "mesh partition":
         more = [str(elsewhere / "parts.bp"), "--parts", "1"]

@@ -1,4 +1,4 @@
-"""Ladders of a study: runs that differ in one thing."""
+"""Refinement series of a study: runs that differ in one thing."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ Title = Annotated[str, Field(pattern=r"^\S(.*\S)?$", max_length=60)]
 
 
 class Taken(Spec):
-    """A value that is only known when an earlier ladder has been run, such as an accuracy to be reached."""
+    """A value that is only known when an earlier series has been run, such as an accuracy to be reached."""
 
-    ladder: Title
-    """an earlier ladder; the run of the same case, and of the same step unless it has but one, is asked"""
+    series: Title
+    """an earlier series; the run of the same case, and of the same step unless it has but one, is asked"""
     key: SummaryKey
     """where the value stands in the summary of that run, such as errors.round_trip.relative"""
     at_least: float
     """the least that is taken; with it the job is checked beforehand"""
 
 
-class Ladder(Spec):
+class RefinementSeries(Spec):
     """Runs that differ in one thing, and one line of the diagrams."""
 
     name: Title
@@ -37,11 +37,11 @@ class Ladder(Spec):
     labels: ListOf[str] | None = None
     """what the runs are called in diagrams; left out, by what varies"""
     take: Mapping[JobKey, Taken] = {}
-    """values that come from the summary of an earlier ladder's run"""
+    """values that come from the summary of an earlier series' run"""
     repeat: Annotated[int, Field(ge=1)] | None = None
     """how often its runs are timed; left out, as often as the study's"""
     base: Title | None = None
-    """the ladder whose time its own is compared with"""
+    """the series whose time its own is compared with"""
 
     @property
     def steps(self) -> int:
@@ -64,23 +64,23 @@ class Ladder(Spec):
         return self
 
 
-def faults_between(ladders: tuple[Ladder, ...]) -> Iterator[tuple[Location, str]]:
-    """What is wrong between ladders, each of which is right in itself."""
-    if not ladders:
-        raise ValueError("must hold at least one ladder")
-    earlier: dict[str, Ladder] = {}
-    names = [ladder.name for ladder in ladders]
-    for i, ladder in enumerate(ladders):
-        if ladder.name in earlier:
-            yield (i, "name"), f"'{ladder.name}' is the name of an earlier ladder"
-        if ladder.base is not None and ladder.base not in names:
-            yield (i, "base"), f"there is no ladder '{ladder.base}'.{did_you_mean(ladder.base, names)}"
-        elif ladder.base is not None and ladders[names.index(ladder.base)].steps not in (1, ladder.steps):
-            yield (i, "base"), f"ladder '{ladder.base}' has neither one run nor as many as this one"
-        for key, taken in ladder.take.items():
-            where: Location = (i, "take", key, "ladder")
-            if taken.ladder not in earlier:
-                yield where, f"there is no earlier ladder '{taken.ladder}'.{did_you_mean(taken.ladder, earlier)}"
-            elif earlier[taken.ladder].steps not in (1, ladder.steps):
-                yield where, f"'{taken.ladder}' has neither one run nor as many as this one"
-        earlier[ladder.name] = ladder
+def faults_between(listed: tuple[RefinementSeries, ...]) -> Iterator[tuple[Location, str]]:
+    """What is wrong between series, each of which is right in itself."""
+    if not listed:
+        raise ValueError("must hold at least one series")
+    earlier: dict[str, RefinementSeries] = {}
+    names = [series.name for series in listed]
+    for i, series in enumerate(listed):
+        if series.name in earlier:
+            yield (i, "name"), f"'{series.name}' is the name of an earlier series"
+        if series.base is not None and series.base not in names:
+            yield (i, "base"), f"there is no series '{series.base}'.{did_you_mean(series.base, names)}"
+        elif series.base is not None and listed[names.index(series.base)].steps not in (1, series.steps):
+            yield (i, "base"), f"series '{series.base}' has neither one run nor as many as this one"
+        for key, taken in series.take.items():
+            where: Location = (i, "take", key, "series")
+            if taken.series not in earlier:
+                yield where, f"there is no earlier series '{taken.series}'.{did_you_mean(taken.series, earlier)}"
+            elif earlier[taken.series].steps not in (1, series.steps):
+                yield where, f"'{taken.series}' has neither one run nor as many as this one"
+        earlier[series.name] = series
