@@ -79,8 +79,8 @@ def main() -> None:
         plan = load_sweep(sweep)
         work(SweepBatch(plan), MPI.COMM_WORLD, 0.0, 60.0, note, lambda: False)
 
-    structures = len({case.structure for case in plan.cases})
-    print(f"{done} cases of {structures} structures in one process; MB resident, communicators free")
+    reuse_groups = len({case.reuse_group for case in plan.cases})
+    print(f"{done} cases of {reuse_groups} reuse groups in one process; MB resident, communicators free")
     for number, memory, free in seen[:: max(len(seen) // 10, 1)]:
         print(f"  {number:5d}  {memory:7.1f}  {free}")
     figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(6.0, 4.5), layout="constrained")

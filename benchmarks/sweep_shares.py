@@ -46,7 +46,7 @@ class Shared:
         self.seconds, self.factorizations, self.iterations = 0.0, 0, 0
         self._neighbours = Neighbours()
 
-    def begin_structure(self) -> None:
+    def begin_reuse_group(self) -> None:
         self._neighbours = Neighbours()
 
     def run(self, job: Job, case: Case, space: Space) -> Result:
@@ -69,12 +69,12 @@ class Shared:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sweep", type=Path, default=ROOT / "jobs" / "sweep-beam-laws.yaml")
-    parser.add_argument("--cases", type=int, default=48, help="cases, as many of each structure")
+    parser.add_argument("--cases", type=int, default=48, help="cases, as many of each reuse group")
     options = parser.parse_args()
     plan = load_sweep(options.sweep)
-    by_structure: defaultdict[str, list[Case]] = defaultdict(list)
+    by_reuse_group: defaultdict[str, list[Case]] = defaultdict(list)
     for case in plan.cases:
-        by_structure[case.structure].append(case)
+        by_reuse_group[case.reuse_group].append(case)
 
     ways: dict[str, Callable[[], Shared]] = {
         "nothing shared": lambda: Shared(None, guesses=False),
@@ -85,12 +85,12 @@ def main() -> None:
     }
     shared = {name: make() for name, make in ways.items()}
     count = 0
-    for cases in by_structure.values():
+    for cases in by_reuse_group.values():
         space = Space([case.numbers for case in cases])
         run(plan.job(cases[0]), COMM)  # compiles
         for way in shared.values():
-            way.begin_structure()
-        for case in cases[: options.cases // len(by_structure)]:
+            way.begin_reuse_group()
+        for case in cases[: options.cases // len(by_reuse_group)]:
             job, count = plan.job(case), count + 1
             for way in shared.values():
                 way.run(job, case, space)

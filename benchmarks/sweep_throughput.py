@@ -69,9 +69,9 @@ def main() -> None:
     plan = load_sweep(options.sweep)
     with tempfile.TemporaryDirectory() as temporary:
         directory = Path(temporary)
-        structures = {case.structure: case for case in plan.cases}
+        reuse_groups = {case.reuse_group: case for case in plan.cases}
         shell_loop(
-            SweepPlan(plan.path, plan.sweep, plan.base, plan.data, tuple(structures.values())), 1, directory / "0"
+            SweepPlan(plan.path, plan.sweep, plan.base, plan.data, tuple(reuse_groups.values())), 1, directory / "0"
         )
         loop = shell_loop(plan, options.by_hand, directory)
         one, two = sweep(plan, 1, directory), sweep(plan, 2, directory)

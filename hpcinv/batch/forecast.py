@@ -9,33 +9,33 @@ from functools import cache
 
 
 def forecast(
-    structures: Iterable[str], finished: Mapping[str, Sequence[float]], unknowns: Mapping[str, int]
+    reuse_groups: Iterable[str], finished: Mapping[str, Sequence[float]], unknowns: Mapping[str, int]
 ) -> float | None:
     """Seconds that open cases take one after the other; ``None`` if nothing has been finished that could tell.
 
-    A case takes the median of what the finished ones of its structure took. Where there are none, it takes that of the
-    structure with the nearest number of unknowns (by their ratio), in proportion to them.
+    A case takes the median of what the finished ones of its reuse group took. Where there are none, it takes that of
+    the group with the nearest number of unknowns (by their ratio), in proportion to them.
 
     Args:
-        structures: of each open case.
-        finished: seconds of finished cases by their structure.
-        unknowns: number of unknowns by structure; where it is not known a case takes what the median structure does.
+        reuse_groups: of each open case.
+        finished: seconds of finished cases by their reuse group.
+        unknowns: number of unknowns by reuse group; where it is not known a case takes what the median group does.
     """
-    medians = {structure: statistics.median(seconds) for structure, seconds in finished.items() if seconds}
+    medians = {reuse_group: statistics.median(seconds) for reuse_group, seconds in finished.items() if seconds}
     if not medians:
         return None
 
     @cache
-    def of(structure: str) -> float:
-        if structure in medians:
-            return medians[structure]
-        ratios = {s: unknowns[structure] / unknowns[s] for s in medians if {s, structure} <= unknowns.keys()}
+    def of(reuse_group: str) -> float:
+        if reuse_group in medians:
+            return medians[reuse_group]
+        ratios = {s: unknowns[reuse_group] / unknowns[s] for s in medians if {s, reuse_group} <= unknowns.keys()}
         if not ratios:
             return statistics.median(medians.values())
         nearest = min(ratios, key=lambda s: abs(math.log(ratios[s])))
         return medians[nearest] * ratios[nearest]
 
-    return sum(map(of, structures))
+    return sum(map(of, reuse_groups))
 
 
 def in_words(seconds: float) -> str:

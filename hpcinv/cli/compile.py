@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hpcinv.errors import HpcinvError, Interrupted
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import load
-from hpcinv.job.reuse_key import structure_of
+from hpcinv.job.reuse_key import reuse_group_of
 from hpcinv.study.plan import is_study, load_study
 from hpcinv.sweep.plan import is_sweep, load_sweep
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hpcinv.job.job import Job
 
 _COMPUTED = {"method", "certificate", "quantities", "sensitivities"}
-"""Sections of a job that have kernels, beside its structure."""
+"""Sections of a job that have kernels, beside its reuse group."""
 
 
 def add_compile(commands: Any) -> None:
@@ -64,16 +64,16 @@ def _compile(options: argparse.Namespace) -> int:
 
 
 def _distinct(paths: list[Path]) -> Iterator[Job]:
-    """The jobs of these files, one for all that need the same kernels; of a sweep one for each structure."""
+    """The jobs of these files, one for all that need the same kernels; of a sweep one for each reuse group."""
     known = set[tuple[str, str]]()
     for path in paths:
         if is_sweep(path):
             plan = load_sweep(path)
-            jobs = [plan.job(case) for case in {case.structure: case for case in reversed(plan.cases)}.values()]
+            jobs = [plan.job(case) for case in {case.reuse_group: case for case in reversed(plan.cases)}.values()]
         else:
             jobs = [run.job for run in load_study(path).runs] if is_study(path) else [load(path)]
         for job in jobs:
-            kernels = structure_of(job), job.model_dump_json(include=_COMPUTED)
+            kernels = reuse_group_of(job), job.model_dump_json(include=_COMPUTED)
             if kernels not in known:
                 known.add(kernels)
                 yield job

@@ -26,7 +26,7 @@ _EQUATIONS = {"linear", "petsc", "maximum_iterations", "reuse_tangent"}
 _NUMBER = "#"
 
 
-def structure_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
+def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
     """Hash of a job without the numbers of its laws, effects, fibres and supports: 20 hex digits.
 
     Args:
@@ -44,7 +44,7 @@ def structure_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
 
 
 def numbers_of(job: Job) -> tuple[float, ...]:
-    """The numbers (SI) that `structure_of` leaves out, in an order that jobs of one structure share."""
+    """The numbers (SI) that `reuse_group_of` leaves out, in an order that jobs of one reuse group share."""
     ingredients = (*job.laws.values(), *job.effects, *job.families.values())
     of_ingredients = (n for i in ingredients for value, _ in i.quantities().values() for n in _numbers(value))
     return (*of_ingredients, *(n for support in job.supports for n in _numbers_of_support(support)))

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 
 from hpcinv.errors import HpcinvError
 from hpcinv.job.fingerprint import file_digest
-from hpcinv.job.reuse_key import structure_of
+from hpcinv.job.reuse_key import reuse_group_of
 from hpcinv.mesh import build_body
 from hpcinv.mesh.cell_count import silent
 from hpcinv.parallel.runtime import MPI, on_root
@@ -71,7 +71,7 @@ class Workspace:
             MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
         """
         assert self._body is not None
-        key = on_root(self.comm, lambda: structure_of(job))
+        key = on_root(self.comm, lambda: reuse_group_of(job))
         if self._model is not None and self._model[0] == key:
             try:
                 self._model[1].adopt(job, timings)

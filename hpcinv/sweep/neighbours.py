@@ -29,7 +29,7 @@ _LARGEST_WEIGHTS = 4.0  # Σ |c_i|, 1 in an interpolation: errors of the neighbo
 
 
 class Space:
-    """The numbers of the cases of one structure, as points whose distances mean something.
+    """The numbers of the cases of one reuse group, as points whose distances mean something.
 
     Numbers that are all of one sign and spread over more than a factor 10 count by their logarithm; each is scaled by
     its range. Those that do not vary are left out.
@@ -71,7 +71,7 @@ class Solution:
 
 
 class Neighbours:
-    """Solutions of the cases of one structure that this group of ranks has solved; the same ones on all its ranks."""
+    """Solutions of the cases of one reuse group that this group of ranks has solved; the same ones on all its ranks."""
 
     def __init__(self) -> None:
         self._solutions: list[Solution] = []

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 MOST_MEASURED = 32
-"""structures of which the mesh is made"""
+"""reuse groups of which the mesh is made"""
 
 
 class Size(NamedTuple):
@@ -43,11 +43,11 @@ def outlook(plan: SweepPlan, ledger: Ledger, groups: int) -> list[str]:
     Args:
         groups: how many groups of ranks will take cases side by side.
     """
-    structures = {case.key: case.structure for case in plan.cases}
+    reuse_groups = {case.key: case.reuse_group for case in plan.cases}
     records = results(plan, ledger)
     return [
-        *_counts(plan, len(structures), records),
-        *_sizes_and_time(plan, structures, records, groups),
+        *_counts(plan, len(reuse_groups), records),
+        *_sizes_and_time(plan, reuse_groups, records, groups),
     ]
 
 
@@ -61,41 +61,41 @@ def _counts(plan: SweepPlan, distinct: int, records: Mapping[str, CaseRecord]) -
 
 
 def _sizes_and_time(
-    plan: SweepPlan, structures: Mapping[str, str], records: Mapping[str, CaseRecord], groups: int
+    plan: SweepPlan, reuse_groups: Mapping[str, str], records: Mapping[str, CaseRecord], groups: int
 ) -> list[str]:
-    first = {case.structure: case for case in reversed(plan.cases)}
-    counts = Counter(structures.values())
+    first = {case.reuse_group: case for case in reversed(plan.cases)}
+    counts = Counter(reuse_groups.values())
     lines = [
-        f"  {_count(len(counts), 'structure')}, each with a mesh, kernels and a symbolic factorization of its own:"
+        f"  {_count(len(counts), 'reuse group')}, each with a mesh, kernels and a symbolic factorization of its own:"
     ]
     sizes: dict[str, Size | str] = {}
     unknowns: dict[str, int] = {}
-    for structure, count in islice(counts.items(), MOST_MEASURED):
-        job = plan.job(first[structure])
+    for reuse_group, count in islice(counts.items(), MOST_MEASURED):
+        job = plan.job(first[reuse_group])
         where = _place(job)
         if where not in sizes:
             sizes[where] = _size(job)
         size = sizes[where]
         if isinstance(size, Size):
-            unknowns[structure] = size.unknowns
+            unknowns[reuse_group] = size.unknowns
             what = f"{size.cells:,} cells, {size.unknowns:,} unknowns" + (" at first" if job.accuracy else "")
         else:
             what = size
-        lines.append(f"    {_count(count, 'case')} such as {first[structure].title}: {what}")
+        lines.append(f"    {_count(count, 'case')} such as {first[reuse_group].title}: {what}")
     if len(counts) > MOST_MEASURED:
-        lines.append(f"    {_count(len(counts) - MOST_MEASURED, 'structure')} more, not measured")
-    return lines + _time(structures, records, unknowns, groups)
+        lines.append(f"    {_count(len(counts) - MOST_MEASURED, 'reuse group')} more, not measured")
+    return lines + _time(reuse_groups, records, unknowns, groups)
 
 
 def _time(
-    structures: Mapping[str, str], records: Mapping[str, CaseRecord], unknowns: Mapping[str, int], groups: int
+    reuse_groups: Mapping[str, str], records: Mapping[str, CaseRecord], unknowns: Mapping[str, int], groups: int
 ) -> list[str]:
-    open_ = [structure for key, structure in structures.items() if key not in records]
+    open_ = [reuse_group for key, reuse_group in reuse_groups.items() if key not in records]
     if not open_:
         return ["  nothing is left to run"]
     finished: dict[str, list[float]] = {}
     for key, record in records.items():
-        finished.setdefault(structures[key], []).append(record.seconds)
+        finished.setdefault(reuse_groups[key], []).append(record.seconds)
     seconds = forecast(open_, finished, unknowns)
     if seconds is None:
         return [

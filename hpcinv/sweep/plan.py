@@ -15,7 +15,7 @@ from hpcinv.files.untrusted import is_asked
 from hpcinv.job.content_key import content_key
 from hpcinv.job.fingerprint import file_digest
 from hpcinv.job.job import UNNAMED, Job, parse
-from hpcinv.job.reuse_key import numbers_of, structure_of
+from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.quantity.keys import assigned
 from hpcinv.sweep.spec import Sweep
@@ -35,15 +35,15 @@ class Case:
     Attributes:
         number: its place in the sweep, from 0.
         key: hash of all that its results depend on, the same in every sweep (20 hex digits).
-        structure: what cases have in common that share mesh, equations and the pattern of their factorization.
-        numbers: what cases of one structure differ in (SI).
+        reuse_group: what cases have in common that share mesh, equations and the pattern of their factorization.
+        numbers: what cases of one reuse group differ in (SI).
         parameters: values by key as the file has them, sampled ones in SI, and labels of branches by their axis' name.
         settings: values by key that make the job from that of the sweep.
     """
 
     number: int
     key: str
-    structure: str
+    reuse_group: str
     numbers: tuple[float, ...]
     parameters: Mapping[str, Any]
     settings: Mapping[str, Any]
@@ -129,8 +129,8 @@ def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: Faults, un
 
 
 def _case(number: int, point: Point, job: Job, digest: Callable[[Path], str]) -> Case:
-    key, structure = content_key(job, digest), structure_of(job, digest)
-    return Case(number, key, structure, numbers_of(job), point.parameters, point.settings)
+    key, reuse_group = content_key(job, digest), reuse_group_of(job, digest)
+    return Case(number, key, reuse_group, numbers_of(job), point.parameters, point.settings)
 
 
 def _job(data: Mapping[str, Any], settings: Mapping[str, Any], base: Path, untrusted: bool) -> Job:

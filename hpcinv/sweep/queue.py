@@ -34,8 +34,8 @@ class SweepTask(BatchTask):
 class Queue:
     """The cases of a sweep that are not known to be finished; it lives on the first rank of a group.
 
-    Within a structure the nearest open case is next, so that its neighbours' solutions are of use and models are seldom
-    changed; groups begin at different places in the list, and meet nowhere but in the ledger.
+    Within a reuse group the nearest open case is next, so that its neighbours' solutions are of use and models are
+    seldom changed; groups of ranks begin at different places in the list, and meet nowhere but in the ledger.
 
     Args:
         ledger: where cases are claimed.
@@ -46,15 +46,15 @@ class Queue:
     def __init__(self, plan: SweepPlan, ledger: Ledger, *, begin: float, patience: float) -> None:
         self.plan, self.ledger, self.patience = plan, ledger, patience
         distinct = {case.key: case for case in plan.cases}
-        listed = sorted(distinct.values(), key=lambda case: (case.structure, case.number))
+        listed = sorted(distinct.values(), key=lambda case: (case.reuse_group, case.number))
         self._cases = listed
-        self._structures = np.array([case.structure for case in listed])
+        self._reuse_groups = np.array([case.reuse_group for case in listed])
         self._spaces: dict[str, Space] = {}
         self._members: dict[str, tuple[np.ndarray, Floats]] = {}
-        for structure in dict.fromkeys(case.structure for case in listed):
-            members = np.flatnonzero(self._structures == structure)
-            self._spaces[structure] = space = Space([listed[i].numbers for i in members])
-            self._members[structure] = members, np.stack([space.point(listed[i].numbers) for i in members])
+        for reuse_group in dict.fromkeys(case.reuse_group for case in listed):
+            members = np.flatnonzero(self._reuse_groups == reuse_group)
+            self._spaces[reuse_group] = space = Space([listed[i].numbers for i in members])
+            self._members[reuse_group] = members, np.stack([space.point(listed[i].numbers) for i in members])
         self._deadline: float | None = None  # of a wait for others
         self._last = min(int(begin * len(listed)), len(listed) - 1)
         self._look()
@@ -86,8 +86,8 @@ class Queue:
     def _task(self, case: Case, claim: Claim) -> SweepTask:
         text = yaml.safe_dump(_plain(self.plan.content(case)), sort_keys=False, allow_unicode=True)
         directory = RunDirectory(claim.run, text, claimed=True)
-        point = self._spaces[case.structure].point(case.numbers)
-        return SweepTask(case.title, self.plan.job(case), claim, case.structure, point, directory)
+        point = self._spaces[case.reuse_group].point(case.numbers)
+        return SweepTask(case.title, self.plan.job(case), claim, case.reuse_group, point, directory)
 
     def _may_be_claimed(self) -> bool:
         return any(state.name == "open" for state in self._states)
@@ -115,16 +115,16 @@ class Queue:
         return None
 
     def _nearest(self, eligible: np.ndarray) -> int:
-        """Of the same structure if there is one; else the first case of that with most of them."""
+        """Of the same reuse group if there is one; else the first case of that with most of them."""
         if eligible[self._last]:
             return self._last
-        members, points = self._members[self._structures[self._last]]
+        members, points = self._members[self._reuse_groups[self._last]]
         if eligible[members].any():
             here = points[np.searchsorted(members, self._last)]
             distances = np.where(eligible[members], np.linalg.norm(points - here, axis=1), np.inf)
             return int(members[np.argmin(distances)])
-        names, counts = np.unique(self._structures[eligible], return_counts=True)
-        return int(np.flatnonzero(eligible & (self._structures == names[np.argmax(counts)]))[0])
+        names, counts = np.unique(self._reuse_groups[eligible], return_counts=True)
+        return int(np.flatnonzero(eligible & (self._reuse_groups == names[np.argmax(counts)]))[0])
 
     def _look(self) -> None:
         """See how far everybody is, ourselves included."""

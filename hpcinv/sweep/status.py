@@ -68,7 +68,7 @@ def status(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -
         if record is not None and not record.converged and first[case.key] is case:
             failed.setdefault(record.status, []).append(case.title)
     running = {key: states[key].holder for key in first if key not in records and states[key].name == "running"}
-    left = [case.structure for key, case in first.items() if key not in records]
+    left = [case.reuse_group for key, case in first.items() if key not in records]
     seconds = forecast(left, *_experience(plan, records))
     return Status(
         name=plan.sweep.sweep,
@@ -82,14 +82,14 @@ def status(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -
 
 
 def _experience(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> tuple[dict[str, list[float]], dict[str, int]]:
-    """Seconds of finished cases, and their numbers of unknowns, by structure."""
+    """Seconds of finished cases, and their numbers of unknowns, by reuse group."""
     seconds: dict[str, list[float]] = {}
     unknowns: dict[str, int] = {}
     for case in plan.cases:
         if (record := records.get(case.key)) is not None:
-            seconds.setdefault(case.structure, []).append(record.seconds)
+            seconds.setdefault(case.reuse_group, []).append(record.seconds)
             if (number := record.statistics.get("mesh", {}).get("unknowns")) is not None:
-                unknowns[case.structure] = number
+                unknowns[case.reuse_group] = number
     return seconds, unknowns
 
 

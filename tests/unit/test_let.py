@@ -17,7 +17,7 @@ from hpcinv.errors import JobError
 from hpcinv.job.content_key import content_key
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
-from hpcinv.job.reuse_key import structure_of
+from hpcinv.job.reuse_key import reuse_group_of
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.functions import FUNCTIONS
@@ -163,7 +163,7 @@ def test_jobs_with_other_definitions_are_other_problems() -> None:
 
     one, other, idle = of({}), of({"stiff": "20 kPa"}), of({"idle": "4"})
     assert fingerprint(one) != fingerprint(other)
-    assert structure_of(one) != structure_of(other)
+    assert reuse_group_of(one) != reuse_group_of(other)
     assert fingerprint(one) == fingerprint(idle)
     asked = [{"name": "q", "of": "x/base", "on": "x1", "reduce": "mean"}]
     long, short = of({}, quantities=asked), of({"base": "2 m"}, quantities=asked)

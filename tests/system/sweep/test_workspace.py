@@ -11,7 +11,7 @@ from helpers.verification import box, job
 from hpcinv.driver import run
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
-from hpcinv.job.reuse_key import numbers_of, structure_of
+from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.methods.initial_guess import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
@@ -116,7 +116,7 @@ def test_a_job_that_is_refused_leaves_nothing_behind(comm: MPI.Intracomm) -> Non
         assert differs(alone, run(moved(2.0), comm, workspace=workspace)) < 1e-11
 
 
-def test_only_numbers_may_differ_within_a_structure() -> None:
+def test_only_numbers_may_differ_within_a_reuse_group() -> None:
     same = [block(), block(2e4, -1.0), block(effects=[{"effect": "gravity", "acceleration": [1, 2, 3], "density": 5}])]
     other = [
         block(material={"law": "neo-hookean", "mu": 1e4, "lam": "incompressible"}, discretisation={"displacement": 2}),
@@ -130,8 +130,8 @@ def test_only_numbers_may_differ_within_a_structure() -> None:
         block(discretisation={"displacement": 3}),
         block(analysis="forward"),
     ]
-    assert len({structure_of(j) for j in same}) == 1
-    assert len({structure_of(j) for j in (same[0], *other)}) == 1 + len(other)
+    assert len({reuse_group_of(j) for j in same}) == 1
+    assert len({reuse_group_of(j) for j in (same[0], *other)}) == 1 + len(other)
     assert [numbers_of(j) for j in same[:2]] == [
         (10e3, 40e3, 0.0, 0.0, -9.81, 100.0),
         (20e3, 80e3, 0.0, 0.0, -1.0, 100.0),

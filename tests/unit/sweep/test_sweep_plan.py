@@ -253,7 +253,7 @@ def test_cases_are_all_combinations_the_last_axis_changing_fastest(tmp_path: Pat
     assert [job.mesh.parameters["nz"] for job in jobs] == [1, 2] * 10
     assert not any(job.certificate.estimate for job in jobs)
     assert len({case.key for case in found.cases}) == 20
-    assert len({case.structure for case in found.cases}) == 4  # laws and meshes; numbers make no structure
+    assert len({case.reuse_group for case in found.cases}) == 4  # laws and meshes; numbers make no reuse group
 
 
 def test_branches_in_branches(tmp_path: Path) -> None:
@@ -361,7 +361,7 @@ def test_cases_that_are_the_same_are_rows_of_their_own(tmp_path: Path) -> None:
 # Forecast
 
 
-def test_the_forecast_goes_by_structure_and_else_by_size() -> None:
+def test_the_forecast_goes_by_reuse_group_and_else_by_size() -> None:
     finished = {"small": [1.0, 2.0, 90.0], "large": [40.0]}
     unknowns = {"small": 100, "large": 1000, "larger": 1500, "smaller": 50}
     assert forecast([], {}, {}) is None
