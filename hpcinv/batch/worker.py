@@ -190,7 +190,7 @@ def _hopeless(claim: Claim) -> tuple[str, str] | None:
     crashes = [how for how in claim.crashes if how != KILLED]
     if len(crashes) >= CRASHES:
         status = f"its process crashed {len(crashes)} times: {crashes[-1]}"
-        return status, "What it printed last is in the output of the sweep."
+        return status, "See what it printed last."
     if claim.died >= DEADLY or claim.lost >= LOST:
         status = f"the process that ran it was killed {claim.died + claim.lost} times"
         return status, "Was it, or a case beside it, out of memory? Give it more, or a coarser mesh."

@@ -1,1 +1,1 @@
-"""The ledger of a sweep: which cases are finished, and which process works on which."""
+"""The ledger of a store: which cases are finished, and which process works on which."""

@@ -165,7 +165,7 @@ class Ledger:
         return claim
 
     def commit(self, claim: Claim, record: CaseRecord) -> bool:
-        """Say how a claimed case ended; ``False`` if another has taken it over, or was first: his word stands."""
+        """Record how a claimed case ended; ``False`` if another process has taken it over, or was first."""
         file = self._files.file(claim.key, f"record-{claim.round}.json")
         with told(file):
             file.parent.stat()  # a store that has vanished looks like one with nothing in it
@@ -287,7 +287,7 @@ class Ledger:
                 runs[-1].rename(claim.run)
             holder, _ = self._last_claim(claim.key, before)
             if before.is_claimed and holder is not None:
-                self._watch.bury(holder)
+                self._watch.remove_heartbeat(holder)
 
 
 def ledger_of(store: Path) -> Ledger:

@@ -47,7 +47,7 @@ class Watch:
             return started == other.started
         return other.token in self._beating
 
-    def bury(self, dead: Identity) -> None:
+    def remove_heartbeat(self, dead: Identity) -> None:
         """Remove the heartbeat of one who has lost the only case that he had; should he live, he makes it again."""
         heartbeat_of(dead.token, self._store).unlink(missing_ok=True)
 
