@@ -10,7 +10,7 @@ import argparse
 from bodies import beam, block, measure, sagging_beam
 
 from hpcinv.cli.bench import linear, ranks
-from hpcinv.cli.bench_runs import SOLVER, Bench, Findings, Run, median
+from hpcinv.cli.bench_runs import SOLVER, Bench, Findings, MeasuredRun, median
 from hpcinv.parallel.timings import WORK
 
 SIZES = {"linear": [5_000, 15_000, 50_000], "ranks": [41_000, 250_000], "phases": [41_000]}
@@ -28,7 +28,7 @@ def section(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     return [phases(bench.alternating(jobs, options.repeat), options.repeat)]
 
 
-def phases(runs: dict[str, list[Run]], repeat: int) -> Findings:
+def phases(runs: dict[str, list[MeasuredRun]], repeat: int) -> Findings:
     """Microseconds per unknown in each phase, and the share outside of kernels, PETSc and MPI."""
     names = dict.fromkeys(("mesh", "set-up", *SOLVER, "certificate"))
     names |= {name: None for of in runs.values() for name in of[0].phases if name != "compile"}
@@ -52,7 +52,7 @@ def phases(runs: dict[str, list[Run]], repeat: int) -> Findings:
     )
 
 
-def _outside_before_certificate(run: Run) -> float:
+def _outside_before_certificate(run: MeasuredRun) -> float:
     of = run.phases
     return 1 - sum(of.get(name, 0.0) for name in WORK) / (run.found["timings"]["total"] - of["certificate"])
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from bodies import beam, measure, sagging_beam
 
-from hpcinv.cli.bench_runs import Bench, Findings, JobData, Run, median
+from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun, median
 
 NEWTON = 2.0**19 * 0.125**2  # N in one scaled unit of the residual: stress times length squared
 PAPER = {
@@ -29,7 +29,7 @@ PAPER = {
         "snes_max_it": 50,
     },
 }
-FIGURES: Mapping[str, Callable[[Run], float]] = {
+FIGURES: Mapping[str, Callable[[MeasuredRun], float]] = {
     "factorizations": lambda run: run.count("factorizations"),
     "solver": lambda run: run.solver,
     "run without certificate": lambda run: run.total - run.phases["certificate"],

@@ -14,7 +14,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 # isort: split
 from dolfinx import fem
 
-from hpcinv.accuracy import Record, Search
+from hpcinv.accuracy import AccuracyRecord, Search
 from hpcinv.certificate import Certificate, Estimate, Line, Verdict, certify
 from hpcinv.errors import CheckpointError, Interrupted, SolveError
 from hpcinv.files.directory_lock import DirectoryLock
@@ -101,7 +101,7 @@ class _Run:
         self.legs: list[Leg] = []
         self.since_checkpoint, self.last_checkpoint = 0, time.monotonic()  # accepted steps; rank 0's time
         self.unused_options: list[str] = []
-        self.record: Record | None = None
+        self.record: AccuracyRecord | None = None
         self.estimate: Estimate | None = None
         self.totals: Totals | None = None
         self.lock: DirectoryLock | None = None  # on rank 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hpcinv.accuracy.record import Record
+from hpcinv.accuracy.record import AccuracyRecord
 from hpcinv.accuracy.search import Search
 
-__all__ = ["Record", "Search"]
+__all__ = ["AccuracyRecord", "Search"]

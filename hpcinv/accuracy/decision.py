@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.accuracy.forecast import AIM, Choice, Forecast, cautious, choose
-from hpcinv.accuracy.marking import Plan, plan
+from hpcinv.accuracy.forecast import AIM, RefinementChoice, RefinementForecast, cautious, choose
+from hpcinv.accuracy.marking import MarkingPlan, plan
 from hpcinv.parallel.runtime import on_root
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ SECOND_MESH = 1.5  # least factor between two meshes where one alone cannot tell
 
 
 def decide(
-    meshes: Meshes, last: Trial, forecast: Forecast, *, limit: int, highest: int, known: bool, may_mark: bool
+    meshes: Meshes, last: Trial, forecast: RefinementForecast, *, limit: int, highest: int, known: bool, may_mark: bool
 ) -> tuple[Variant, int] | None:
     """Mesh and degree to try after the ``last`` ones; ``None`` if nothing that is possible is worth it; collective.
 
@@ -32,9 +32,9 @@ def decide(
     """
     factors = meshes.factors(last.variant)
     indicators = indicators_of(last) if may_mark and known else None
-    planned: list[Plan] = []
+    planned: list[MarkingPlan] = []
 
-    def on_rank_0() -> tuple[Choice, float] | None:  # by measured times, which differ from rank to rank
+    def on_rank_0() -> tuple[RefinementChoice, float] | None:  # by measured times, which differ from rank to rank
         if not known:
             factor = min(f for f in factors if f >= SECOND_MESH)
             choice = forecast.everywhere(factor, forecast.last.degree)

@@ -65,7 +65,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Choice:
+class RefinementChoice:
     """What may come next: all cells smaller by a ``factor``, perhaps of a higher ``degree``, or marked cells refined.
 
     ``excess`` is the error that is expected, over what is allowed.
@@ -87,7 +87,7 @@ class Places:
     error: float
 
 
-class Forecast:
+class RefinementForecast:
     """Predictions from the steps so far, the last of which is the one to start from.
 
     Args:
@@ -133,14 +133,14 @@ class Forecast:
         """By how much smaller all cells must be to meet the demand with a degree."""
         return float(max(self.everywhere(1.0, degree).excess / AIM, 1.0) ** (1 / self.order(degree)))
 
-    def everywhere(self, factor: float, degree: int) -> Choice:
+    def everywhere(self, factor: float, degree: int) -> RefinementChoice:
         """All cells smaller by ``factor``, and perhaps of one degree more."""
         excess = self.excess * factor ** -self.order(degree)
         if degree > self.last.degree:
             excess *= self.gain(self.last.degree)
         return self._choice("everywhere", factor, degree, factor**3, excess)
 
-    def in_places(self, places: Places) -> Choice:
+    def in_places(self, places: Places) -> RefinementChoice:
         """Marked cells refined."""
         return self._choice("in places", 1.0, self.last.degree, places.cells, self.excess * places.error)
 
@@ -149,13 +149,13 @@ class Forecast:
         assembly = self._assembly * cells * nodes(self.last.cell, degree) ** 3
         return float(assembly + self._factorization * unknowns**self.power)
 
-    def _choice(self, kind: Kind, factor: float, degree: int, growth: float, excess: float) -> Choice:
+    def _choice(self, kind: Kind, factor: float, degree: int, growth: float, excess: float) -> RefinementChoice:
         cells, unknowns = self.last.cells * growth, self.last.unknowns * growth * (degree / self.last.degree) ** 3
         finer = unknowns * ((degree + 1) / degree) ** 3
         seconds = SHAMANSKII * self.seconds(degree, cells, unknowns) + self.seconds(degree + 1, cells, finer)
         if degree not in {step.degree for step in self.steps}:
             seconds += max(COMPILATION, *(step.compilation for step in self.steps))
-        return Choice(kind, factor, degree, round(unknowns), excess, seconds)
+        return RefinementChoice(kind, factor, degree, round(unknowns), excess, seconds)
 
     def _slopes(self, degree: int) -> list[float]:
         """``k`` from each mesh refined everywhere to the next, of the steps of one degree."""
@@ -188,8 +188,8 @@ def _fit(points: Iterable[tuple[float, float]]) -> tuple[float, float]:
 
 
 def choose(
-    forecast: Forecast, factors: Sequence[float], places: Places | None, *, limit: int, highest: int
-) -> Choice | None:
+    forecast: RefinementForecast, factors: Sequence[float], places: Places | None, *, limit: int, highest: int
+) -> RefinementChoice | None:
     """The cheapest discretisation that meets the demand, else the one that gets nearest to it.
 
     Args:
@@ -217,7 +217,7 @@ def choose(
     return best if best is not None and best.excess < WORTHWHILE * forecast.excess else None
 
 
-def cautious(forecast: Forecast, choice: Choice, factors: Sequence[float]) -> float:
+def cautious(forecast: RefinementForecast, choice: RefinementChoice, factors: Sequence[float]) -> float:
     """The factor to take now: orders that were only presumed, and long ways, are not to be trusted too far."""
     bound = BOLD if forecast.is_known(choice.degree) else CAREFUL
     if choice.factor <= bound:

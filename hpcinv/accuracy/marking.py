@@ -19,14 +19,14 @@ DEEPEST = 40
 
 
 @dataclass(frozen=True)
-class Plan:
+class MarkingPlan:
     """How often to halve each cell (n,), and what is to be expected of it in the end."""
 
     levels: npt.NDArray[np.int64]
     places: Places
 
 
-def plan(indicators: npt.NDArray[np.float64], reduction: float, order: float) -> Plan:
+def plan(indicators: npt.NDArray[np.float64], reduction: float, order: float) -> MarkingPlan:
     """Levels that divide the sum of the ``indicators`` (n,) of the cells by ``reduction`` with the fewest cells.
 
     Args:
@@ -47,7 +47,7 @@ def plan(indicators: npt.NDArray[np.float64], reduction: float, order: float) ->
         else:
             low = middle
     chosen = levels(np.exp(low))
-    return Plan(chosen, _expected(indicators, chosen, order))
+    return MarkingPlan(chosen, _expected(indicators, chosen, order))
 
 
 def _expected(indicators: npt.NDArray[np.float64], levels: npt.NDArray[np.int64], order: float) -> Places:

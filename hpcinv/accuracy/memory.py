@@ -12,7 +12,7 @@ FILL = 4 / 3
 LEAST = 50e6  # bytes: what is taken below tells nothing
 
 
-class Memory:
+class RefinementMemory:
     """Of all ranks; collective."""
 
     def __init__(self, comm: MPI.Intracomm) -> None:

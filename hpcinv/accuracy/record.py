@@ -30,7 +30,7 @@ class Ending(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Row:
+class AccuracyStep:
     """One step: the mesh and how it came to be, and what was found on it.
 
     Attributes:
@@ -65,7 +65,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Record:
+class AccuracyRecord:
     """The demands, the steps, and the ending.
 
     Attributes:
@@ -75,7 +75,7 @@ class Record:
     """
 
     demands: Mapping[str, float]
-    rows: Sequence[Row]
+    rows: Sequence[AccuracyStep]
     chosen: int
     bounds: Mapping[str, float]
     ending: Ending

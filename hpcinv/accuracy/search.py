@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 from hpcinv.accuracy.assessment import UNTESTED, Assessment, Finding, assess, hindsight, magnitude
 from hpcinv.accuracy.decision import decide
-from hpcinv.accuracy.forecast import HIGHEST_DEGREE, Forecast, Step, Work
-from hpcinv.accuracy.memory import Memory
+from hpcinv.accuracy.forecast import HIGHEST_DEGREE, RefinementForecast, Step, Work
+from hpcinv.accuracy.memory import RefinementMemory
 from hpcinv.accuracy.meshes import Meshes, Variant
-from hpcinv.accuracy.record import Ending, Record, Row
+from hpcinv.accuracy.record import AccuracyRecord, AccuracyStep, Ending
 from hpcinv.accuracy.trial import Spent, Trial, attempt
 from hpcinv.certificate.estimate import one_degree_more
 from hpcinv.errors import Interrupted, MeshError
@@ -48,7 +48,7 @@ class Search:
     ) -> None:
         self.job, self.comm, self.timings = job, comm, timings
         self.note, self.stop_asked = note, stop_asked
-        self.memory = Memory(comm)
+        self.memory = RefinementMemory(comm)
         self.meshes = Meshes(job, comm)
         self.unseen_order: float | None = None
         self.highest = max(HIGHEST_DEGREE, job.discretisation.displacement)
@@ -56,9 +56,9 @@ class Search:
         self.findings: list[Finding] = []
         self.assessments: list[Assessment] = []
         self.steps: list[Step] = []
-        self.rows: list[Row] = []
+        self.rows: list[AccuracyStep] = []
 
-    def run(self) -> Record | None:
+    def run(self) -> AccuracyRecord | None:
         """Solve until the demands are met or cannot be; ``None`` if the job's own mesh did not reach the full load.
 
         Raises:
@@ -83,7 +83,7 @@ class Search:
             return None
         ending = self._improve()
         seconds = time.perf_counter() - begin
-        return Record(self.job.accuracy, self.rows, self.chosen, self.promise.bounds, ending, seconds)
+        return AccuracyRecord(self.job.accuracy, self.rows, self.chosen, self.promise.bounds, ending, seconds)
 
     def _improve(self) -> Ending:
         while self.assessments[-1].excess > 1:
@@ -155,7 +155,7 @@ class Search:
         )
         assert trial.estimate is not None
         self.rows.append(
-            Row(
+            AccuracyStep(
                 mesh=trial.variant.origin,
                 cells=step.cells,
                 degree=step.degree,
@@ -177,7 +177,9 @@ class Search:
         limit = min(self.job.solver.maximum_unknowns, self.memory.limit(self.steps[-1].estimate.unknowns))
         excess = self.assessments[-1].excess
         known = math.isfinite(excess)
-        forecast = Forecast(self.steps, hindsight(self.findings, self.job.accuracy), excess if known else UNTESTED)
+        forecast = RefinementForecast(
+            self.steps, hindsight(self.findings, self.job.accuracy), excess if known else UNTESTED
+        )
         decision = decide(
             self.meshes, self.last, forecast, limit=limit, highest=self.highest, known=known, may_mark=self.may_mark
         )

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 if TYPE_CHECKING:
-    from hpcinv.assembly.moduli import Moduli, Slot
+    from hpcinv.assembly.moduli import Slot, TangentModuli
     from hpcinv.model.spaces import Unknowns
 
 type Floats = npt.NDArray[np.float64]
@@ -40,7 +40,7 @@ class ElementMatrices:
         blocks: parts of the matrices, by test and trial functions.
     """
 
-    def __init__(self, moduli: Moduli, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> None:
+    def __init__(self, moduli: TangentModuli, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> None:
         self._mesh = mesh = unknowns.mesh
         points, weights = basix.make_quadrature(mesh.basix_cell(), moduli.degree)
         self._expression = fem.Expression(moduli.expression, points, comm=mesh.comm, jit_options=dict(jit_options))

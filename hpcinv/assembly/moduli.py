@@ -54,7 +54,7 @@ class Slot:
 
 
 @dataclass(frozen=True)
-class Moduli:
+class TangentModuli:
     """Moduli of the volume integrals over the same cells.
 
     Attributes:
@@ -71,7 +71,7 @@ class Moduli:
     expression: Any
 
 
-def moduli_of(residual: Any, unknowns: Unknowns) -> list[Moduli]:
+def moduli_of(residual: Any, unknowns: Unknowns) -> list[TangentModuli]:
     """Those of a form's volume integrals; the cells of its regions must be all cells.
 
     Raises:
@@ -109,7 +109,7 @@ def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> No
         raise UnsupportedForm("its volume integrals over regions leave cells out, or count some twice")
 
 
-def _checked(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> Moduli:
+def _checked(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> TangentModuli:
     """As `_moduli`; what UFL cannot do with an integrand, which it reports by errors of many types, is unsupported."""
     try:
         return _moduli(integrand, cells, degree, unknowns)
@@ -119,7 +119,7 @@ def _checked(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, u
         raise UnsupportedForm(f"UFL fails on it: {error}") from error
 
 
-def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> Moduli:
+def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> TangentModuli:
     mesh = unknowns.mesh
     pairs = [(unknowns.v, unknowns.u, 0, 3)]
     if unknowns.p is not None:
@@ -146,7 +146,7 @@ def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, un
                 there.append((test_slot, trial_slot))
                 entries += _entries(moduli, test_slot, trial_slot, K)
     vector = ufl.replace(volume * ufl.as_vector(entries), {symbol: f for f, symbol in trials.values()})
-    return Moduli(cells, degree, tuple(there), without_stages(vector))
+    return TangentModuli(cells, degree, tuple(there), without_stages(vector))
 
 
 def _at_a_point(

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from hpcinv.errors import OutputError, SolveError
 
 if TYPE_CHECKING:
-    from hpcinv.cli.bench_runs import Bench, Findings, JobData, Run
+    from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun
 
 SECTIONS = ("setup", "linear", "ranks")
 LINEAR_SOLVERS = ("direct", "iterative")
@@ -180,7 +180,7 @@ def linear(
         jobs = [{**body(size), "certificate": WITHOUT_CERTIFICATE} for size in sizes]
         bench.compile(name, {**jobs[-1], "solver": {"linear": "iterative"}})
         for size, job in zip(sizes, jobs, strict=True):
-            runs: dict[str, list[Run]] = {kind: [] for kind in LINEAR_SOLVERS}
+            runs: dict[str, list[MeasuredRun]] = {kind: [] for kind in LINEAR_SOLVERS}
             for _ in range(repeat):
                 for kind, of in runs.items():
                     title = f"{name}, about {size} unknowns, {kind}"
@@ -200,7 +200,7 @@ def linear(
     )
 
 
-def _figures(runs: Mapping[str, Sequence[Run]]) -> dict[str, float]:
+def _figures(runs: Mapping[str, Sequence[MeasuredRun]]) -> dict[str, float]:
     """Medians over the runs of each linear solver, without those that did not always solve."""
     from hpcinv.cli.bench_runs import median
 

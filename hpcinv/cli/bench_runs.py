@@ -37,7 +37,7 @@ _STREAM_LENGTH, _STREAM_REPEATS = 10_000_000, 10  # larger than any cache
 
 
 @dataclass(frozen=True)
-class Run:
+class MeasuredRun:
     """One measured run.
 
     Attributes:
@@ -115,7 +115,7 @@ class Bench:
         """The output directory of the last run."""
         return self.directory / f"run-{self._count}" / "results"
 
-    def run(self, name: str, job: JobData, ranks: int = 1, *, log: bool = False) -> Run:
+    def run(self, name: str, job: JobData, ranks: int = 1, *, log: bool = False) -> MeasuredRun:
         """Run a job on this many ranks, with PETSc's log if asked for."""
         self.note(name)
         self._count += 1
@@ -133,21 +133,23 @@ class Bench:
         seconds, used = time.perf_counter() - begun, _cpu() - cpu
         summary = self.results / "summary.json"
         found = json.loads(summary.read_text(encoding="utf-8")) if summary.exists() else None
-        return Run(seconds, used, found, events_in(events), f"exit code {done.returncode}: {done.stderr[-1000:]}")
+        return MeasuredRun(
+            seconds, used, found, events_in(events), f"exit code {done.returncode}: {done.stderr[-1000:]}"
+        )
 
-    def must_run(self, name: str, job: JobData, ranks: int = 1, *, log: bool = False) -> Run:
+    def must_run(self, name: str, job: JobData, ranks: int = 1, *, log: bool = False) -> MeasuredRun:
         """The same; raises ``SolveError`` if it is not solved."""
         found = self.run(name, job, ranks, log=log)
         if not found.solved:
             raise SolveError(f"{name}: {found.summary['status'] if found.summary else found.ending}")
         return found
 
-    def alternating(self, jobs: Mapping[str, tuple[JobData, int]], repeat: int) -> dict[str, list[Run]]:
+    def alternating(self, jobs: Mapping[str, tuple[JobData, int]], repeat: int) -> dict[str, list[MeasuredRun]]:
         """Runs of each job and number of ranks, ``repeat`` rounds of all, so that a change of the machine's speed
         affects all alike; their kernels are compiled first."""
         for name, (job, _) in jobs.items():
             self.compile(name, job)
-        runs: dict[str, list[Run]] = {name: [] for name in jobs}
+        runs: dict[str, list[MeasuredRun]] = {name: [] for name in jobs}
         for number in range(1, repeat + 1):
             for name, (job, ranks) in jobs.items():
                 runs[name].append(self.must_run(f"{name}, {number} of {repeat}", job, ranks))
@@ -201,7 +203,7 @@ class Findings:
         console.print()
 
 
-def median(runs: Sequence[Run], figure: Callable[[Run], float]) -> float:
+def median(runs: Sequence[MeasuredRun], figure: Callable[[MeasuredRun], float]) -> float:
     return statistics.median(map(figure, runs))
 
 

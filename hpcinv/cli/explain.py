@@ -11,7 +11,7 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import load
 
 if TYPE_CHECKING:
-    from hpcinv.cli.scene_costs import Explanation, Row
+    from hpcinv.cli.scene_costs import Explanation, PartCosts
     from hpcinv.job.job import Job
 
 
@@ -69,7 +69,7 @@ def show(job: Job, found: Explanation) -> None:
     console.print(f"one Newton iteration with a new tangent: {_ms(found.iteration)}")
 
 
-def _cells(row: Row, found: Explanation, *, signed: bool) -> tuple[str, ...]:
+def _cells(row: PartCosts, found: Explanation, *, signed: bool) -> tuple[str, ...]:
     sign = "+" if signed else ""
     kinds = ", ".join(f"{sign}{n} {kind}" for kind, n in row.integrals.items()) or "-"
     cost = row.cost

@@ -22,7 +22,7 @@ OPERATORS = "+ - * / ** (or ^), and in conditions < <= > >= and or not"
 
 
 @dataclass(frozen=True)
-class Place:
+class FormulaPlace:
     """A field of a job that holds formulas.
 
     Args:
@@ -37,17 +37,17 @@ class Place:
 
 
 PLACES = (
-    Place("let", "anything, for use in the other places", ("those of the place that it is used in",)),
-    Place("regions", "a condition", tuple(COORDINATES)),
-    Place("supports[].displacement", "three lengths", (*COORDINATES, "names in its 'constants'")),
-    Place("fibres.NAME.direction", "a vector of any length", (*POSITIONS, "names in its 'constants'")),
-    Place("material and effects", "the quantity; those that may vary are listed below", tuple(POSITIONS)),
-    Place(
+    FormulaPlace("let", "anything, for use in the other places", ("those of the place that it is used in",)),
+    FormulaPlace("regions", "a condition", tuple(COORDINATES)),
+    FormulaPlace("supports[].displacement", "three lengths", (*COORDINATES, "names in its 'constants'")),
+    FormulaPlace("fibres.NAME.direction", "a vector of any length", (*POSITIONS, "names in its 'constants'")),
+    FormulaPlace("material and effects", "the quantity; those that may vary are listed below", tuple(POSITIONS)),
+    FormulaPlace(
         "material.energy (law: formula)",
         "an energy per volume",
         (*ISOTROPIC, "I4_f", "I5_f", "I8_f_s of families f, s of fibres", "names in its 'parameters'"),
     ),
-    Place("quantities[].of", "the quantity", (*OF_QUANTITIES, *FIELDS)),
+    FormulaPlace("quantities[].of", "the quantity", (*OF_QUANTITIES, *FIELDS)),
 )
 
 

@@ -52,7 +52,7 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class Row:
+class PartCosts:
     """One part of the scene: its name, what it brings, and what it costs."""
 
     name: str
@@ -75,8 +75,8 @@ class Explanation:
     displacements: int
     pressures: int
     families: tuple[str, ...]
-    rows: tuple[Row, ...]
-    total: Row
+    rows: tuple[PartCosts, ...]
+    total: PartCosts
     linear_solver: str
     factorization: float
     solution: float
@@ -198,13 +198,13 @@ def _seconds(comm: MPI.Intracomm, work: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def _row(name: str, scene: Scene, without: Scene | None, cost: Cost, cost_without: Cost | None) -> Row:
+def _row(name: str, scene: Scene, without: Scene | None, cost: Cost, cost_without: Cost | None) -> PartCosts:
     """What a scene contains, or what it contains more than another."""
     integrals, constants, fields = _contents(scene)
     if without is not None:
         others = _contents(without)
         integrals, constants, fields = integrals - others[0], constants - others[1], fields - others[2]
-    return Row(name, dict(integrals), constants, fields, cost if cost_without is None else cost - cost_without)
+    return PartCosts(name, dict(integrals), constants, fields, cost if cost_without is None else cost - cost_without)
 
 
 def _contents(scene: Scene) -> tuple[Counter[str], int, int]:

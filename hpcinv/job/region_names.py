@@ -96,7 +96,7 @@ def _of_msh(path: Path) -> Groups | None:
     return Groups(frozenset(names[False]), frozenset(names[True] - names[False]), (r"(?:surface|volume)-\d+",))
 
 
-class _HeaderRead(Exception):
+class _HeaderEnd(Exception):
     pass
 
 
@@ -109,7 +109,7 @@ def _of_vtu(path: Path) -> Groups | None:
     def begins(tag: str, attributes: dict[str, str]) -> None:
         if tag == "AppendedData":  # what follows need not be XML
             is_whole[0] = True
-            raise _HeaderRead
+            raise _HeaderEnd
         if tag == "DataArray" and attributes.get("Name", "").startswith(_VTU):
             names.add(attributes["Name"].removeprefix(_VTU))
 
@@ -118,7 +118,7 @@ def _of_vtu(path: Path) -> Groups | None:
 
     parser = expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = begins, ends
-    with contextlib.suppress(_HeaderRead, expat.ExpatError), path.open("rb") as file:
+    with contextlib.suppress(_HeaderEnd, expat.ExpatError), path.open("rb") as file:
         parser.ParseFile(file)
     return Groups(frozenset(names)) if is_whole[0] else None
 

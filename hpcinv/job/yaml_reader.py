@@ -48,7 +48,7 @@ _PATTERNS = {
 _BEGIN = frozenset("~nNtTfF+-.0123456789") | {""}
 
 
-class _Fault(Exception):
+class _YamlFault(Exception):
     """What is wrong, and the line (from 1)."""
 
     def __init__(self, text: str, event: Any) -> None:
@@ -91,7 +91,7 @@ def read_text(text: str, where: str) -> Any:
     """
     try:
         return _parsed(text)
-    except _Fault as fault:
+    except _YamlFault as fault:
         raise JobError([f"{where}:{fault.line}: {fault.text}"]) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -128,7 +128,7 @@ def _parsed(text: str) -> Any:
         if isinstance(event, yaml.DocumentStartEvent):
             found += 1
             if found > 1:
-                raise _Fault("begins a second document ('---'), and there may be only one", event)
+                raise _YamlFault("begins a second document ('---'), and there may be only one", event)
             document = _Document(events).content()
     return document
 
@@ -149,7 +149,7 @@ class _Open:
             self.content[self.key] = value
             self.key = None
         else:
-            raise _Fault("a key must be text", event)
+            raise _YamlFault("a key must be text", event)
 
 
 class _Document:
@@ -197,17 +197,19 @@ class _Document:
         self.values += more
         if self.values > MOST_VALUES:
             aliases = ", each alias (*) counting as all that it stands for" if self.anchors else ""
-            raise _Fault(f"more than {MOST_VALUES:,} values, which is the most that a file may have{aliases}", event)
+            raise _YamlFault(
+                f"more than {MOST_VALUES:,} values, which is the most that a file may have{aliases}", event
+            )
 
     def _alias(self, event: Any) -> None:
         if event.anchor not in self.anchors:
             inside = any(container.anchor == event.anchor for container in self.open)
             text = "stands within what it stands for" if inside else "is of no anchor (&) before it"
-            raise _Fault(f"the alias '*{event.anchor}' {text}", event)
+            raise _YamlFault(f"the alias '*{event.anchor}' {text}", event)
         value, size = self.anchors[event.anchor]
         self._count(size, event)
         if self._awaits_key:
-            raise _Fault("a key must be text", event)
+            raise _YamlFault("a key must be text", event)
         self._put(value, event)
 
     def _begin(self, event: Any) -> None:
@@ -216,23 +218,23 @@ class _Document:
         if event.tag not in (None, "!", _PREFIX + kind):
             raise _not_allowed(event)
         if self._awaits_key:
-            raise _Fault("a key must be text", event)
+            raise _YamlFault("a key must be text", event)
         if len(self.open) == DEEPEST:
-            raise _Fault(f"more than {DEEPEST} levels of lists and sections inside each other", event)
+            raise _YamlFault(f"more than {DEEPEST} levels of lists and sections inside each other", event)
         self.open.append(_Open(content, event.anchor, self.values - 1))
 
     def _scalar(self, event: Any) -> None:
         text = event.value
         if len(text) > LONGEST_TEXT:
-            raise _Fault(f"a text of {len(text):,} characters; it may have {LONGEST_TEXT:,}", event)
+            raise _YamlFault(f"a text of {len(text):,} characters; it may have {LONGEST_TEXT:,}", event)
         if not text.isascii() and re.search("[\ud800-\udfff]", text):  # escapes can make what is no text
-            raise _Fault("a text that is not Unicode (surrogates)", event)
+            raise _YamlFault("a text that is not Unicode (surrogates)", event)
         if self._awaits_key:
             container = self.open[-1]
             if text in container.content:
-                raise _Fault(f"'{_short(text)}' stands twice", event)
+                raise _YamlFault(f"'{_short(text)}' stands twice", event)
             if len(container.content) == MOST_KEYS:
-                raise _Fault(f"more than {MOST_KEYS:,} keys in one section", event)
+                raise _YamlFault(f"more than {MOST_KEYS:,} keys in one section", event)
             container.key = text
             value: Any = text
         else:
@@ -257,7 +259,7 @@ def _scalar_of(event: Any) -> str | bool | int | float | None:
         if kind not in _PATTERNS:
             raise _not_allowed(event)
         if not any(_PATTERNS[k].fullmatch(text) for k in {kind, "int" if kind == "float" else kind}):
-            raise _Fault(f"'{_short(text)}' is no !!{kind}", event)
+            raise _YamlFault(f"'{_short(text)}' is no !!{kind}", event)
     match kind:
         case None:
             return str(text)
@@ -266,7 +268,7 @@ def _scalar_of(event: Any) -> str | bool | int | float | None:
         case "bool":
             return bool(text.lower() == "true")
     if len(text) > LONGEST_NUMBER:
-        raise _Fault(f"a number of {len(text):,} characters; it may have {LONGEST_NUMBER}", event)
+        raise _YamlFault(f"a number of {len(text):,} characters; it may have {LONGEST_NUMBER}", event)
     if kind == "int":
         return int(text, 0 if text[:2] in ("0o", "0x") else 10)
     return float(
@@ -274,9 +276,9 @@ def _scalar_of(event: Any) -> str | bool | int | float | None:
     )
 
 
-def _not_allowed(event: Any) -> _Fault:
+def _not_allowed(event: Any) -> _YamlFault:
     tag = event.tag.replace(_PREFIX, "!!", 1)
-    return _Fault(f"the tag '{_short(tag)}' is not allowed here; leave it out", event)
+    return _YamlFault(f"the tag '{_short(tag)}' is not allowed here; leave it out", event)
 
 
 def _short(text: str) -> str:

@@ -19,7 +19,7 @@ from hpcinv.files.names import exists
 from hpcinv.job.mesh_generators import in_unit
 from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.mesh.bounding_box import diagonal
-from hpcinv.mesh.cell_count import Watch, silent
+from hpcinv.mesh.cell_count import MeshingWatch, silent
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check, check_nodes
 from hpcinv.mesh.distributed.partition import Partition, measure, partitioner
@@ -116,7 +116,7 @@ def read_source(spec: MeshSpec, path: Path, told: Callable[[str], None] = silent
     try:
         if path.suffix in GENERATORS:
             parameters = spec.parameters if spec.unit == 1.0 else in_unit(path, spec.parameters, spec.unit)
-            watch = Watch(spec.maximum_cells, told)
+            watch = MeshingWatch(spec.maximum_cells, told)
             source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree, watch).in_metres(spec.unit)
         else:
             source = FILES[path.suffix](path)

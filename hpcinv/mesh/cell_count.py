@@ -27,7 +27,7 @@ def silent(_text: str) -> None:
 
 
 @dataclass(frozen=True)
-class Watch:
+class MeshingWatch:
     """What meshing is watched by.
 
     Attributes:
@@ -40,7 +40,7 @@ class Watch:
 
 
 @contextmanager
-def watched(gmsh: Any, path: Path, watch: Watch) -> Iterator[None]:
+def watched(gmsh: Any, path: Path, watch: MeshingWatch) -> Iterator[None]:
     """Within this context ``gmsh.model.mesh.generate`` meshes curves first, and stops if too many cells would follow.
 
     The mesh is the same: gmsh draws no random numbers for curves, and meshes them once.

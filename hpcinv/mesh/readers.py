@@ -14,7 +14,7 @@ from typing import Any
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.job.mesh_generators import Value
 from hpcinv.job.msh_format import fault_of
-from hpcinv.mesh.cell_count import Watch, watched
+from hpcinv.mesh.cell_count import MeshingWatch, watched
 from hpcinv.mesh.cells import DEGREES
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.parts import by_tags
@@ -28,7 +28,7 @@ from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI
 
 
-def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None, watch: Watch) -> MeshSource:
+def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None, watch: MeshingWatch) -> MeshSource:
     """Mesh a generator: a Python file whose ``build(gmsh, *, size=0.002, …)`` meshes the current model, in metres."""
     with session(path.stem) as gmsh:
         try:
@@ -50,7 +50,7 @@ def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None
         return _of_degree(gmsh, path, degree)
 
 
-def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None, watch: Watch) -> MeshSource:
+def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None, watch: MeshingWatch) -> MeshSource:
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
     with session(path.stem) as gmsh:
         for name, value in parameters.items():
@@ -111,7 +111,7 @@ def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     return extract(gmsh, path, (*DEGREES, degree))
 
 
-GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, Watch], MeshSource]] = {
+GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, MeshingWatch], MeshSource]] = {
     ".py": build_python,
     ".geo": build_geo,
 }

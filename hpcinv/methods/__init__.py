@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from hpcinv.methods.direct import Direct
-from hpcinv.methods.fixed_point import FixedPoint
+from hpcinv.methods.direct import DirectMethod
+from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.methods.method import Method
 from hpcinv.methods.updates import UPDATES
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def method_for(model: Model, direction: Direction, stop_asked: Callable[[], bool]) -> Method:
     """The method that the model's job asks for; a forward problem is always solved directly."""
     if direction == "forward" or model.job.method == "direct":
-        return Direct(model, direction, stop_asked)
-    return FixedPoint(model, stop_asked)
+        return DirectMethod(model, direction, stop_asked)
+    return FixedPointMethod(model, stop_asked)
 
 
-__all__ = ["UPDATES", "Direct", "FixedPoint", "Method", "method_for"]
+__all__ = ["UPDATES", "DirectMethod", "FixedPointMethod", "Method", "method_for"]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hpcinv.solver.problem import Model
 
 
-class Direct(Method):
+class DirectMethod(Method):
     """Forward and inverse problems alike (doi:10.1007/s00366-021-01597-z)."""
 
     def __init__(self, model: Model, direction: Direction, stop_asked: Callable[[], bool]) -> None:

@@ -24,7 +24,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from hpcinv.methods.bulk_modulus import BulkModulus
-from hpcinv.methods.fixed_point import FixedPoint
+from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equilibrium import Solve
@@ -135,7 +135,7 @@ def _fixed_point(problem: Problem) -> Solves:
     model = copy.copy(problem.model)
     model.job = job.model_copy(update={"method": "anderson", "fixed_point": near})
     model.unknowns.state.x.array[:] = 0.0
-    method = FixedPoint(model, problem.stop_asked)
+    method = FixedPointMethod(model, problem.stop_asked)
     try:
         for solve in method.solves(0.0, resumed=False):
             yield solve

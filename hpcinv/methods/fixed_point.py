@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hpcinv.solver.problem import Model
 
 
-class FixedPoint(Method):
+class FixedPointMethod(Method):
     """Sellier's iteration on the nodes X of the reference body, with the update rule that the job names.
 
     It ends when the gap, ``max |X + u - x|`` over the nodes, is at most ``fixed_point.tolerance`` times the diagonal of

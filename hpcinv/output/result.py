@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from hpcinv.accuracy import Record
+    from hpcinv.accuracy import AccuracyRecord
     from hpcinv.certificate import Certificate, Estimate
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
@@ -50,7 +50,7 @@ class Result:
     sensitivities: Sensitivities | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
     directory: Path | None = None
-    accuracy: Record | None = None
+    accuracy: AccuracyRecord | None = None
     totals: Totals | None = None
 
     @property

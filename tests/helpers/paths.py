@@ -10,7 +10,7 @@ from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, root
 from helpers.verification import HERE, box, job
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.methods import Direct
+from hpcinv.methods import DirectMethod
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equilibrium import Solve
@@ -55,7 +55,7 @@ def cube(share: float, analysis: str = "inverse", **solver: Any) -> Job:
 def tried(job: Job, comm: MPI.Intracomm) -> list[Solve]:
     """Every solve of a job's first leg, whether it reaches the full load or not."""
     body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
-    method = Direct(Model(job, body, Timings()), job.legs[0], lambda: False)
+    method = DirectMethod(Model(job, body, Timings()), job.legs[0], lambda: False)
     solves = list(method.solves(0.0, resumed=False))
     method.equilibrium.destroy()
     return solves

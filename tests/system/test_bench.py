@@ -16,7 +16,7 @@ import pytest
 from helpers.command_line import ROOT, environment, hpcinv
 
 from hpcinv.cli.bench import bodies, crossover, linear, ranks, setup
-from hpcinv.cli.bench_runs import Run
+from hpcinv.cli.bench_runs import MeasuredRun
 from hpcinv.errors import SolveError
 from hpcinv.job.job import parse
 
@@ -33,7 +33,7 @@ SECONDS = {
 }
 
 
-def run(unknowns: int = 50_000, scale: float = 1.0) -> Run:
+def run(unknowns: int = 50_000, scale: float = 1.0) -> MeasuredRun:
     """A run of which a second of each phase is ``scale`` seconds."""
     summary = {
         "status": "converged",
@@ -46,13 +46,13 @@ def run(unknowns: int = 50_000, scale: float = 1.0) -> Run:
         },
         "peak_memory": {"ranks": [3 * 10**8, 7 * 10**8], "phases": {}},
     }
-    return Run(scale * 22.0, scale * 20.0, summary, {"PCApply": [{"Count": 0}]}, "")
+    return MeasuredRun(scale * 22.0, scale * 20.0, summary, {"PCApply": [{"Count": 0}]}, "")
 
 
 class Played:
     """Stands in for a `Bench`: gives runs that are known."""
 
-    def __init__(self, runs: Mapping[str, Run], directory: Path, probe: str = "") -> None:
+    def __init__(self, runs: Mapping[str, MeasuredRun], directory: Path, probe: str = "") -> None:
         self.runs, self.directory, self.results, self.probe = runs, directory, directory, probe
 
     def note(self, text: str) -> None:
@@ -64,14 +64,14 @@ class Played:
     def output(self, module: str, *arguments: object, ranks: int = 1) -> str:
         return self.probe
 
-    def must_run(self, name: str, job: Mapping[str, Any], ranks: int = 1, *, log: bool = False) -> Run:
+    def must_run(self, name: str, job: Mapping[str, Any], ranks: int = 1, *, log: bool = False) -> MeasuredRun:
         (self.results / "shape.msh").write_text("")
         return run()
 
-    def run(self, name: str, job: Mapping[str, Any], ranks: int = 1, *, log: bool = False) -> Run:
+    def run(self, name: str, job: Mapping[str, Any], ranks: int = 1, *, log: bool = False) -> MeasuredRun:
         return self.runs[job["solver"]["linear"]]
 
-    def alternating(self, jobs: Mapping[str, Any], repeat: int) -> dict[str, list[Run]]:
+    def alternating(self, jobs: Mapping[str, Any], repeat: int) -> dict[str, list[MeasuredRun]]:
         """The median is the second of three."""
         sizes = {name: self.runs[name].unknowns for name in jobs}
         return {name: [run(n, scale=0.1), self.runs[name], run(n, scale=1e3)] for name, n in sizes.items()}
@@ -103,7 +103,7 @@ def test_linear_solvers_cross(tmp_path: Path) -> None:
     at = crossover(sizes, [1e-6 * n**2 for n in sizes], [1e-3 * n**1.1 for n in sizes])
     assert at == pytest.approx(1000 ** (1 / 0.9))
     assert crossover(sizes, [1.0, 1.0, 1.0], [2.0, 2.0, 2.0]) is None
-    failed = Run(1.0, 1.0, None, {}, "exit code 3: out of memory")
+    failed = MeasuredRun(1.0, 1.0, None, {}, "exit code 3: out of memory")
     played = Played({"direct": run(), "iterative": failed}, tmp_path)
     found = linear(played, {"a": lambda size: {}}, [7_000], 2)  # type: ignore[arg-type]
     assert found.rows[0] == ("a", "50000", "10.00", "-", "1000", "-", "- / -")

@@ -12,9 +12,9 @@ import pytest
 from helpers.verification import box, job
 
 from hpcinv.accuracy.assessment import Assessment, Finding, assess, hindsight
-from hpcinv.accuracy.forecast import AIM, BOLD, CAREFUL, Forecast, Places, Step, Work, cautious, choose, nodes
+from hpcinv.accuracy.forecast import AIM, BOLD, CAREFUL, Places, RefinementForecast, Step, Work, cautious, choose, nodes
 from hpcinv.accuracy.marking import CLOSURE, plan
-from hpcinv.accuracy.record import Ending, Record, Row
+from hpcinv.accuracy.record import AccuracyRecord, AccuracyStep, Ending
 from hpcinv.certificate import Verdict
 from hpcinv.errors import JobError
 
@@ -75,7 +75,7 @@ def steps(
 
 
 def test_orders_and_costs_are_learnt() -> None:
-    forecast = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.5, 2**-7.0], 10.0)
+    forecast = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.5, 2**-7.0], 10.0)
     assert forecast.order(2) == pytest.approx(3.5)
     assert forecast.power == pytest.approx(1.5)
     assert forecast.needed(2) == pytest.approx((10 / AIM) ** (1 / 3.5))
@@ -88,13 +88,13 @@ def test_orders_and_costs_are_learnt() -> None:
 
 
 def test_orders_are_presumed_with_care() -> None:
-    one = Forecast(steps([1.0], [2]), [1.0], 10.0)
+    one = RefinementForecast(steps([1.0], [2]), [1.0], 10.0)
     assert (one.order(2), one.order(3), one.is_known(2)) == (3.0, 4.0, False)
-    two = Forecast(steps([1.0, 0.5], [2, 2]), [1.0, 2**-2.5], 10.0)
+    two = RefinementForecast(steps([1.0, 0.5], [2, 2]), [1.0, 2**-2.5], 10.0)
     assert (two.order(2), two.order(3)) == (pytest.approx((2.5 + 3) / 2), 4.0)
-    rough = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 0.5, 0.25], 10.0)
+    rough = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 0.5, 0.25], 10.0)
     assert (rough.order(2), rough.order(3)) == (pytest.approx(1.0), pytest.approx(1.0))  # a corner limits both
-    raised = Forecast(steps([1.0, 1.0], [2, 3]), [1.0, 0.05], 10.0)
+    raised = RefinementForecast(steps([1.0, 1.0], [2, 3]), [1.0, 0.05], 10.0)
     assert raised.gain(2) == pytest.approx(0.05)
     factors = [1.5, 2.0, 3.0, 4.0, 6.0, 8.0]
     assert cautious(one, one.everywhere(8.0, 2), factors) == CAREFUL
@@ -104,14 +104,14 @@ def test_orders_are_presumed_with_care() -> None:
 
 def test_the_cheapest_that_is_enough_is_chosen() -> None:
     factors = [1.25, 1.5, 2.0, 4.0]
-    smooth = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 5.0)
+    smooth = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 5.0)
     choice = choose(smooth, factors, None, limit=10**9, highest=2)
     assert choice is not None
     assert (choice.kind, choice.degree, choice.factor) == ("everywhere", 2, 2.0)
     # A far better mesh costs more than a degree more, unless its kernels take long to compile.
-    demanding = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 100.0)
+    demanding = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 100.0)
     assert getattr(choose(demanding, factors, None, limit=10**9, highest=3), "degree", None) == 3
-    slow = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2], compilation=1e9), [1.0, 2**-3.0, 2**-6.0], 50.0)
+    slow = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2], compilation=1e9), [1.0, 2**-3.0, 2**-6.0], 50.0)
     assert getattr(choose(slow, factors, None, limit=10**9, highest=3), "degree", None) == 2
     # Refinement in places pays where it takes fewer cells.
     few, many = Places(3.0, 0.1), Places(60.0, 0.1)
@@ -120,13 +120,16 @@ def test_the_cheapest_that_is_enough_is_chosen() -> None:
 
 
 def test_within_a_limit_what_comes_nearest_is_chosen_if_it_is_worth_it() -> None:
-    forecast = Forecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 100.0)
+    forecast = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 100.0)
     n = forecast.last.unknowns
     choice = choose(forecast, [1.1, 1.5, 2.0], None, limit=4 * n, highest=2)
     assert choice is not None
     assert (choice.factor, choice.excess > 1) == (1.5, True)
     assert choose(forecast, [1.1, 1.5, 2.0], None, limit=n, highest=2) is None
-    assert choose(Forecast(forecast.steps, [1.0, 0.95, 0.9], 100.0), [1.25], None, limit=4 * n, highest=2) is None
+    assert (
+        choose(RefinementForecast(forecast.steps, [1.0, 0.95, 0.9], 100.0), [1.25], None, limit=4 * n, highest=2)
+        is None
+    )
 
 
 def test_marks_take_the_fewest_cells() -> None:
@@ -195,8 +198,8 @@ def test_errors_of_vectors_are_lengths() -> None:
 
 @pytest.mark.parametrize("left_out", ["", ", the error of the geometry is not included"])
 def test_the_certificate_tells_which_demand_is_not_met(left_out: str) -> None:
-    step = Row("as it is", 48, 2, 375, {}, {}, {}, None, left_out, 3, 1.0)
-    record = Record({"a": 1.0, "b": 1.0}, [step], 0, {"a": 0.5, "b": math.inf}, Ending.LIMIT, 1.0)
+    step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, left_out, 3, 1.0)
+    record = AccuracyRecord({"a": 1.0, "b": 1.0}, [step], 0, {"a": 0.5, "b": math.inf}, Ending.LIMIT, 1.0)
     met, missed = record.lines()
     assert (met.verdict, met.note) == (Verdict.PASS, left_out.removeprefix(", "))
     assert missed.verdict is Verdict.FAIL
