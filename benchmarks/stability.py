@@ -124,7 +124,7 @@ def modes(job: Job, number: int = 3) -> str:
 
 
 def negative(model: Model) -> int:
-    equilibrium = model.equilibrium(model.scene("forward"), lambda: False)
+    equilibrium = model.equilibrium(model.scene("forward"))
     equilibrium.linearise(1.0)
     found = inertia(equilibrium.matrix)
     model.release(equilibrium)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
     from hpcinv.parallel.timings import Timings
+    from hpcinv.solver.observer import Observer
 
 MOST_STEPS = 15
 AVERAGES = ("mean", "rms", "integral")
@@ -44,11 +45,11 @@ class Search:
     chosen: int
 
     def __init__(
-        self, job: Job, comm: Intracomm, timings: Timings, note: Callable[[str], None], stop_asked: Callable[[], bool]
+        self, job: Job, comm: Intracomm, timings: Timings, note: Callable[[str], None], observer: Observer
     ) -> None:
         self.job, self.comm, self.timings = job, comm, timings
-        self.note, self.stop_asked = note, stop_asked
-        self.memory = RefinementMemory(comm)
+        self.note, self.observer = note, observer
+        self.memory = Memory(comm)
         self.meshes = Meshes(job, comm)
         self.unseen_order: float | None = None
         self.highest = max(HIGHEST_DEGREE, job.discretisation.displacement)
@@ -63,7 +64,7 @@ class Search:
 
         Raises:
             MeshError: the same on every rank.
-            Interrupted: ``stop_asked`` was true on some rank.
+            Interrupted: the observer asked to stop on some rank.
         """
         begin, first = time.perf_counter(), self.meshes.first
         body = self._build(first)
@@ -109,7 +110,7 @@ class Search:
     def _attempt(self, variant: Variant, body: Body, degree: int) -> bool:
         """Solve and estimate one discretisation, and take it in if it reached the full load."""
         begin, before = time.perf_counter(), self.last
-        trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.stop_asked, before)
+        trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.observer, before)
         if trial.outcome is Outcome.INTERRUPTED:
             where = f"stopped by a signal in step {len(self.rows) + 1} towards the accuracy demanded"
             raise Interrupted(f"{where}; nothing was saved", "Run the job again.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from hpcinv.parallel.timings import Timings
     from hpcinv.results.leg import Leg
     from hpcinv.solver.equilibrium import Solve
+    from hpcinv.solver.observer import Observer
 
 
 @dataclass(frozen=True)
@@ -79,14 +80,14 @@ def attempt(
     variant: Variant,
     body: Body,
     timings: Timings,
-    stop_asked: Callable[[], bool],
+    observer: Observer,
     before: Trial | None,
 ) -> Trial:
     """Solve and estimate one discretisation, from the solution of the one ``before``; collective."""
     with _measured(timings) as solved:
         check_points(job.quantities, body)
         model = Model(job, body, timings)
-        method = method_for(model, job.legs[0], stop_asked)
+        method = method_for(model, job.legs[0], observer)
         if before is not None:
             with timings("transfer"):
                 begin_with(model, before.leg, before.body)
@@ -94,7 +95,6 @@ def attempt(
         unused = method.equilibrium.options.unused()
         method.equilibrium.destroy()
         scene = model.scene(job.legs[0])
-        scene.parameters.set_load(method.reached)
         path = (*_path(before, model), *solves)
         leg = leg_of(model, job.legs[0], scene, path, method.reached, method.equilibrium.used)
     reached = method.reached == 1.0

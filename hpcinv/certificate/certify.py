@@ -14,6 +14,7 @@ from hpcinv.certificate.round_trip import gap, round_trip, stability
 from hpcinv.certificate.shape import shape
 from hpcinv.certificate.volume import volume
 from hpcinv.mesh.moved import placed
+from hpcinv.solver.observer import SILENT, Observer
 
 if TYPE_CHECKING:
     from hpcinv.results.leg import Leg
@@ -30,6 +31,7 @@ def certify(
     computed: Mapping[str, Value],
     known: Estimate | None = None,
     told: Callable[[str], None] = lambda _: None,
+    observer: Observer = SILENT,
 ) -> tuple[Certificate, Estimate | None]:
     """Check what the legs of a run have found; collective.
 
@@ -38,6 +40,7 @@ def certify(
         computed: values of the job's quantities of interest.
         known: the estimate of the first leg, if it has been made before.
         told: called with the name of each check when it begins.
+        observer: of the solve back.
     """
     leg, lines, found = legs[0], list[Line](), known
     with model.timings.as_one("certificate"):
@@ -51,7 +54,7 @@ def certify(
         told("cells and overlap")
         lines += shape(model, leg)
         told("round trip")
-        lines += round_trip(model, leg) if len(legs) == 1 else [gap(model, leg, legs[1].u)]
+        lines += round_trip(model, leg, observer) if len(legs) == 1 else [gap(model, leg, legs[1].u)]
         told("stability")
         lines += stability(model, leg)
         told("ineffective loads")
@@ -61,7 +64,7 @@ def certify(
 
 def _of_the_solution(model: Model, leg: Leg) -> Iterator[Line]:
     model.set_solution(leg.displacement, leg.pressure)
-    equilibrium = model.equilibrium(model.scene(leg.direction), lambda: False)
+    equilibrium = model.equilibrium(model.scene(leg.direction))
     yield from balance(model, equilibrium)
     model.release(equilibrium)
     yield from volume(model, leg)

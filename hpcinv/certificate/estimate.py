@@ -101,7 +101,7 @@ def estimate(model: Model, leg: Leg, computed: Mapping[str, Value]) -> Estimate:
     finer.set_solution(u, p)
     finer.unknowns.state.x.scatter_forward()
     scene = finer.scene(leg.direction)
-    equilibrium = finer.equilibrium(scene, lambda: False)
+    equilibrium = finer.equilibrium(scene)
     equilibrium.correct(1.0)
     equilibrium.destroy()
     better = leg_of(finer, leg.direction, scene, ())

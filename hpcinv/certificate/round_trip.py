@@ -19,6 +19,7 @@ from hpcinv.mesh.moved import placed
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.spatial_fields import ByFormula
 from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.observer import SILENT, Observer
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function
@@ -36,7 +37,7 @@ STRAIGHT = (
 )
 
 
-def round_trip(model: Model, leg: Leg) -> Iterator[Line]:
+def round_trip(model: Model, leg: Leg, observer: Observer = SILENT) -> Iterator[Line]:
     """Solve back from the body that a leg found, and compare the displacements; collective.
 
     With the cells' geometry of the displacement's degree the two directions are exact discrete inverses.
@@ -48,7 +49,7 @@ def round_trip(model: Model, leg: Leg) -> Iterator[Line]:
         return
     with placed(model.body.mesh, leg.other_nodes / model.body.length_scale):
         model.set_solution(leg.displacement, leg.pressure)
-        equilibrium = model.equilibrium(model.scene(back), lambda: False)
+        equilibrium = model.equilibrium(model.scene(back), observer)
         tolerance = model.job.solver.tolerance
         solves = [equilibrium.solve(1.0, tolerance)] if start == "near" else []
         if not solves or not solves[-1].outcome.accepted:
@@ -91,7 +92,7 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
     with placed(model.body.mesh, leg.reference_nodes / model.body.length_scale):
         model.set_solution(leg.displacement, leg.pressure)
         known = known_displacement(model)
-        equilibrium = model.equilibrium(model.scene("forward", known), lambda: False)
+        equilibrium = model.equilibrium(model.scene("forward", known))
         equilibrium.linearise(1.0)
         with model.timings("factorization"):
             found = inertia(equilibrium.matrix)

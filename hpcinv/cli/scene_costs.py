@@ -176,7 +176,7 @@ def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, Cost]:
 
 def _linear_solver(model: Model, scene: Scene) -> tuple[str, float, float]:
     """The one that a run would use, and its seconds for one factorization or preconditioner and for one correction."""
-    equilibrium = model.equilibrium(scene, lambda: False)
+    equilibrium = model.equilibrium(scene)
     comm, b = equilibrium.comm, equilibrium.rhs
     x = b.duplicate()
     times = []

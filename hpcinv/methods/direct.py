@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ from hpcinv.methods.method import Method
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.load_stepping import AdaptiveSteps
+from hpcinv.solver.observer import SILENT, Observer
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 class DirectMethod(Method):
     """Forward and inverse problems alike (doi:10.1007/s00366-021-01597-z)."""
 
-    def __init__(self, model: Model, direction: Direction, stop_asked: Callable[[], bool]) -> None:
-        self.equilibrium = model.equilibrium(model.scene(direction), stop_asked)
-        self.problem = Problem(model, direction, self.equilibrium, stop_asked)
+    def __init__(self, model: Model, direction: Direction, observer: Observer = SILENT) -> None:
+        self.equilibrium = model.equilibrium(model.scene(direction), observer)
+        self.problem = Problem(model, direction, self.equilibrium, observer)
         self.steps = model.steps
         if isinstance(self.steps, ArcLengthSteps) and direction != model.job.legs[0]:
             self.steps = replace(self.steps, folds=0)  # the body that the first leg found has one way back

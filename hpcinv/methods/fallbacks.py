@@ -33,6 +33,7 @@ from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps, follow
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
     from hpcinv.solver.equilibrium import Equilibrium
+    from hpcinv.solver.observer import Observer
     from hpcinv.solver.problem import Model
 
 EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
@@ -47,7 +48,7 @@ class Problem:
     model: Model
     direction: Direction
     equilibrium: Equilibrium
-    stop_asked: Callable[[], bool]
+    observer: Observer
 
 
 def reach(problem: Problem, steps: Steps, *, load: float = 0.0, turned: int = 0) -> Iterator[Solve]:
@@ -135,7 +136,7 @@ def _fixed_point(problem: Problem) -> Solves:
     model = copy.copy(problem.model)
     model.job = job.model_copy(update={"method": "anderson", "fixed_point": near})
     model.unknowns.state.x.array[:] = 0.0
-    method = FixedPointMethod(model, problem.stop_asked)
+    method = FixedPoint(model, problem.observer)
     try:
         for solve in method.solves(0.0, resumed=False):
             yield solve

@@ -4,7 +4,7 @@ the residual ``r = X + u - x``, until the loaded body is the given one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from hpcinv.methods.updates import UPDATES
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.observer import SILENT, Observer
 
 if TYPE_CHECKING:
     from hpcinv.methods.update import Floats
@@ -35,7 +36,7 @@ class FixedPointMethod(Method):
 
     Args:
         model: a model on the mesh as the job gives it.
-        stop_asked: as for `Equilibrium`.
+        observer: of the iterations; it may ask to stop.
 
     Attributes:
         equilibrium: of the forward problem, on the mesh wherever it lies.
@@ -45,9 +46,9 @@ class FixedPointMethod(Method):
     _least_shrinkage = 0.1  # of the volume at any point, by one step
     _patience = 10  # iterations in which the smallest gap so far must be beaten
 
-    def __init__(self, model: Model, stop_asked: Callable[[], bool]) -> None:
+    def __init__(self, model: Model, observer: Observer = SILENT) -> None:
         self.model, self.settings = model, model.job.fixed_point
-        self.equilibrium = model.equilibrium(model.scene("forward"), stop_asked)
+        self.equilibrium = model.equilibrium(model.scene("forward"), observer)
         with model.timings("set-up"):
             self.mesh = MovableMesh(model.unknowns, model.quadrature_degree)
         rule = UPDATES[model.job.method]

@@ -25,6 +25,7 @@ import adios4dolfinx
 from hpcinv.errors import CheckpointError
 from hpcinv.job.fingerprint import difference
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.methods.solve_direction import Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.equilibrium import Solve
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from dolfinx.fem import Function
 
     from hpcinv.mesh import Body
+    from hpcinv.solver.problem import Model
 
 _FORMAT = 3
 _NAME = re.compile(r"\d{4,}")
@@ -170,10 +172,26 @@ class Restart:
     functions: tuple[str, ...]
     complaints: tuple[str, ...]
 
+    def start(self, number: int, model: Model) -> Start | None:
+        """Where to go on in a direction (from 0), ``None`` if that had not begun; collective."""
+        if self.position.leg < number:
+            return None
+        u, p = model.solution()
+        for name, function in named(number, u, p).items():
+            self.read(name, function)
+        load = self.position.load if self.position.leg == number else 1.0
+        return Start((u, p), load, self.position.solves[number])
+
     def read(self, name: str, function: Function) -> None:
         """Fill a function that was saved under ``name``; collective."""
         adios4dolfinx.read_function(self.path / "functions.bp", function, name=name)
         function.x.scatter_forward()
+
+
+def named(number: int, u: Function, p: Function | None) -> dict[str, Function]:
+    """The functions of one direction (from 0) under the names that they have in a checkpoint."""
+    functions = {f"displacement-{number}": u}
+    return functions if p is None else functions | {f"pressure-{number}": p}
 
 
 def cells_digest(body: Body) -> str:

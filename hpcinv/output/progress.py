@@ -18,19 +18,21 @@ from hpcinv.job.sections import REACTIONS
 from hpcinv.output.run_log import RunLog
 from hpcinv.output.terminal import width_through_mpirun
 from hpcinv.quantity.units import readable
+from hpcinv.solver.observer import Observer
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
     from rich.console import Console
     from rich.progress import Progress as LiveBar
 
+    from hpcinv.effects import Direction
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
     from hpcinv.output.checkpoint import Restart
     from hpcinv.results.totals import Totals
-    from hpcinv.solver.equilibrium import Solve
     from hpcinv.solver.linear.selection import Used
     from hpcinv.solver.newton import NewtonIteration
+    from hpcinv.solver.observer import SolveEvent
 
 _ERRORS = {
     "round_trip": "round trip: closes to {max:.3g} m ({relative:.1g} of the body's length)",
@@ -49,7 +51,7 @@ class Level(IntEnum):
     """a line for each Newton iteration and each check"""
 
 
-class Progress:
+class Progress(Observer):
     """Messages of a run; silent without a stream, and on every rank but 0.
 
     Use it as a context, which takes the live bar off the terminal whatever happens, and ends the log.
@@ -147,7 +149,6 @@ class Progress:
                 self._console.print(f"{'' if first else ','} {text}", end="")
 
     def iteration(self, iteration: NewtonIteration) -> None:
-        """One iteration of Newton's method."""
         tangent = ", new tangent" if iteration.new_tangent else ""
         sizes = f"correction {iteration.correction:.3g} of {iteration.state:.3g}, residual {iteration.residual:.3g}"
         self.note(f"    iteration: {sizes}{tangent}", Level.VERBOSE)
@@ -216,8 +217,7 @@ class Progress:
         for text in totals.warnings:
             self.warn(text)
 
-    def leg(self, direction: str, linear: Used) -> None:
-        """A direction begins, with a linear solver."""
+    def begun(self, direction: Direction, linear: Used) -> None:
         self.close()
         self._direction, self._last = direction, time.perf_counter()
         self.note(f"{direction}:")
@@ -226,16 +226,15 @@ class Progress:
             self.note(f"  {linear.note}")
         self._show("load", total=1.0)
 
-    def solve(self, solve: Solve, largest_displacement: float, min_mesh_J: float) -> None:
-        """A step was solved, or not: the state is then that of the last one that was."""
-        now = time.perf_counter()
+    def solved(self, event: SolveEvent) -> None:
+        solve, now = event.solve, time.perf_counter()
         seconds, self._last = now - self._last, now
         effort = f"{_count(len(solve.iterations), 'iteration')}, {_count(solve.factorizations, 'factorization')}"
         if solve.linear_iterations:
             effort = f"{effort.replace('factorization', 'tangent')}, {solve.linear_iterations} Krylov iterations"
         if solve.outcome.accepted:
             F = {"forward": "det F", "inverse": "det F^-1"}[self._direction]
-            state = f"largest displacement {largest_displacement:.4g} m, {F} > {min_mesh_J:.4g}"
+            state = f"largest displacement {event.largest_displacement:.4g} m, {F} > {event.min_mesh_J:.4g}"
             gap = "" if solve.gap is None else f" {solve.gap:.3g} m from the given shape,"
             self.note(f"  load {solve.load:.4g}: {effort},{gap} {state}, {seconds:.1f} s")
         else:

@@ -95,6 +95,7 @@ def leg_of(
     with model.timings("compile"):
         means = scene.means
     with model.timings("evaluation"):
+        scene.parameters.set_load(load)
         u, p = model.solution()
         sigma = means.cauchy_stress()
         sigma.x.array[:] *= stress

@@ -29,7 +29,7 @@ def reactions(quantities: Iterable[QuantityOfInterest], leg: Leg, model: Model) 
     if not quantities:
         return {}
     model.set_solution(leg.displacement, leg.pressure)
-    equilibrium = model.equilibrium(model.scene(leg.direction), lambda: False)
+    equilibrium = model.equilibrium(model.scene(leg.direction))
     residual = equilibrium.forces(1.0)
     model.release(equilibrium)
 

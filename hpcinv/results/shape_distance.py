@@ -6,6 +6,7 @@ diagonal of the body's bounding box.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
@@ -48,6 +49,16 @@ def read_expected(job: Job, body: Body) -> Floats | None:
     if not body.mesh.comm.allreduce(np.array_equal(source.cells, given.cells), op=MPI.LAND):
         raise MeshError(f"{source.path}: its cells join other nodes than those of the job's mesh", advice)
     return at_local_nodes(body, source.points)
+
+
+def differences(body: Body, legs: Sequence[Leg], expected: Floats | None) -> dict[str, dict[str, float]]:
+    """Distance of the first direction's shape from ``expected`` nodes, and what a round trip fails to close by."""
+    found = {}
+    if expected is not None:
+        found["expected_shape"] = distance(body, legs[0], expected)
+    if len(legs) == 2:
+        found["round_trip"] = closure(*legs)
+    return found
 
 
 def distance(body: Body, leg: Leg, expected: Floats) -> dict[str, float]:

@@ -170,7 +170,7 @@ def _resultant(model: Model, direction: Direction) -> tuple[float, float, float]
     unknowns, comm = model.unknowns, model.body.mesh.comm
     state = unknowns.state.x.array
     before = state.copy()
-    equilibrium = model.equilibrium(model.scene(direction), lambda: False)
+    equilibrium = model.equilibrium(model.scene(direction))
     state[:] = 0.0
     forces = equilibrium.forces(0.0) - equilibrium.forces(1.0)
     found, total = np.zeros(3), np.zeros(3)

@@ -125,7 +125,7 @@ def sensitivities(model: Model, leg: Leg) -> Sensitivities | None:
 def _changes(model: Model, leg: Leg, parameters: Sequence[Parameter]) -> dict[str, Change]:
     """How the solution and the scene's parameters change with each parameter, by its key."""
     scene = model.scene(leg.direction)
-    equilibrium = model.equilibrium(scene, lambda: False)
+    equilibrium = model.equilibrium(scene)
     model.set_solution(leg.displacement, leg.pressure)
     equilibrium.linearise(1.0)
     with model.timings("compile"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.mip_newton import ExtrapolatedStress
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
+from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.petsc_options import SolverOptions, Value
 from hpcinv.solver.predictor import Predictor
 from hpcinv.solver.step_report import Solve as Solve  # part of this module's interface
@@ -55,7 +56,7 @@ class Equilibrium(Predictor):
         choice: preset of the linear solver.
         limit: Newton iterations after which a solve is given up.
         reuse: largest contraction at which the tangent is kept, 0 for full Newton.
-        stop_asked: whether a signal asks to stop; all ranks are asked before each iteration.
+        observer: of the iterations; all ranks are asked before each one whether to stop.
     """
 
     def __init__(
@@ -68,11 +69,10 @@ class Equilibrium(Predictor):
         choice: Choice,
         limit: int = 30,
         reuse: float = 0.3,
-        stop_asked: Callable[[], bool] = lambda: False,
+        observer: Observer = SILENT,
     ) -> None:
         super().__init__(scene, supports, timings, options, choice)
-        self.limit, self.reuse, self.stop_asked = limit, reuse, stop_asked
-        self.told: Callable[[NewtonIteration], None] = lambda _: None  # of each iteration
+        self.limit, self.reuse, self.observer = limit, reuse, observer
         with timings("set-up"):
             # SNES iterates on a vector of its own: the state moves along with every trial of the line search.
             self._x, self._before = self.rhs.duplicate(), self.rhs.duplicate()
@@ -181,7 +181,7 @@ class Equilibrium(Predictor):
 
     def interrupted(self) -> bool:
         """Whether a signal has asked any rank to stop; collective."""
-        return bool(self.comm.allreduce(self.stop_asked(), op=MPI.LOR))
+        return bool(self.comm.allreduce(self.observer.stop_asked(), op=MPI.LOR))
 
     def destroy(self) -> None:
         """Free what PETSc holds."""
@@ -237,7 +237,7 @@ class Equilibrium(Predictor):
             self._outcome = self._verdict
             return _GIVEN_UP
         iteration = NewtonIteration(self._correction, norm(x), residual, self._fresh)
-        self.told(iteration)
+        self.observer.iteration(iteration)
         self._outcome = self._monitor.judge(iteration)
         if self._outcome is None or not self._outcome.accepted:
             self._outcome = self._verdict or self._outcome

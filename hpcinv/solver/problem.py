@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -13,11 +12,13 @@ from hpcinv.model.fields import BodyFields
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.supports import Supports
+from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.nondimensional import Scales, power_of_two
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.linear.selection import Chooser
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps
+from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.rigid_motion_check import check_agreement, check_held
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
     from hpcinv.parallel.timings import Timings
-    from hpcinv.solver.newton import NewtonIteration
 
 KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
 
@@ -46,7 +46,6 @@ class Model:
         self.job, self.body, self.timings = job, body, timings
         self._scenes: dict[Direction, Scene] = {}
         self._idle: dict[int, Equilibrium] = {}  # by the scene
-        self.told: Callable[[NewtonIteration], None] = lambda _: None
         with timings("set-up"):
             self.fields = BodyFields(body)
             check_fields(job, self.fields)
@@ -103,8 +102,8 @@ class Model:
             self._scenes[direction] = scene
         return scene
 
-    def equilibrium(self, scene: Scene, stop_asked: Callable[[], bool]) -> Equilibrium:
-        """The equations of a scene, and the solver that the job asks for."""
+    def equilibrium(self, scene: Scene, observer: Observer = SILENT) -> Equilibrium:
+        """The equations of a scene, and the solver that the job asks for, whose iterations are observed."""
         equilibrium = self._idle.pop(id(scene), None)
         if equilibrium is None:
             solver = self.job.solver
@@ -118,8 +117,7 @@ class Model:
                 reuse=0.3 if solver.reuse_tangent else 0.0,
             )
         equilibrium.options.restore()
-        equilibrium.timings, equilibrium.stop_asked = self.timings, stop_asked
-        equilibrium.told = self.told
+        equilibrium.timings, equilibrium.observer = self.timings, observer
         if not self._is_held:
             try:
                 check_held(self.body, self.supports, equilibrium)
@@ -151,6 +149,12 @@ class Model:
         if p is not None:
             p.x.array[:] *= self.scales.stress
         return u, p
+
+    def largest_displacement(self) -> float:
+        """Of the present state over the degrees of freedom of all ranks, in m; collective."""
+        u = self.unknowns.displacement().x.array.reshape(-1, 3)
+        largest = float((u**2).sum(axis=1).max(initial=0.0)) ** 0.5 * self.scales.length
+        return float(self.body.mesh.comm.allreduce(largest, op=MPI.MAX))
 
     def set_solution(self, u: Function, p: Function | None) -> None:
         """Make a saved `solution` the present state."""

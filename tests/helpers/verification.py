@@ -45,7 +45,7 @@ class Solved:
 
     def _solve(self, leg: int) -> list[Solve]:
         self.scene: Scene = self.model.scene(self.job.legs[leg])
-        equilibrium = self.model.equilibrium(self.scene, lambda: False)
+        equilibrium = self.model.equilibrium(self.scene)
         solves = list(follow(equilibrium, self.model.steps, self.job.solver.tolerance))
         equilibrium.destroy()
         assert solves[-1].outcome.accepted, solves[-1].outcome

@@ -24,6 +24,7 @@ from helpers.legs import SOLVES
 from hpcinv.output.progress import Level, Progress
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import NewtonIteration
+from hpcinv.solver.observer import SolveEvent
 
 DIRECT = Used("direct", "at 9 unknowns, multigrid would take about 2 times as long", None)
 
@@ -71,9 +72,9 @@ STATISTICS: dict[str, Any] = {
 
 
 def tell(progress: Progress) -> None:
-    progress.leg("inverse", DIRECT)
+    progress.begun("inverse", DIRECT)
     for solve in SOLVES:
-        progress.solve(solve, 0.132456, 0.87654321)
+        progress.solved(SolveEvent(solve, (), solve.load, True, 0.132456, 0.87654321))
     progress.finish(STATISTICS)
 
 
@@ -133,8 +134,8 @@ def test_a_terminal_shows_a_bar_and_has_its_cursor_back_after_a_failure(monkeypa
     reader = threading.Thread(target=read_to_the_end, args=(ours, seen))
     reader.start()  # a terminal holds only 4 kB that nobody has read
     with os.fdopen(theirs, "w") as terminal, contextlib.suppress(RuntimeError), Progress(rank(0), terminal) as progress:
-        progress.leg("forward", DIRECT)
-        progress.solve(SOLVES[1], 0.1, 0.9)
+        progress.begun("forward", DIRECT)
+        progress.solved(SolveEvent(SOLVES[1], (), 0.5, True, 0.1, 0.9))
         raise RuntimeError
     reader.join()
     os.close(ours)
@@ -172,7 +173,7 @@ def go_through_phases(progress: Progress) -> None:
     with progress.phase("compiling"):
         pass
     with progress.phase("solving", announced=False):
-        progress.leg("inverse", DIRECT)
+        progress.begun("inverse", DIRECT)
         progress.iteration(NewtonIteration(0.5, 2.0, 1e-3, True))
     with progress.phase("checking"):
         progress.detail("stability")

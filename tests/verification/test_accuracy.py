@@ -29,6 +29,7 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.leg import leg_of
+from hpcinv.solver.observer import SILENT
 from hpcinv.solver.problem import Model
 
 
@@ -112,7 +113,7 @@ def test_refinement_in_places_pays_there(comm: MPI.Intracomm) -> None:
     meshes = Meshes(demanding, comm)
 
     def solved(variant: Any, body: Any, before: Any) -> tuple[Any, float]:
-        trial = attempt(meshes.job_on(variant), variant, body, timings, lambda: False, before)
+        trial = attempt(meshes.job_on(variant), variant, body, timings, SILENT, before)
         assert trial.estimate is not None
         return trial, math.hypot(*trial.estimate.quantities["tip"])
 

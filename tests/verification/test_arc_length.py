@@ -24,6 +24,7 @@ from hpcinv.solver.arc_length import ArcLengthSteps, trace
 from hpcinv.solver.bordering import Bordering
 from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
+from hpcinv.solver.observer import SolveEvent
 
 # Small systems of equations, without finite elements.
 
@@ -234,8 +235,8 @@ def test_a_run_interrupted_beyond_the_turning_point_goes_on_there(comm: MPI.Intr
     job, solves = hpcinv.load(file), list[Solve]()
 
     class Listener(Progress):
-        def solve(self, solve: Solve, largest_displacement: float, min_mesh_J: float) -> None:
-            solves.append(solve)
+        def solved(self, event: SolveEvent) -> None:
+            solves.append(event.solve)
 
     def beyond() -> bool:
         return any(solve.turning_point for solve in solves)

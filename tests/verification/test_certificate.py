@@ -175,7 +175,7 @@ def test_a_column_beyond_its_euler_load_is_unstable(
 def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
     one = column(4)
     model = Model(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
-    equilibrium = model.equilibrium(model.scene("inverse"), lambda: False)
+    equilibrium = model.equilibrium(model.scene("inverse"))
     (unloaded,) = balance(model, equilibrium)
     # Undeformed, all of the weight is unbalanced but what the supports carry at once.
     weight, held = equilibrium.forces(1.0), model.supports.prescribed

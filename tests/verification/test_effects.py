@@ -67,7 +67,7 @@ def test_tangent_is_the_derivative_of_the_residual(
     block = model(case(*names_with_a_load(name), hexahedra=hexahedra), comm)
     scene = block.scene(direction)
     scene.parameters.set_load(0.7)
-    equilibrium = block.equilibrium(scene, lambda: False)
+    equilibrium = block.equilibrium(scene)
     snes, state = equilibrium.snes, scene.unknowns.state
 
     random = np.random.default_rng(7)

@@ -24,6 +24,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.observer import SolveEvent
 from hpcinv.solver.problem import Model
 
 WEIGHT = {"effect": "gravity", "acceleration": [0, -2, -1], "density": "1 g/cm^3"}
@@ -50,7 +51,7 @@ class LoadPath:
         given = job(**BODY | {"analysis": "forward"} | data)
         body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
         model = Model(given, body, Timings())
-        equilibrium = model.equilibrium(model.scene(given.legs[0]), lambda: False)
+        equilibrium = model.equilibrium(model.scene(given.legs[0]))
         path = cls({}, [])
         for solve in follow(equilibrium, model.steps, given.solver.tolerance):
             path.solves.append(solve)
@@ -144,8 +145,8 @@ class StopsAt(Progress):
         super().__init__(MPI.COMM_SELF, None)
         self.load, self.reached = load, False
 
-    def solve(self, solve: Solve, largest_displacement: float, min_mesh_J: float) -> None:
-        self.reached |= solve.load == self.load
+    def solved(self, event: SolveEvent) -> None:
+        self.reached |= event.solve.load == self.load
 
 
 def test_a_run_stopped_between_cases_goes_on_with_the_next(tmp_path: Path) -> None:

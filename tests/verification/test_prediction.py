@@ -33,7 +33,7 @@ def equations(comm: MPI.Intracomm, direction: str = "forward", form: str = "disp
         supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
     )
     model = Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
-    return model, model.equilibrium(model.scene(direction), lambda: False)
+    return model, model.equilibrium(model.scene(direction))
 
 
 def field(model: Model, of: Any) -> PETSc.Vec:

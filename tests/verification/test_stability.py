@@ -213,7 +213,7 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
 
     u.interpolate(exact)
     model.set_solution(u, p)
-    equilibrium = model.equilibrium(model.scene("forward"), lambda: False)
+    equilibrium = model.equilibrium(model.scene("forward"))
     assert equilibrium.solve(1.0, 1e-10).outcome.accepted
     model.release(equilibrium)
     found, p = model.solution()

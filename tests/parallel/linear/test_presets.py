@@ -171,7 +171,7 @@ def test_without_memory_for_another_solver_it_ends_with_a_diagnosis(
 
 def factor_type(comm: MPI.Intracomm, **data: Any) -> str:
     solved = Solved(job(**data), comm)
-    equilibrium = solved.model.equilibrium(solved.scene, lambda: False)
+    equilibrium = solved.model.equilibrium(solved.scene)
     equilibrium.linearise(1.0)
     equilibrium.factorize()
     found: str = equilibrium.ksp.pc.getType()

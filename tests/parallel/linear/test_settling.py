@@ -90,7 +90,7 @@ def correction(equilibrium: Equilibrium, *, precise: bool) -> tuple[PETSc.Vec, i
 def test_a_correction_is_right_to_two_digits(body: str, analysis: str, comm: MPI.Intracomm) -> None:
     data: dict[str, Any] = {**SHELF, "material": MATERIALS["incompressible"]} if body == "chunky" else BEAM
     solved = Solved(job(**data, analysis=analysis, solver={"linear": "iterative"}), comm)
-    equilibrium = solved.model.equilibrium(solved.scene, lambda: False)
+    equilibrium = solved.model.equilibrium(solved.scene)
     equilibrium.linearise(1.0)
     equilibrium.residual(equilibrium.rhs)
     equilibrium.factorize()

@@ -38,7 +38,7 @@ def test_operations_and_entries_are_what_mumps_counts(
     divisions: tuple[int, int, int], size: tuple[float, float, float], comm: MPI.Intracomm
 ) -> None:
     body = model(box(divisions, **dict(zip(("lx", "ly", "lz"), size, strict=True))), comm)
-    equilibrium = body.equilibrium(body.scene("inverse"), lambda: False)
+    equilibrium = body.equilibrium(body.scene("inverse"))
     equilibrium.linearise(1.0)
     equilibrium.factorize()
     factors = equilibrium.ksp.pc.getFactorMatrix()

@@ -30,7 +30,7 @@ def model(comm: MPI.Intracomm, **changes: Any) -> Model:
     case = job(NAME, **changes)
     body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
     found = Model(case, body, Timings())
-    found.equilibrium(found.scene("inverse"), lambda: False).destroy()
+    found.equilibrium(found.scene("inverse")).destroy()
     return found
 
 

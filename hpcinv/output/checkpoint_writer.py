@@ -1,0 +1,70 @@
+"""Checkpoints written while a run is solved: after so many steps, and where it ends early."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from hpcinv.errors import CheckpointError
+from hpcinv.output.checkpoint import Position, named
+from hpcinv.solver.observer import Observer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hpcinv.output.checkpoint import Checkpoints
+    from hpcinv.output.run_store import RunStore
+    from hpcinv.results.leg import Leg
+    from hpcinv.solver.observer import SolvedDirection, SolveEvent
+    from hpcinv.solver.problem import Model
+    from hpcinv.solver.step_report import Solve
+
+
+class CheckpointWriter(Observer):
+    """Saves the states that the job asks for, and the last one before a run stops.
+
+    Args:
+        checkpoints: where to; ``None`` saves nothing.
+        store: the directory of the run, which must still be in place.
+        model: whose present state is saved.
+    """
+
+    def __init__(self, checkpoints: Checkpoints | None, store: RunStore, model: Model) -> None:
+        self._checkpoints, self._store, self._model = checkpoints, store, model
+        self._settings, self._comm = model.job.checkpoint, model.body.mesh.comm
+        self._finished: list[Leg] = []
+        self._steps, self._last = 0, time.monotonic()  # accepted steps since the last one; its time on this rank
+
+    def finished(self, leg: Leg) -> None:
+        """One direction is solved: its solution is part of all later checkpoints."""
+        self._finished.append(leg)
+
+    def solved(self, event: SolveEvent) -> None:
+        self._steps += event.can_restart
+        if self._settings.every and self._steps >= self._settings.every and self._is_late_enough():
+            self._write(event.load, event.solves)
+
+    def ended(self, found: SolvedDirection) -> None:
+        if self._steps and (found.stopped or (self._settings.every and found.load != 1.0)):
+            self._write(found.load, found.solves)
+
+    def _is_late_enough(self) -> bool:
+        """Whether the last one is long enough ago, by the clock of rank 0."""
+        least = self._settings.seconds
+        return not least or bool(self._comm.bcast(time.monotonic() - self._last >= least))
+
+    def _write(self, load: float, solves: Sequence[Solve]) -> None:
+        self._steps, self._last = 0, time.monotonic()
+        if self._checkpoints is None:
+            return
+        self._store.check_in_place()
+        with self._model.timings("checkpoint"):
+            earlier = self._finished
+            position = Position(len(earlier), load, (*(leg.solves for leg in earlier), tuple(solves)))
+            solutions = [*((leg.displacement, leg.pressure) for leg in earlier), self._model.solution()]
+            parts = [named(number, *solution) for number, solution in enumerate(solutions)]
+            try:
+                self._checkpoints.write(position, {name: f for part in parts for name, f in part.items()})
+            except CheckpointError:  # not on all ranks
+                self._store.check_in_place_on_this_rank()
+                raise

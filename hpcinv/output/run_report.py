@@ -1,0 +1,133 @@
+"""The summary of a run, in whichever way it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from hpcinv.certificate import Certificate, Line, Verdict
+from hpcinv.errors import Interrupted, SolveError
+from hpcinv.output.result import Result
+from hpcinv.output.run_directory import relative
+from hpcinv.output.summary import statistics, write_summary
+from hpcinv.solver.diagnosis import diagnose
+from hpcinv.solver.observer import Observer
+
+if TYPE_CHECKING:
+    from hpcinv.accuracy import Record
+    from hpcinv.certificate import Estimate
+    from hpcinv.output.progress import Progress
+    from hpcinv.output.run_store import RunStore
+    from hpcinv.results.leg import Leg
+    from hpcinv.results.quantities_of_interest import Value
+    from hpcinv.results.totals import Totals
+    from hpcinv.sensitivity.analysis import Sensitivities
+    from hpcinv.solver.observer import SolvedDirection
+    from hpcinv.solver.problem import Model
+
+
+class RunReport(Observer):
+    """Writes the summary of a run, and says why a run has not reached its end; methods are collective.
+
+    Args:
+        model: that of the run.
+        totals: size, volume, mass and load of the meshed part.
+        record: how the job's demands on the accuracy were met, if it has any.
+        unused_options: PETSc options of the job that nothing has asked for so far.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        store: RunStore,
+        progress: Progress,
+        totals: Totals,
+        record: Record | None,
+        unused_options: Sequence[str],
+    ) -> None:
+        self._model, self._store, self._progress = model, store, progress
+        self._totals, self._record, self._unused_options = totals, record, unused_options
+
+    def ended(self, found: SolvedDirection) -> None:
+        if found.unused_options is not None:
+            self._unused_options = found.unused_options
+
+    def conclude(
+        self,
+        legs: Sequence[Leg],
+        certificate: Certificate,
+        quantities: Mapping[str, Value],
+        errors: Mapping[str, Mapping[str, float]],
+        estimate: Estimate | None,
+        slopes: Sensitivities | None,
+    ) -> Result:
+        """Write the summary of a run that has converged, and print it; the arguments are those of `Result`."""
+        if self._record is not None:
+            certificate = Certificate((*certificate.lines, *self._record.lines()))
+        self._check_displacement(legs[0])
+        job, body = self._model.job, self._model.body
+        result = Result(job, body, tuple(legs), certificate, quantities, errors, estimate, slopes)
+        return self._finish(result, "converged")
+
+    def _check_displacement(self, leg: Leg) -> None:
+        """Warn where the body hardly moves, unless that was predicted."""
+        if self._model.job.output.unit_warnings and not self._totals.warnings:
+            self._totals = self._totals.after(leg.largest_displacement)
+            for text in self._totals.warnings:
+                self._progress.warn(text)
+
+    def _finish(self, result: Result, status: str) -> Result:
+        result = self._write(result, status)
+        self._progress.finish(result.statistics)
+        return result
+
+    def check_reached(self, legs: Sequence[Leg]) -> None:
+        """Raise ``SolveError`` if the last direction did not reach the full load; the summary says how far it came."""
+        leg = legs[-1]
+        if leg.load == 1.0:
+            return
+        gaps = [s.gap for s in leg.solves if s.gap is not None]
+        why = leg.solves[-1].outcome if gaps else diagnose(leg.direction, leg.solves)
+        if gaps:
+            where = f"stopped {gaps[-1]:.3g} m from the given shape"
+            line = Line("distance from the given shape", gaps[-1], "m", "must vanish", Verdict.FAIL, why.text)
+        else:
+            where = f"stopped at load factor {leg.load:.6g} of 1"
+            line = Line("load factor", leg.load, "", "must reach 1", Verdict.FAIL, why.text)
+        self._finish(self._unfinished(legs, line), why.text)
+        raise SolveError(f"{where}: {why.text}", why.advice)
+
+    def check_not_stopped(self, before: Sequence[Leg], found: SolvedDirection) -> None:
+        """Raise ``Interrupted`` if a request to stop ended the run before its last solve.
+
+        The summary then has the solutions ``before`` this direction, and how far this one came.
+        """
+        job = self._model.job
+        if not found.stopped or (found.load == 1.0 and len(before) + 1 == len(job.legs)):
+            return
+        why = "stopped by a signal"
+        where = f"{why} in the {found.direction} solve at load factor {found.load:.6g}"
+        if self._store.path is None:
+            raise Interrupted(f"{where}; nothing was saved")
+        line = Line("load factor", found.load, "", "must reach 1", Verdict.FAIL, why)
+        self._write(self._unfinished(before, line), why)
+        saved = not job.accuracy and (bool(before) or found.can_restart)
+        raise Interrupted(
+            f"{where}; {'what was reached is saved' if saved else 'there was nothing to save yet'}",
+            f"{'Go on with' if saved else 'Start it again with'}: "
+            f"mpirun -n {self._store.comm.size} python -m hpcinv resume {relative(self._store.path)}",
+        )
+
+    def _unfinished(self, legs: Sequence[Leg], line: Line) -> Result:
+        return Result(self._model.job, self._model.body, tuple(legs), Certificate((line,)))
+
+    def _write(self, result: Result, status: str) -> Result:
+        model, store = self._model, self._store
+        result = replace(result, directory=store.path, accuracy=self._record, totals=self._totals)
+        size = model.unknowns.size
+        found = statistics(result, status, size, self._unused_options, model.timings, store.comm)
+        if store.path is not None:
+            store.check_in_place()
+            write_summary(store.path, found, store.comm, formats=model.job.output.summary)
+        return replace(result, statistics=found)

@@ -1,0 +1,120 @@
+"""The directory of a run while the run is at work in it: locked, filled, and checked before it is written to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from hpcinv.job.fingerprint import fingerprint
+from hpcinv.mesh import write_mesh
+from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest
+from hpcinv.output.run_directory import RunDirectory
+from hpcinv.output.summary import versions
+from hpcinv.output.vtk import write_fields
+from hpcinv.parallel.runtime import MPI, on_root
+
+if TYPE_CHECKING:
+    from hpcinv.files.directory_lock import DirectoryLock
+    from hpcinv.output.progress import Progress
+    from hpcinv.results.leg import Leg
+    from hpcinv.sensitivity.analysis import Sensitivities
+    from hpcinv.solver.problem import Model
+
+
+class RunStore:
+    """What a run keeps on disk, if anything; methods are collective.
+
+    Use it as a context, which lets other processes have the directory at the end.
+
+    Args:
+        directory: ``None`` for a run that writes nothing.
+
+    Raises:
+        OutputError: from every method, on all ranks, if another process is at work there, or it was removed.
+    """
+
+    def __init__(self, directory: Path | RunDirectory | None, comm: MPI.Intracomm) -> None:
+        self.directory = RunDirectory(directory) if isinstance(directory, Path) else directory
+        self.comm = comm
+        self._lock: DirectoryLock | None = None  # on rank 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._unlock()
+
+    @property
+    def path(self) -> Path | None:
+        return self.directory.path if self.directory else None
+
+    def lock(self) -> None:
+        """Keep other processes out of a directory that a run resumes in."""
+
+        def take(directory: RunDirectory) -> None:
+            self._lock = directory.lock()
+
+        if (directory := self.directory) is not None:
+            on_root(self.comm, lambda: take(directory))
+
+    def open(
+        self, model: Model, progress: Progress, *, overwrite: bool, resume: bool
+    ) -> tuple[Checkpoints | None, Restart | None]:
+        """Make the directory for the job of a model, or find what an earlier run has left in it.
+
+        Returns:
+            Its checkpoints, and the one to resume from. A search for accuracy has none and begins again.
+        """
+        if (directory := self.directory) is None:
+            return None, None
+        job = model.job
+        # Functions are saved cell by cell: a generator must have made the same cells again.
+        problem = on_root(self.comm, lambda: fingerprint(job)) | {"cells": cells_digest(model.body)}
+        checkpoints = None
+        if not job.accuracy:
+            checkpoints = Checkpoints(directory.checkpoints, self.comm, problem, job.checkpoint.keep)
+        restart = checkpoints.latest() if checkpoints and resume else None
+
+        def create() -> None:
+            self._unlock()  # it is locked again between there and here
+            self._lock = directory.create(job, overwrite=overwrite or resume)
+
+        if not resume or checkpoints is None:
+            on_root(self.comm, create)
+        elif not on_root(self.comm, lambda: directory.holds(job)):
+            on_root(self.comm, lambda: directory.change(job))
+        progress.open_log(self.comm, directory.path, ", ".join(f"{name} {v}" for name, v in versions().items()))
+        progress.begin(job, model.body, model.unknowns.size, directory.path, restart)
+        return checkpoints, restart
+
+    def check_in_place(self) -> None:
+        """Raise ``OutputError`` on all ranks if the directory was removed meanwhile."""
+        if (directory := self.directory) is not None:
+            on_root(self.comm, lambda: directory.check_in_place(self._lock))
+
+    def check_in_place_on_this_rank(self) -> None:
+        """Raise ``OutputError`` if this rank finds that the directory was removed; not collective."""
+        if self.directory is not None:
+            self.directory.check_in_place(None)
+
+    def write_shape(self, model: Model, leg: Leg, slopes: Sensitivities | None, progress: Progress) -> None:
+        """Write the recovered shape, and the fields that belong to it."""
+        with progress.phase("writing"):
+            if self.directory is not None:
+                self.check_in_place()
+                _write_shape(self.directory.path, model, leg, slopes, progress)
+
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+
+def _write_shape(path: Path, model: Model, leg: Leg, slopes: Sensitivities | None, progress: Progress) -> None:
+    with model.timings("output"):
+        for suffix in model.job.shape_formats:
+            progress.detail(f"shape.{suffix}")
+            write_mesh(path / f"shape.{suffix}", model.body, leg.other_nodes)
+        if model.job.output.fields:
+            progress.detail("fields")
+            write_fields(path / "fields", model.body, leg, slopes.fields() if slopes else ())
