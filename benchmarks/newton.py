@@ -143,21 +143,22 @@ def add_second_order(farthest: float) -> None:
     """Let predictions follow ``x + ẋ h + ẍ h²/2``, with ẍ from R(x + ε ẋ h) and the same factors."""
     along_tangent, share = Predictor.predict, 0.1
 
-    def predict(self: Predictor, load: float, *, anew: bool = False) -> Prediction:
-        start = self.position()
-        found = along_tangent(self, load, anew=anew)
-        if self.predicted is None or max(found.increment.turn, found.increment.stretch) > farthest:
+    def predict(self: Predictor, load: float, *, new_tangent: bool = False) -> Prediction:
+        system = self.system
+        start = system.position()
+        found = along_tangent(self, load, new_tangent=new_tangent)
+        if not found.is_taken or max(found.increment.turn, found.increment.stretch) > farthest:
             return found
-        end, first, between = self.position(), self.rhs.duplicate(), start.copy()
-        self.set_state(start)
-        self.residual(first)
+        end, first, between = system.position(), system.rhs.duplicate(), start.copy()
+        system.set_state(start)
+        system.residual(first)
         between.axpby(share, 1 - share, end)
-        self.set_state(between)
-        self.residual(self.rhs)
-        self.rhs.axpy(share - 1, first)  # what is left is of second order
-        self.ksp.solve(self.rhs, between)
+        system.set_state(between)
+        system.residual(system.rhs)
+        system.rhs.axpy(share - 1, first)  # what is left is of second order
+        self.linear.ksp.solve(system.rhs, between)
         end.axpy(-1 / share**2, between)
-        self.set_state(end)
+        system.set_state(end)
         return found
 
     Predictor.predict = predict  # type: ignore[method-assign]

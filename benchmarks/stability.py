@@ -125,8 +125,8 @@ def modes(job: Job, number: int = 3) -> str:
 
 def negative(model: Model) -> int:
     equilibrium = model.equilibrium(model.scene("forward"))
-    equilibrium.linearise(1.0)
-    found = inertia(equilibrium.matrix)
+    equilibrium.system.linearise(1.0)
+    found = inertia(equilibrium.system.matrix)
     model.release(equilibrium)
     assert found is not None
     return found.negative - model.unknowns.pressure_size

@@ -34,7 +34,7 @@ class WithoutFactors(Workspace):
     def body(self, job: Job):  # type: ignore[no-untyped-def]
         if self._model is not None:
             for equilibrium in self._model[1]._idle.values():
-                equilibrium.forget_factors()
+                equilibrium.linear.forget_factors()
         return super().body(job)
 
 

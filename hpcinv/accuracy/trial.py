@@ -92,11 +92,11 @@ def attempt(
             with timings("transfer"):
                 begin_with(model, before.leg, before.body)
         solves = tuple(_solve(model, method, near=before is not None))
-        unused = method.equilibrium.options.unused()
+        unused = method.equilibrium.linear.options.unused()
         method.equilibrium.destroy()
         scene = model.scene(job.legs[0])
         path = (*_path(before, model), *solves)
-        leg = leg_of(model, job.legs[0], scene, path, method.reached, method.equilibrium.used)
+        leg = leg_of(model, job.legs[0], scene, path, method.reached, method.equilibrium.linear.used)
     reached = method.reached == 1.0
     quantities: Mapping[str, Value] = evaluate(job.quantities, body, leg, model) if reached else {}
     with _measured(timings) as estimated:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hpcinv.parallel.timings import Timings
 
 
-class Assembly:
+class System:
     """The discrete equations ``R(x, λ) = 0`` of one scene under its supports, and their tangent ``K = ∂R/∂x``.
 
     Rows of unknowns that supports prescribe read ``x_i - λ ū_i = 0``; the other rows are as if these held already.
@@ -35,12 +35,14 @@ class Assembly:
         state: every unknown x; what is evaluated on the body is evaluated there.
         matrix: the tangent as it was last assembled.
         rhs: a vector for residuals.
+        tangents: number of times that the tangent was assembled; factors of an earlier one are out of date.
     """
 
     def __init__(self, scene: Scene, supports: Supports, timings: Timings) -> None:
         self.scene, self.supports, self.timings = scene, supports, timings
         self.comm = scene.unknowns.mesh.comm
         self.state = scene.unknowns.state
+        self.tangents = 0
         with timings("compile"):
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
             self._tangent = tangent_of(scene)
@@ -65,6 +67,11 @@ class Assembly:
         """Make ``x`` the state."""
         x.copy(self.state.x.petsc_vec)
         self.state.x.scatter_forward()
+
+    def position(self) -> PETSc.Vec:
+        """A copy of the present state."""
+        x: PETSc.Vec = self.state.x.petsc_vec.copy()
+        return x
 
     def residual(self, b: PETSc.Vec) -> None:
         """Assemble R at the present state and load into ``b``."""
@@ -98,6 +105,12 @@ class Assembly:
         """Assemble K at the present state and load into ``matrix``."""
         with self.timings("tangent"):
             self._tangent.assemble()
+        self.tangents += 1
+
+    def linearise(self, load: float) -> None:
+        """Assemble K at the present state and a load factor."""
+        self.set_load(load)
+        self.tangent()
 
     def min_mesh_J(self) -> float:
         """Smallest determinant of the position map over all quadrature points; it must stay positive."""
@@ -116,6 +129,11 @@ class Assembly:
     def compile_lifting(self) -> None:
         """Compile what prescribed displacements need."""
         _ = self._along_step
+
+    def destroy(self) -> None:
+        """Free what PETSc holds."""
+        self.matrix.destroy()
+        self.rhs.destroy()
 
     def _forces(self, b: PETSc.Vec) -> None:
         with self.timings("residual"), b.localForm() as local:

@@ -34,7 +34,7 @@ def balance(model: Model, equilibrium: Equilibrium) -> Iterator[Line]:
     def norm(forces: np.ndarray, where: np.ndarray) -> float:
         return float(np.sqrt(comm.allreduce(float(np.sum(forces[where] ** 2)), op=MPI.SUM)))
 
-    none, full = equilibrium.forces(0.0), equilibrium.forces(1.0)
+    none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
     load = max(norm(full - none, dofs), norm(full, dofs))
     left = norm(full, free)
     if load == 0.0:

@@ -93,9 +93,9 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
         model.set_solution(leg.displacement, leg.pressure)
         known = known_displacement(model)
         equilibrium = model.equilibrium(model.scene("forward", known))
-        equilibrium.linearise(1.0)
+        equilibrium.system.linearise(1.0)
         with model.timings("factorization"):
-            found = inertia(equilibrium.matrix)
+            found = inertia(equilibrium.system.matrix)
         model.release(equilibrium)
         pressures = model.unknowns.pressure_size
         # Zeros count: a singular tangent is not stable. Each pressure has a negative or a zero one of its own.

@@ -59,7 +59,7 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     for direction in model.job.legs:
         model.unknowns.state.x.array[:] = 0.0
         equilibrium = method_for(model, direction).equilibrium
-        equilibrium.scene.parameters.set_load(1.0)
+        equilibrium.system.scene.parameters.set_load(1.0)
         equilibrium.compile(prescribed_motion=any(support.displacement for support in job.supports))
         legs.append(leg_of(model, direction, model.scene(direction), ()))
         model.release(equilibrium)

@@ -46,7 +46,7 @@ class BulkModulus:
         """Yield every solve; the last one is accepted, with the bulk modulus as it is, or tells why it ended."""
         with self._kept():
             self._soften(0.0)
-            self.equilibrium.state.x.array[:] = 0.0
+            self.equilibrium.system.state.x.array[:] = 0.0
             steps = AdaptiveSteps(cases=self.model.job.case_count)
             for solve in follow(self.equilibrium, steps, self.path_tolerance):
                 last = solve
@@ -55,7 +55,7 @@ class BulkModulus:
             predict = True
             while last.outcome.accepted and share < 1.0:
                 target = min(1.0, share + step)
-                start = self.equilibrium.position()
+                start = self.equilibrium.system.position()
                 self._soften(target)
                 if predict:
                     self._predict((target - share) * math.log(self._ratio))
@@ -65,7 +65,7 @@ class BulkModulus:
                 if predict:
                     share, step = target, 1.5 * step if len(solve.iterations) <= self._easy else step
                     continue
-                self.equilibrium.set_state(start)
+                self.equilibrium.system.set_state(start)
                 step = (target - share) / 2
                 if solve.outcome is Outcome.INTERRUPTED or step * math.log(self._ratio) < math.log(self._least):
                     return
@@ -73,20 +73,20 @@ class BulkModulus:
     def _soften(self, share: float) -> None:
         """Set the bulk moduli: 0 is softest, 1 as they are."""
         for number, name, ratio in self._laws:
-            self.equilibrium.scene.parameters.scale(number, name, ratio ** (share - 1))
+            self.equilibrium.system.scene.parameters.scale(number, name, ratio ** (share - 1))
 
     def _predict(self, growth: float) -> None:
         """Move the state along the path, on which the logarithm of the bulk modulus grows, with the factors at hand."""
-        equilibrium, start = self.equilibrium, self.equilibrium.position()
+        equilibrium, start = self.equilibrium, self.equilibrium.system.position()
         step = start.duplicate()
-        equilibrium.set_load(1.0)
-        equilibrium.residual(equilibrium.rhs)
-        if equilibrium.solve_linear(equilibrium.rhs, step):
+        equilibrium.system.set_load(1.0)
+        equilibrium.system.residual(equilibrium.system.rhs)
+        if equilibrium.linear.solve(equilibrium.system.rhs, step):
             # The residual is that of the stiffer material, linear in the bulk modulus and not in its reciprocal.
             step.aypx(-math.exp(-growth), start)
-            equilibrium.set_state(step)
-            if equilibrium.fault() is not None:
-                equilibrium.set_state(start)
+            equilibrium.system.set_state(step)
+            if equilibrium.system.fault() is not None:
+                equilibrium.system.set_state(start)
 
     @contextmanager
     def _kept(self) -> Iterator[None]:

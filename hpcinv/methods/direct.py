@@ -38,7 +38,7 @@ class DirectMethod(Method):
             if solve.outcome.accepted:
                 self.reached = 1.0
             else:
-                self.equilibrium.state.x.array[:] = 0.0
+                self.equilibrium.system.state.x.array[:] = 0.0
             yield solve
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return
@@ -51,4 +51,4 @@ class DirectMethod(Method):
         return solve.outcome.accepted
 
     def min_mesh_J(self) -> float:
-        return self.equilibrium.min_mesh_J()
+        return self.equilibrium.system.min_mesh_J()

@@ -169,11 +169,11 @@ def _limited(solves: Solves, effort: int) -> Solves:
 
 def _as_one(problem: Problem, solves: Solves, effort: int) -> Solves:
     """The solves of a way on which no state but the last is a solution of the problem, reported as one."""
-    start = problem.equilibrium.position()
+    start = problem.equilibrium.system.position()
     taken = list(_limited(solves, effort))
     last = taken[-1]
     if not last.outcome.accepted:
-        problem.equilibrium.set_state(start)
+        problem.equilibrium.system.set_state(start)
     iterations = tuple(i for solve in taken for i in solve.iterations)
     yield Solve(1.0, last.outcome, iterations, sum(s.factorizations for s in taken), last.signs)
 

@@ -104,7 +104,7 @@ class FixedPointMethod(Method):
         X = self.mesh.given - self.mesh.displacement()
         if self.mesh.least_volume_ratio(X) > 0:
             return X
-        self.equilibrium.state.x.array[:] = 0.0
+        self.equilibrium.system.state.x.array[:] = 0.0
         return self.mesh.given
 
     def _forward(self, *, warm: bool) -> Iterator[Solve]:
@@ -125,7 +125,7 @@ class FixedPointMethod(Method):
             yield solve
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return
-        equilibrium.state.x.array[:] = 0.0
+        equilibrium.system.state.x.array[:] = 0.0
         yield from follow(equilibrium, self.model.steps, tolerance)
 
     def _end(self, solve: Solve, gaps: list[float]) -> Outcome | None:

@@ -46,7 +46,7 @@ def solve_direction(model: Model, direction: Direction, start: Start, observer: 
     method = method_for(model, direction, observer)
     method.turned = sum(solve.turning_point for solve in start.solves)
     method.guess = start.guess
-    observer.begun(direction, method.equilibrium.used)
+    observer.begun(direction, method.equilibrium.linear.used)
     solves, stopped = list(start.solves), False
     can_restart = start.load > 0 or any(map(method.can_restart_after, start.solves))
     for solve in method.solves(start.load, resumed=start.solution is not None):
@@ -64,8 +64,9 @@ def solve_direction(model: Model, direction: Direction, start: Start, observer: 
             break
     equilibrium = method.equilibrium
     # If nothing was solved, PETSc has asked for nothing.
-    unused = tuple(equilibrium.options.unused()) if start.load != 1.0 else None
+    unused = tuple(equilibrium.linear.options.unused()) if start.load != 1.0 else None
     model.release(equilibrium)
-    found = SolvedDirection(direction, tuple(solves), method.reached, equilibrium.used, stopped, can_restart, unused)
+    used = equilibrium.linear.used
+    found = SolvedDirection(direction, tuple(solves), method.reached, used, stopped, can_restart, unused)
     observer.ended(found)
     return found

@@ -74,7 +74,7 @@ class Parameters:
         """The quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
         return self._namespaces[index]
 
-    def adopt(self, ingredients: Sequence[tuple[str, Ingredient]], scales: Scales) -> None:
+    def update_parameters(self, ingredients: Sequence[tuple[str, Ingredient]], scales: Scales) -> None:
         """Take the numbers of other ingredients, of a job of the same structure, in scales of their own."""
         for function, dimension in self._functions.values():
             function.x.array[:] *= self._scales.of(dimension) / scales.of(dimension)

@@ -176,9 +176,9 @@ class Scene:
         self.J = total.J
         self.mesh_J = kin.mesh_J
 
-    def adopt(self, job: Job, scales: Scales) -> None:
+    def update_parameters(self, job: Job, scales: Scales) -> None:
         """Take the numbers of another job of the same structure."""
-        self.parameters.adopt(_ingredients(job), scales)
+        self.parameters.update_parameters(_ingredients(job), scales)
 
     def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
         """``∫ (1/μ + 1/Λ) p q`` over the mesh: like what couples the pressures once displacements are eliminated.

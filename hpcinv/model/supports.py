@@ -85,9 +85,9 @@ class Supports:
                 self.prescribed.append(
                     Prescribed(field, number, spec.region, axis, job.case_of(spec), dofs[0], dofs[1], full, now)
                 )
-        self.adopt(job)
+        self.update_parameters(job)
 
-    def adopt(self, job: Job) -> None:
+    def update_parameters(self, job: Job) -> None:
         """Prescribe what a job says, whose supports are on the same regions; the mesh must lie as it is given.
 
         Raises:

@@ -30,7 +30,7 @@ def reactions(quantities: Iterable[QuantityOfInterest], leg: Leg, model: Model) 
         return {}
     model.set_solution(leg.displacement, leg.pressure)
     equilibrium = model.equilibrium(model.scene(leg.direction))
-    residual = equilibrium.forces(1.0)
+    residual = equilibrium.system.forces(1.0)
     model.release(equilibrium)
 
     unknowns, length = model.unknowns, model.scales.length

@@ -172,7 +172,7 @@ def _resultant(model: Model, direction: Direction) -> tuple[float, float, float]
     before = state.copy()
     equilibrium = model.equilibrium(model.scene(direction))
     state[:] = 0.0
-    forces = equilibrium.forces(0.0) - equilibrium.forces(1.0)
+    forces = equilibrium.system.forces(0.0) - equilibrium.system.forces(1.0)
     found, total = np.zeros(3), np.zeros(3)
     for axis in range(3):
         state[:] = 0.0
@@ -182,7 +182,7 @@ def _resultant(model: Model, direction: Direction) -> tuple[float, float, float]
         along = forces * state[: len(forces)]
         found[axis], total[axis] = comm.allreduce(along.sum()), comm.allreduce(np.abs(along).sum())
     state[:] = before
-    equilibrium.set_load(0.0)
+    equilibrium.system.set_load(0.0)
     model.release(equilibrium)
     if not np.isfinite(total).all():
         return None

@@ -126,11 +126,12 @@ def _changes(model: Model, leg: Leg, parameters: Sequence[Parameter]) -> dict[st
     """How the solution and the scene's parameters change with each parameter, by its key."""
     scene = model.scene(leg.direction)
     equilibrium = model.equilibrium(scene)
+    system = equilibrium.system
     model.set_solution(leg.displacement, leg.pressure)
-    equilibrium.linearise(1.0)
+    system.linearise(1.0)
     with model.timings("compile"):
         derivative = scene.parameter_derivative
-    solution, b, x = equilibrium.position(), equilibrium.rhs.duplicate(), equilibrium.rhs.duplicate()
+    solution, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
     found: dict[str, Change] = {}
     for parameter in parameters:
         owner, place = parameter.owner, parameter.place
@@ -145,17 +146,17 @@ def _changes(model: Model, leg: Leg, parameters: Sequence[Parameter]) -> dict[st
             along = scene.parameters.direction({})
             number = model.job.supports.index(owner)
             model.supports.prescribe_rates(number, partial(owner.with_number, place), parameter.value)
-            equilibrium.lift(b)
+            system.lift(b)
             model.supports.scale(1.0)
-        if not equilibrium.solve_linear(b, x):
+        if not equilibrium.linear.solve(b, x):
             raise SolveError(
                 "sensitivities: the tangent at the solution is singular, so that there are no derivatives there",
                 "Leave the section 'sensitivities' out, or take a load at which the solution is not at a fold.",
             )
-        equilibrium.set_state(x)
+        system.set_state(x)
         u, p = model.solution()
         found[parameter.key] = Change(along, u, model.unknowns.at_nodes(u), p)
-        equilibrium.set_state(solution)
+        system.set_state(solution)
     for vector in (solution, b, x):
         vector.destroy()
     model.release(equilibrium)

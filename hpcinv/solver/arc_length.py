@@ -58,7 +58,6 @@ class Traceable(Equations, Protocol):
     limit: int
     reuse: float
 
-    def position(self) -> PETSc.Vec: ...
     def solve(self, load: float, tolerance: float) -> Solve: ...
 
 
@@ -98,7 +97,7 @@ class _Path:
     def __init__(self, equations: Traceable, steps: ArcLengthSteps, tolerance: float, passed: int) -> None:
         self.equations, self.steps, self.tolerance, self.passed = equations, steps, tolerance, passed
         self.bordering = Bordering(
-            equations, equations.position(), limit=equations.limit, reuse=equations.reuse, cases=steps.cases
+            equations, equations.system.position(), limit=equations.limit, reuse=equations.reuse, cases=steps.cases
         )
         self.before: _Point | None = None  # the last point of this part of the path, on which the load has not turned
         self.spent = 0  # factorizations that no solve has been charged with yet
@@ -137,28 +136,28 @@ class _Path:
 
     def _start(self, load: float) -> _Point | None:
         """The present state as a point from which the load goes on in the direction that it has."""
-        x = self.equations.position()
+        x = self.equations.system.position()
         tangent = self.bordering.tangent(x, load, None, self.direction)
         self.spent += 1
         if tangent is None:
             return None
         self.before = None
-        return _Point(x, load, tangent, self.equations.sign_of_determinant())
+        return _Point(x, load, tangent, self.equations.linear.sign_of_determinant())
 
     def _land(self, point: _Point, end: float, predicted: PETSc.Vec, step: float) -> Moves:
         """Solve at a fixed load near a predicted state; one found elsewhere may belong to another path."""
         equations = self.equations
-        equations.set_state(predicted)
-        if equations.fault() is not None:
-            equations.set_state(point.x)
+        equations.system.set_state(predicted)
+        if equations.system.fault() is not None:
+            equations.system.set_state(point.x)
         solve = equations.solve(end, self.tolerance if end == 1.0 else self.steps.path_tolerance)
         if solve.outcome.accepted:
-            predicted.axpy(-1.0, equations.position())
+            predicted.axpy(-1.0, equations.system.position())
             crossed = bool(solve.signs and point.sign and solve.signs[-1] != point.sign)
             if crossed or norm(predicted) > step:
                 solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         if not solve.outcome.accepted:
-            equations.set_state(point.x)
+            equations.system.set_state(point.x)
         yield self._charged(solve)
         self.ended = solve.outcome is Outcome.INTERRUPTED or (solve.outcome.accepted and end == 1.0)
         self.easy = False
@@ -173,7 +172,7 @@ class _Path:
         if found.outcome.accepted and norm(predicted) > step:
             found.outcome = Outcome.ANOTHER_PATH
         if not found.outcome.accepted:
-            self.equations.set_state(point.x)
+            self.equations.system.set_state(point.x)
             yield self._report(found.load, found.outcome, found)
             self.ended = found.outcome is Outcome.INTERRUPTED
             return None
@@ -193,14 +192,14 @@ class _Path:
         self.before = point
         sign = found.signs[-1] if found.signs else point.sign
         after = _Point(found.x, found.load, self.bordering.present_tangent(along), sign)
-        self.equations.set_state(found.x)
+        self.equations.system.set_state(found.x)
         yield self._report(found.load, found.outcome, found)
         return after
 
     def _corrected(self, x: PETSc.Vec, load: float, t: PETSc.Vec, scale: float) -> Corrected:
         """A point of the path from a predicted one, if that is admissible."""
-        self.equations.set_state(x)
-        if (fault := self.equations.fault()) is not None:
+        self.equations.system.set_state(x)
+        if (fault := self.equations.system.fault()) is not None:
             return Corrected(fault, x, load, (), 0, ())
         tolerance = self.steps.path_tolerance
         return self.bordering.correct(x, load, t, tolerance, direction=self.direction, scale=scale)
@@ -219,7 +218,7 @@ class _Path:
         fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
         self.spent += 1 + found.factorizations
         self.easy = False
-        self.equations.set_state(point.x)
+        self.equations.system.set_state(point.x)
         if fresh is None:
             return None
         if fresh.slope * self.direction > 0:
@@ -238,12 +237,12 @@ class _Path:
         turning, spent = locate(self.bordering, t, low, high, direction=self.direction)
         self.spent += spent - turning.factorizations
         if not turning.outcome.accepted:
-            self.equations.set_state(point.x)
+            self.equations.system.set_state(point.x)
             yield self._report(turning.load, turning.outcome, turning)
             self.ended = turning.outcome is Outcome.INTERRUPTED
             return None
         tangent = self.bordering.present_tangent(t)
-        self.equations.set_state(turning.x)
+        self.equations.system.set_state(turning.x)
         yield replace(self._report(turning.load, turning.outcome, turning), turning_point=True)
         if self.passed == self.steps.folds:
             yield self._report(turning.load, Outcome.FOLD)

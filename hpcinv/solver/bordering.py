@@ -32,17 +32,32 @@ if TYPE_CHECKING:
     from petsc4py import PETSc
 
 
-class Equations(Protocol):
-    """``R(x, λ) = 0``, at a state x and a load factor λ that they keep, with a tangent and its factors."""
+class ParametrisedSystem(Protocol):
+    """``R(x, λ) = 0`` at a state x and a load factor λ that it keeps, and its tangent."""
 
+    def position(self) -> PETSc.Vec: ...
     def set_state(self, x: PETSc.Vec) -> None: ...
     def set_load(self, load: float) -> None: ...
     def residual(self, b: PETSc.Vec) -> None: ...
     def tangent(self) -> None: ...
-    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool: ...
-    def sign_of_determinant(self) -> int: ...
     def fault(self) -> Outcome | None: ...
     def fault_of_solution(self) -> Outcome | None: ...
+
+
+class TangentSolver(Protocol):
+    """Solves with the tangent that the system assembled last."""
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool: ...
+    def sign_of_determinant(self) -> int: ...
+
+
+class Equations(Protocol):
+    """A system and its linear solver, and requests to stop."""
+
+    @property
+    def system(self) -> ParametrisedSystem: ...
+    @property
+    def linear(self) -> TangentSolver: ...
     def interrupted(self) -> bool: ...
 
 
@@ -87,7 +102,7 @@ class Bordering:
             along: a vector that the tangent shall make an acute angle with; without it, λ shall
             direction: grow (1) or fall (-1) along it.
         """
-        self.equations.set_state(x)
+        self.equations.system.set_state(x)
         if not self._linearise(load, direction):
             return None
         return self.present_tangent(along, direction)
@@ -127,13 +142,13 @@ class Bordering:
             fresh = monitor.wants_new_tangent
             if fresh:
                 factorizations += 1
-                equations.set_state(x)
+                equations.system.set_state(x)
                 if not self._linearise(load, direction):
                     outcome = Outcome.LINEAR_SOLVER
                     break
-                if sign := equations.sign_of_determinant():
+                if sign := equations.linear.sign_of_determinant():
                     signs.append(sign)
-            if not equations.solve_linear(self._r, self._d):
+            if not equations.linear.solve(self._r, self._d):
                 outcome = Outcome.LINEAR_SOLVER
                 break
             along = dot(t, self._g)
@@ -151,28 +166,28 @@ class Bordering:
         if outcome in (Outcome.ITERATION_LIMIT, Outcome.DIVERGED):
             outcome = fault or outcome
         if outcome.accepted:
-            equations.set_state(x)
-            outcome = equations.fault() or equations.fault_of_solution() or outcome
+            equations.system.set_state(x)
+            outcome = equations.system.fault() or equations.system.fault_of_solution() or outcome
         return Corrected(outcome, x, load, tuple(monitor.history), factorizations, tuple(signs))
 
     def _residual(self, x: PETSc.Vec, load: float, b: PETSc.Vec) -> None:
-        self.equations.set_state(x)
-        self.equations.set_load(load)
-        self.equations.residual(b)
+        self.equations.system.set_state(x)
+        self.equations.system.set_load(load)
+        self.equations.system.residual(b)
 
     def _linearise(self, load: float, direction: int) -> bool:
         """Factorize K at the present state and solve ``K g = -∂R/∂λ``; false if that failed."""
         equations = self.equations
-        equations.set_load(load)
-        equations.residual(self._trial)
+        equations.system.set_load(load)
+        equations.system.residual(self._trial)
         h = self._difference_step(load, direction)
-        equations.set_load(load + h)
-        equations.residual(self._r_load)
-        equations.set_load(load)
+        equations.system.set_load(load + h)
+        equations.system.residual(self._r_load)
+        equations.system.set_load(load)
         self._r_load.axpy(-1.0, self._trial)
         self._r_load.scale(-1 / h)
-        equations.tangent()
-        return equations.solve_linear(self._r_load, self._g)
+        equations.system.tangent()
+        return equations.linear.solve(self._r_load, self._g)
 
     def _difference_step(self, load: float, direction: int) -> float:
         """Change of the load factor towards the middle of the load case that lies in this direction."""
@@ -187,8 +202,8 @@ class Bordering:
         for _ in range(10):
             x.copy(self._trial)
             self._trial.axpy(-share, self._d)
-            self.equations.set_state(self._trial)
-            found = self.equations.fault()
+            self.equations.system.set_state(self._trial)
+            found = self.equations.system.fault()
             if found is None:
                 break
             fault, share = found, share / 2

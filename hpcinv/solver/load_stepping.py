@@ -114,22 +114,25 @@ def follow(
     if isinstance(steps, ArcLengthSteps):
         yield from trace(equilibrium, steps, tolerance, load=load, passed=turned)
         return
-    state, forward = equilibrium.state.x, equilibrium.scene.kinematics.direction == "forward"
+    state, forward = equilibrium.system.state.x, equilibrium.system.scene.kinematics.direction == "forward"
     step, has_tangent, ahead = steps.start(), False, FoldAhead()
+    predict = equilibrium.predictor.predict
     while load < 1.0:
         target = _target(load, step, steps.cases)
         accepted = state.array.copy()
+        predicted = None
         if has_tangent or isinstance(steps, AdaptiveSteps):
-            foretold = equilibrium.predict(target, anew=not has_tangent)
+            predicted = predict(target, new_tangent=not has_tangent)
             if has_tangent:
-                ahead.rates.append(foretold.length / (target - load))
+                ahead.rates.append(predicted.length / (target - load))
             if isinstance(steps, AdaptiveSteps):
-                shorter = steps.shortened(target - load, foretold.increment, forward=forward)
+                shorter = steps.shortened(target - load, predicted.increment, forward=forward)
                 if shorter < target - load:
                     state.array[:] = accepted
                     target = _target(load, shorter, steps.cases)
-                    equilibrium.predict(target)
-        solve = equilibrium.solve(target, tolerance if target == 1.0 else steps.path_tolerance)
+                    predicted = predict(target).after(predicted)
+        aim = tolerance if target == 1.0 else steps.path_tolerance
+        solve = equilibrium.solve(target, aim, predicted=predicted)
         step = steps.after(solve, target - load)
         if solve.outcome.accepted:
             load, has_tangent = target, True

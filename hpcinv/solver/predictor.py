@@ -1,8 +1,8 @@
-"""Where the path of solutions leads: along its tangent, measured by how far that turns and stretches the body."""
+"""Prediction of solutions along the tangent of their path, measured by the rotations and strains that it makes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
@@ -11,88 +11,88 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 import numpy as np
 
 from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.solver.linear_system import LinearSystem
 from hpcinv.solver.step_measure import Increment, Increments
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from petsc4py import PETSc
 
-    from hpcinv.model.scene import Scene
-    from hpcinv.model.supports import Supports
-    from hpcinv.parallel.timings import Timings
-    from hpcinv.solver.linear.selection import Choice
-    from hpcinv.solver.petsc_options import Value
+    from hpcinv.assembly.system import System
+    from hpcinv.solver.linear_solver import LinearSolver
 
-NOWHERE = Increment(np.inf, np.inf)
+UNBOUNDED = Increment(np.inf, np.inf)
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """A step along the tangent: its length, and what it does to the body."""
+    """A step along the tangent of the path.
+
+    Attributes:
+        length: of the step.
+        increment: largest rotation and strain that it makes.
+        origin: the state where it begins; it holds until the next prediction.
+        is_taken: whether the state was moved along it; not if an element would turn inside out.
+        factorizations, signs: new tangents that it took, and signs of their determinants.
+    """
 
     length: float
     increment: Increment
+    origin: PETSc.Vec
+    is_taken: bool
+    factorizations: int = 0
+    signs: tuple[int, ...] = ()
+
+    def after(self, first: Prediction) -> Prediction:
+        """This prediction, with the effort of the one that it replaces."""
+        factorizations = first.factorizations + self.factorizations
+        return replace(self, factorizations=factorizations, signs=first.signs + self.signs)
 
 
-class Predictor(LinearSystem):
-    """The equations of one scene, and the tangent of their path of solutions.
+class Predictor:
+    """The tangent of the path of solutions of a system."""
 
-    Attributes:
-        predicted: what has foretold the present state; the next solve begins with it.
-    """
+    def __init__(self, system: System, linear: LinearSolver) -> None:
+        self.system, self.linear = system, linear
+        with system.timings("compile"):
+            self.increments = Increments(system.scene)
+        self._origin = system.rhs.duplicate()
 
-    def __init__(
-        self, scene: Scene, supports: Supports, timings: Timings, options: Mapping[str, Value], choice: Choice
-    ) -> None:
-        super().__init__(scene, supports, timings, options, choice)
-        with timings("compile"):
-            self.increments = Increments(scene)
-        self.predicted: Prediction | None = None
-        self._origin = self.rhs.duplicate()  # where the prediction began
-        self._new_tangents, self._new_signs = 0, list[int]()  # that no solve has been charged with yet
-
-    def predict(self, load: float, *, anew: bool = False) -> Prediction:
+    def predict(self, load: float, *, new_tangent: bool = False) -> Prediction:
         """Move the state along the tangent of the solution path to another load factor.
 
         A step that would turn an element inside out is not taken.
 
         Args:
-            anew: with a new tangent; else with the factors at hand.
-
-        Returns:
-            The step, taken or not.
+            new_tangent: assemble and factorize it; else the factors at hand are used.
         """
-        start = self._origin
-        self.state.x.petsc_vec.copy(start)
-        self.set_load(load)
-        if anew:
-            self.tangent()
-            self._new_tangents += 1
-        self.residual(self.rhs)
-        x = self.rhs.duplicate()
-        self.factorize()
-        self.preset.allow(self.choice.budget)
-        with self.timings("linear solve"):
-            solved = self.back_substitute(self.rhs, x)
-        if solved and anew and (sign := self.sign_of_determinant()):
-            self._new_signs.append(sign)
-        if not solved and self.fall_back():
+        system, linear = self.system, self.linear
+        start, factorizations = self._origin, 0
+        system.state.x.petsc_vec.copy(start)
+        while True:
+            system.set_load(load)
+            if new_tangent:
+                system.tangent()
+                factorizations += 1
+            system.residual(system.rhs)
+            x = system.rhs.duplicate()
+            linear.factorize()
+            linear.limit_iterations()
+            with system.timings("linear solve"):
+                solved = linear.back_substitute(system.rhs, x)
+            if solved or not linear.fall_back():
+                break
             x.destroy()
-            self.set_state(start)
-            return self.predict(load, anew=anew)
+        sign = linear.sign_of_determinant() if solved and new_tangent else 0
         if not solved:
-            self.forget_factors()
-        step = Prediction(norm(x), self.increments(x) if solved else NOWHERE)
+            linear.forget_factors()
+        length, increment = norm(x), self.increments(x) if solved else UNBOUNDED
         x.aypx(-1.0, start)
-        self.set_state(x)
+        system.set_state(x)
         x.destroy()
-        self.predicted = step
-        if not solved or self.fault():
-            self.set_state(start)
-            self.predicted = None
-        return step
+        is_taken = solved and system.fault() is None
+        if not is_taken:
+            system.set_state(start)
+        return Prediction(length, increment, start, is_taken, factorizations, (sign,) if sign else ())
 
     def destroy(self) -> None:
         """Free what PETSc holds."""
         self._origin.destroy()
-        super().destroy()

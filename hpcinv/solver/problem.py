@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from hpcinv.assembly.system import System
 from hpcinv.errors import MeshError
 from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.model.field_checks import check_fields, shear_modulus
@@ -17,8 +18,10 @@ from hpcinv.quantity.nondimensional import Scales, power_of_two
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.linear.selection import Chooser
+from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps
 from hpcinv.solver.observer import SILENT, Observer
+from hpcinv.solver.predictor import Predictor
 from hpcinv.solver.rigid_motion_check import check_agreement, check_held
 
 if TYPE_CHECKING:
@@ -61,7 +64,7 @@ class Model:
             body.source.kind, job.discretisation.displacement
         )
 
-    def adopt(self, job: Job, timings: Timings) -> None:
+    def update_parameters(self, job: Job, timings: Timings) -> None:
         """Go over to another job of the same structure; the mesh must lie as it is given.
 
         Raises:
@@ -71,11 +74,11 @@ class Model:
         with timings("set-up"):
             check_fields(job, self.fields)
             self.scales = self._scales()
-            self.supports.adopt(job)
+            self.supports.update_parameters(job)
             check_agreement(job, self.body, self.supports)
             self._is_held = not any(effect.holds for effect in job.effects)
             for scene in self._scenes.values():
-                scene.adopt(job, self.scales)
+                scene.update_parameters(job, self.scales)
 
     @cached_property
     def chooser(self) -> Chooser:
@@ -107,20 +110,20 @@ class Model:
         equilibrium = self._idle.pop(id(scene), None)
         if equilibrium is None:
             solver = self.job.solver
+            system = System(scene, self.supports, self.timings)
+            linear = LinearSolver(system, solver.petsc, self.chooser.choose(solver))
             equilibrium = Equilibrium(
-                scene,
-                self.supports,
-                self.timings,
-                options=solver.petsc,
-                choice=self.chooser.choose(solver),
+                system,
+                linear,
+                Predictor(system, linear),
                 limit=solver.maximum_iterations,
                 reuse=0.3 if solver.reuse_tangent else 0.0,
             )
-        equilibrium.options.restore()
-        equilibrium.timings, equilibrium.observer = self.timings, observer
+        equilibrium.linear.options.restore()
+        equilibrium.system.timings, equilibrium.observer = self.timings, observer
         if not self._is_held:
             try:
-                check_held(self.body, self.supports, equilibrium)
+                check_held(self.body, self.supports, equilibrium.system)
             except MeshError:
                 equilibrium.destroy()
                 raise
@@ -129,9 +132,9 @@ class Model:
 
     def release(self, equilibrium: Equilibrium) -> None:
         """Take equations back that were asked for, to be used again; those of a scene of its own end here."""
-        scene = equilibrium.scene
+        scene = equilibrium.system.scene
         if any(scene is kept for kept in self._scenes.values()) and id(scene) not in self._idle:
-            equilibrium.rest()
+            equilibrium.linear.release_preconditioner()
             self._idle[id(scene)] = equilibrium
         else:
             equilibrium.destroy()

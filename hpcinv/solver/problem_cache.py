@@ -74,7 +74,7 @@ class Workspace:
         key = on_root(self.comm, lambda: reuse_group_of(job))
         if self._model is not None and self._model[0] == key:
             try:
-                self._model[1].adopt(job, timings)
+                self._model[1].update_parameters(job, timings)
             except HpcinvError:
                 self._forget_model()
                 raise

@@ -23,7 +23,7 @@ from hpcinv.model.rigid_motions import Floats, Frame, free_motions, names
 from hpcinv.parallel.runtime import MPI, agree, on_root
 
 if TYPE_CHECKING:
-    from hpcinv.assembly.system import Assembly
+    from hpcinv.assembly.system import System
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
     from hpcinv.model.supports import Prescribed, Supports
@@ -90,7 +90,7 @@ class _Part:
     frame: Frame
 
 
-def check_held(body: Body, supports: Supports, assembly: Assembly | None = None) -> None:
+def check_held(body: Body, supports: Supports, assembly: System | None = None) -> None:
     """Check that supports, and the springs of a scene, hold every part of the body; collective.
 
     Args:
@@ -187,7 +187,7 @@ def _free(comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _Part, sp
     return on_root(comm, lambda: free_motions(np.vstack(triangles or []), springs))
 
 
-def _stiffness(assembly: Assembly, labels: Ints, parts: list[_Part]) -> list[Floats]:
+def _stiffness(assembly: System, labels: Ints, parts: list[_Part]) -> list[Floats]:
     """Stiffness (6, 6) of each part against its rigid motions, which strain nothing: that of springs.
 
     It is what the unloaded scene answers to motions so small that they are rigid to rounding errors.

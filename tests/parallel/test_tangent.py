@@ -14,7 +14,7 @@ from helpers.verification import box, job
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
-from hpcinv.assembly.system import Assembly
+from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, gradient, without_stages
 from hpcinv.mesh import build_body
@@ -55,7 +55,7 @@ def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intrac
     model = Model(given, body, Timings())
     scene, supports = model.scene(given.legs[0]), model.supports
     with as_for(cells=1_000_000):
-        ours = Assembly(scene, supports, Timings())
+        ours = System(scene, supports, Timings())
     ours.set_load(0.7)
     state = model.unknowns.state
     parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,14 @@ class SmallSystem:
 
     def position(self) -> PETSc.Vec:
         return self.x.copy()
+
+    @property
+    def system(self) -> SmallSystem:
+        return self
+
+    @property
+    def linear(self) -> Any:
+        return SimpleNamespace(solve=self.solve_linear, sign_of_determinant=self.sign_of_determinant)
 
     def set_state(self, x: PETSc.Vec) -> None:
         x.copy(self.x)

@@ -178,7 +178,7 @@ def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
     equilibrium = model.equilibrium(model.scene("inverse"))
     (unloaded,) = balance(model, equilibrium)
     # Undeformed, all of the weight is unbalanced but what the supports carry at once.
-    weight, held = equilibrium.forces(1.0), model.supports.prescribed
+    weight, held = equilibrium.system.forces(1.0), model.supports.prescribed
     free = np.setdiff1d(np.arange(len(weight)), np.concatenate([part.dofs for part in held]))
     assert unloaded.value == pytest.approx(np.linalg.norm(weight[free]) / np.linalg.norm(weight))
     assert unloaded.verdict is Verdict.FAIL

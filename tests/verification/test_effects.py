@@ -76,23 +76,23 @@ def test_tangent_is_the_derivative_of_the_residual(
     for size in (0.02, 1.0):
         values = random.normal(scale=size, size=state.x.array.size)
         values[held] = 0
-        field = equilibrium.rhs.duplicate()
+        field = equilibrium.system.rhs.duplicate()
         field.array[:] = values
         fields.append(field)
     start, change = fields
 
     def residual(x: Any) -> np.ndarray:
-        found = equilibrium.rhs.duplicate()
+        found = equilibrium.system.rhs.duplicate()
         snes.computeFunction(x, found)
         return np.array(found.array)
 
-    snes.computeJacobian(start, equilibrium.matrix)
-    before, slope = residual(start), np.array((equilibrium.matrix * change).array)
+    snes.computeJacobian(start, equilibrium.system.matrix)
+    before, slope = residual(start), np.array((equilibrium.system.matrix * change).array)
     steps = [1e-3 / 2**k for k in range(4)]
     left = [np.linalg.norm(residual(start + h * change) - before - h * slope) for h in steps]
     rates = np.log2(np.array(left[:-1]) / left[1:])
     print(f"{name}, {direction}: remainders {left[0]:.1e} to {left[-1]:.1e}, rates {rates.round(3)}")
-    assert equilibrium.min_mesh_J() > 0
+    assert equilibrium.system.min_mesh_J() > 0
     assert np.abs(rates - 2).max() < 0.05
     equilibrium.destroy()
 

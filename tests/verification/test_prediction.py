@@ -58,11 +58,11 @@ def test_a_spin_turns_by_its_angle_and_a_strain_stretches_wherever_the_body_lies
     deform = turn @ np.array([[1.2, 0.1, 0.0], [0.0, 0.9, 0.2], [0.0, 0.0, 1.1]])
     strain = np.diag([0.1, -0.05, 0.02])
     sign = 1 if direction == "forward" else -1  # of the displacement in the map to the other body
-    equilibrium.set_state(field(model, lambda X: sign * (deform - np.eye(3)) @ X))
-    spun = equilibrium.increments(field(model, lambda X: sign * np.cross(SPIN, (deform @ X).T).T))
+    equilibrium.system.set_state(field(model, lambda X: sign * (deform - np.eye(3)) @ X))
+    spun = equilibrium.predictor.increments(field(model, lambda X: sign * np.cross(SPIN, (deform @ X).T).T))
     assert spun.turn == pytest.approx(np.linalg.norm(SPIN), rel=1e-12)
     assert spun.stretch < 1e-12
-    strained = equilibrium.increments(field(model, lambda X: strain @ deform @ X))
+    strained = equilibrium.predictor.increments(field(model, lambda X: strain @ deform @ X))
     assert strained.stretch == pytest.approx(np.linalg.norm(strain), rel=1e-12)
     assert strained.turn < 1e-12
     equilibrium.destroy()
@@ -79,7 +79,7 @@ def test_what_the_extrapolated_stress_adds_vanishes_with_the_square_of_the_step_
     for length in (0.0, 0.02, 0.01):
         x = before.copy()
         x.axpy(length, step)
-        equilibrium.set_state(x)
+        equilibrium.system.set_state(x)
         added = added_to_tangent(equilibrium, before)
         sizes.append(added.norm())
         asymmetry = added - added.copy().transpose()
@@ -90,18 +90,18 @@ def test_what_the_extrapolated_stress_adds_vanishes_with_the_square_of_the_step_
 
 
 def added_to_tangent(equilibrium: Equilibrium, before: PETSc.Vec) -> PETSc.Mat:
-    equilibrium.tangent()
-    without = equilibrium.matrix.copy()
-    equilibrium._extrapolated.begin(Increment(turn=1.0, stretch=0.1))
-    equilibrium._extrapolated.add_to(equilibrium.matrix, before)
-    return equilibrium.matrix - without
+    equilibrium.system.tangent()
+    without = equilibrium.system.matrix.copy()
+    equilibrium.mip.begin(Increment(turn=1.0, stretch=0.1))
+    equilibrium.mip.add_to(equilibrium.system.matrix, before)
+    return equilibrium.system.matrix - without
 
 
 def test_what_a_spin_from_the_unstressed_body_adds_is_all_stress_taken_away(comm: MPI.Intracomm) -> None:
     """A linear step that only turns promises Ŝ = 0 and p̂ = 0, whatever it stretches: ψ(E) in closed form."""
     model, equilibrium = equations(comm)
     W = np.cross(3 * SPIN, np.eye(3)).T  # u = W X
-    equilibrium.set_state(field(model, lambda X: W @ X))
+    equilibrium.system.set_state(field(model, lambda X: W @ X))
     F = np.eye(3) + W
     inverse, C_inverse, ln_J = np.linalg.inv(F), np.linalg.inv(F.T @ F), np.log(np.linalg.det(F))
     mu, lam = 10e3, 40e3
@@ -127,14 +127,15 @@ def test_what_a_spin_from_the_unstressed_body_adds_is_all_stress_taken_away(comm
 def test_predicted_states_miss_the_path_by_the_square_of_the_step(comm: MPI.Intracomm) -> None:
     _, equilibrium = equations(comm)
     assert equilibrium.solve(0.5, 1e-13).outcome.accepted
-    start, misses = equilibrium.position(), []
+    start, misses = equilibrium.system.position(), []
     for step in (0.1, 0.05):
-        equilibrium.set_state(start)
-        length = equilibrium.predict(0.5 + step, anew=True).length
-        foretold = equilibrium.position()
-        solve = equilibrium.solve(0.5 + step, 1e-13)
+        equilibrium.system.set_state(start)
+        predicted = equilibrium.predictor.predict(0.5 + step, new_tangent=True)
+        length = predicted.length
+        foretold = equilibrium.system.position()
+        solve = equilibrium.solve(0.5 + step, 1e-13, predicted=predicted)
         assert solve.outcome.accepted
-        foretold.axpy(-1.0, equilibrium.position())
+        foretold.axpy(-1.0, equilibrium.system.position())
         misses.append(foretold.norm() / length)
     assert np.log2(misses[0] / misses[1]) == pytest.approx(1, abs=0.15)  # relative to the step
     equilibrium.destroy()

@@ -34,13 +34,13 @@ class Preset(ABC):
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         """Take in a tangent that was just assembled; collective."""
 
-    def aim(self, *, precise: bool) -> None:  # noqa: B027  (exact ones have no choice)
+    def set_accuracy(self, *, precise: bool) -> None:  # noqa: B027  (exact ones have no choice)
         """Solve systems for their own sake from now on, or, as at first, as far as a correction has to be."""
 
     def allow(self, iterations: int) -> None:  # noqa: B027  (exact ones take none)
         """Take so many Krylov iterations at most, in all solutions from now on."""
 
-    def distrusts(self, ksp: PETSc.KSP) -> bool:
+    def must_refactorize(self, ksp: PETSc.KSP) -> bool:
         """Whether the set-up that has just been made must be made again, in another way that is then prepared."""
         return False
 

@@ -66,7 +66,7 @@ class Direct(Preset):
             pc.setType(kind)
             pc.setFactorSolverType("mumps")
 
-    def distrusts(self, ksp: PETSc.KSP) -> bool:
+    def must_refactorize(self, ksp: PETSc.KSP) -> bool:
         """Whether the tangent is singular to L D Lᵀ; L U, which is taken from then on, tells better how it fails."""
         if ksp.pc.getType() != PETSc.PC.Type.CHOLESKY or not _is_mumps(ksp.pc):
             return False

@@ -160,7 +160,7 @@ class Iterative(Preset):
         self._mass.assemble()
         return self._mass
 
-    def aim(self, *, precise: bool) -> None:
+    def set_accuracy(self, *, precise: bool) -> None:
         self._settling.precise = precise
 
     def allow(self, iterations: int) -> None:

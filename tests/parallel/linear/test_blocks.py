@@ -11,7 +11,7 @@ import scipy.linalg
 from dolfinx import fem
 from helpers.verification import box, job
 
-from hpcinv.assembly.system import Assembly
+from hpcinv.assembly.system import System
 from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.mesh import build_body
 from hpcinv.model.rigid_motions import Frame
@@ -22,13 +22,13 @@ from hpcinv.solver.problem import Model
 type Floats = np.ndarray[Any, np.dtype[np.float64]]
 
 
-def free(material: dict[str, Any], analysis: str, comm: MPI.Intracomm) -> tuple[Model, Assembly]:
+def free(material: dict[str, Any], analysis: str, comm: MPI.Intracomm) -> tuple[Model, System]:
     """The equations of an unloaded block without its supports, far from equilibrium."""
     supports = [{"region": "x0", "fix": ["x", "y", "z"]}]
     given = job(mesh=box((2, 2, 2)), material=material, supports=supports, analysis=analysis)
     model = Model(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
     model.supports.conditions = []
-    assembly = Assembly(model.scene(given.legs[0]), model.supports, Timings())
+    assembly = System(model.scene(given.legs[0]), model.supports, Timings())
     x = model.unknowns.state.x.array
     x[:] = 0.01 * np.random.default_rng(0).standard_normal(len(x))
     assembly.residual(assembly.rhs)
@@ -80,7 +80,7 @@ def test_scaled_pressure_mass_is_equivalent_to_the_schur_complement(
     )
     model = Model(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
     scene, unknowns = model.scene("forward"), model.unknowns
-    assembly = Assembly(scene, model.supports, Timings())
+    assembly = System(scene, model.supports, Timings())
     assembly.tangent()
     K = assembly.matrix.convert("dense").getDenseArray()
     u, p = unknowns.owned_displacement_dofs, unknowns.owned_pressure_dofs

@@ -15,14 +15,15 @@ from petsc4py import PETSc
 
 import hpcinv.solver.linear.selection
 from hpcinv import run
+from hpcinv.assembly.system import System
 from hpcinv.errors import SolveError
 from hpcinv.output.progress import Listener
 from hpcinv.output.result import Result
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.linear.selection import Choice
+from hpcinv.solver.linear_solver import LinearSolver
 
 MATERIALS: dict[str, dict[str, Any]] = {
     "compressible": {"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
@@ -112,19 +113,20 @@ def test_a_preconditioner_is_as_good_for_a_later_tangent_as_for_the_first(materi
 
     def found(*, again: bool) -> tuple[int, float]:
         """Iterations, and a norm of what the finest smoother makes of ones."""
-        of = Equilibrium(solved.scene, solved.model.supports, Timings(), options={}, choice=Choice("iterative", ""))
+        system = System(solved.scene, solved.model.supports, Timings())
+        linear = LinearSolver(system, {}, Choice("iterative", ""))
         if again:
-            of.state.x.array[:] = 0.0
-            of.linearise(0.0)
-            of.factorize()
-        of.state.x.array[:] = 1.5 * state  # farther than it goes in truth: blocks that differ much from the first
-        of.linearise(1.0)
-        of.residual(of.rhs)
-        of.counted_iterations()
-        x = of.rhs.duplicate()
-        assert of.solve_linear(of.rhs, x)
+            system.state.x.array[:] = 0.0
+            system.linearise(0.0)
+            linear.factorize()
+        system.state.x.array[:] = 1.5 * state  # farther than it goes in truth: blocks that differ much from the first
+        system.linearise(1.0)
+        system.residual(system.rhs)
+        linear.take_iterations()
+        x = system.rhs.duplicate()
+        assert linear.solve(system.rhs, x)
         x.destroy()
-        pc = of.ksp.pc if material == "compressible" else of.ksp.pc.getFieldSplitSubKSP()[0].pc
+        pc = linear.ksp.pc if material == "compressible" else linear.ksp.pc.getFieldSplitSubKSP()[0].pc
         smoother = pc.getMGSmoother(pc.getMGLevels() - 1)
         ones, smooth = smoother.getOperators()[1].createVecs()
         ones.set(1.0)
@@ -132,8 +134,9 @@ def test_a_preconditioner_is_as_good_for_a_later_tangent_as_for_the_first(materi
         size = norm(smooth)
         ones.destroy()
         smooth.destroy()
-        iterations = of.counted_iterations()
-        of.destroy()
+        iterations = linear.take_iterations()
+        linear.destroy()
+        system.destroy()
         return iterations, size
 
     (first, size), (later, again) = found(again=False), found(again=True)
@@ -172,9 +175,9 @@ def test_without_memory_for_another_solver_it_ends_with_a_diagnosis(
 def factor_type(comm: MPI.Intracomm, **data: Any) -> str:
     solved = Solved(job(**data), comm)
     equilibrium = solved.model.equilibrium(solved.scene)
-    equilibrium.linearise(1.0)
-    equilibrium.factorize()
-    found: str = equilibrium.ksp.pc.getType()
+    equilibrium.system.linearise(1.0)
+    equilibrium.linear.factorize()
+    found: str = equilibrium.linear.ksp.pc.getType()
     equilibrium.destroy()
     return found
 

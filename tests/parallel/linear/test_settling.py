@@ -78,10 +78,10 @@ def test_the_jobs_own_tolerance_wins(comm: MPI.Intracomm) -> None:
 
 def correction(equilibrium: Equilibrium, *, precise: bool) -> tuple[PETSc.Vec, int]:
     """The first one from the unloaded body, and the Krylov iterations it took."""
-    x = equilibrium.rhs.duplicate()
-    equilibrium.preset.aim(precise=precise)
-    assert equilibrium.back_substitute(equilibrium.rhs, x)
-    return x, equilibrium.counted_iterations()
+    x = equilibrium.system.rhs.duplicate()
+    equilibrium.linear.preset.set_accuracy(precise=precise)
+    assert equilibrium.linear.back_substitute(equilibrium.system.rhs, x)
+    return x, equilibrium.linear.take_iterations()
 
 
 @pytest.mark.parallel([2])
@@ -91,9 +91,9 @@ def test_a_correction_is_right_to_two_digits(body: str, analysis: str, comm: MPI
     data: dict[str, Any] = {**SHELF, "material": MATERIALS["incompressible"]} if body == "chunky" else BEAM
     solved = Solved(job(**data, analysis=analysis, solver={"linear": "iterative"}), comm)
     equilibrium = solved.model.equilibrium(solved.scene)
-    equilibrium.linearise(1.0)
-    equilibrium.residual(equilibrium.rhs)
-    equilibrium.factorize()
+    equilibrium.system.linearise(1.0)
+    equilibrium.system.residual(equilibrium.system.rhs)
+    equilibrium.linear.factorize()
     (short, few), (exact, many) = (correction(equilibrium, precise=precise) for precise in (False, True))
     short.axpy(-1.0, exact)
     assert norm(short) < 0.03 * norm(exact)

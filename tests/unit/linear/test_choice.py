@@ -39,9 +39,9 @@ def test_operations_and_entries_are_what_mumps_counts(
 ) -> None:
     body = model(box(divisions, **dict(zip(("lx", "ly", "lz"), size, strict=True))), comm)
     equilibrium = body.equilibrium(body.scene("inverse"))
-    equilibrium.linearise(1.0)
-    equilibrium.factorize()
-    factors = equilibrium.ksp.pc.getFactorMatrix()
+    equilibrium.system.linearise(1.0)
+    equilibrium.linear.factorize()
+    factors = equilibrium.linear.ksp.pc.getFactorMatrix()
     forecast = body.chooser.forecast
     assert 0.6 < forecast.operations / factors.getMumpsRinfog(3) < 1.6
     assert 0.6 < forecast.entries / factors.getMumpsInfog(20) < 1.6

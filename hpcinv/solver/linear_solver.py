@@ -1,4 +1,4 @@
-"""The discrete equations of a scene, linearised and solved by PETSc's KSP."""
+"""Linear systems with the tangent of a system of equations, solved by PETSc's KSP."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.assembly.system import Assembly
 from hpcinv.parallel.malloc import give_back_memory
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.direct import Direct
@@ -20,94 +19,82 @@ from hpcinv.solver.linear.selection import Choice, Used
 from hpcinv.solver.petsc_options import SolverOptions, Value
 
 if TYPE_CHECKING:
-    from hpcinv.model.scene import Scene
-    from hpcinv.model.supports import Supports
-    from hpcinv.parallel.timings import Timings
+    from hpcinv.assembly.system import System
     from hpcinv.solver.linear.configuration import Preset
 
 
-class LinearSystem(Assembly):
-    """Residual and tangent of a scene, and a linear solver for them, whose symbolic analysis serves the whole run.
+class LinearSolver:
+    """``K x = b`` with the tangent K of a system; its symbolic analysis serves the whole run.
+
+    The tangent that was last assembled counts: it is factorized when it is first needed.
 
     Args:
-        scene: residual and load factor.
-        supports: Dirichlet conditions on the scene's unknowns.
-        options: PETSc options of the job, beside those of the preset.
-        choice: preset of the linear solver, and whether the other one may be tried where it fails.
+        system: assembles the tangent.
+        options: PETSc options of the job, beside those of the configuration.
+        choice: configuration of the linear solver, and whether the other one may be tried where it fails.
 
     Attributes:
-        fallback: why the other preset was taken, if it was.
+        options: as PETSc has them, those of Newton's method included.
+        fallback: why the other configuration was taken, if it was.
     """
 
-    def __init__(
-        self, scene: Scene, supports: Supports, timings: Timings, options: Mapping[str, Value], choice: Choice
-    ) -> None:
-        super().__init__(scene, supports, timings)
-        self.choice = choice
+    def __init__(self, system: System, options: Mapping[str, Value], choice: Choice) -> None:
+        self.system, self.choice = system, choice
         self.fallback: str | None = None
         self._iterations = 0
-        with timings("set-up"):
+        self._factorized = -1  # number of the tangent whose factors are at hand
+        with system.timings("set-up"):
             self.options = SolverOptions(options)
-            self.ksp = PETSc.KSP().create(self.comm)
+            self.ksp = PETSc.KSP().create(system.comm)
             self.ksp.setOptionsPrefix(SolverOptions.prefix)
             self.preset = self._use(choice.preset)
 
     def _use(self, name: str) -> Preset:
         own = self.choice.is_own
-        preset: Preset = Direct(symmetric=not own) if name == "direct" else Iterative(self.scene)
-        self._is_factorized = False
+        preset: Preset = Direct(symmetric=not own) if name == "direct" else Iterative(self.system.scene)
+        self._factorized = -1
         self.options.use(preset.options)
         self.ksp.reset()
-        self.ksp.setOperators(self.matrix)
+        self.ksp.setOperators(self.system.matrix)
         self.ksp.setFromOptions()
         return preset
-
-    def position(self) -> PETSc.Vec:
-        """A copy of the present state."""
-        x: PETSc.Vec = self.state.x.petsc_vec.copy()
-        return x
 
     @property
     def used(self) -> Used:
         """Which linear solver it is by now, and why."""
-        return Used(self.preset.name, self.choice.why, self.fallback, self.note)
-
-    def linearise(self, load: float) -> None:
-        """Assemble the tangent at the present state and a load factor."""
-        self.set_load(load)
-        self.tangent()
-
-    def tangent(self) -> None:
-        super().tangent()
-        self._is_factorized = False
+        return Used(self.preset.name, self.choice.why, self.fallback, self.system.note)
 
     def factorize(self) -> None:
         """Factorize the tangent that was last assembled, or make its preconditioner, unless that is done already."""
-        if self._is_factorized:
+        if self._factorized == self.system.tangents:
             return
-        with self.timings("factorization"):
-            self.ksp.setOperators(self.matrix)
-            self.preset.prepare(self.ksp, self.matrix)
+        with self.system.timings("factorization"):
+            self.ksp.setOperators(self.system.matrix)
+            self.preset.prepare(self.ksp, self.system.matrix)
             self.ksp.setUp()
-            if self.preset.distrusts(self.ksp):
+            if self.preset.must_refactorize(self.ksp):
                 self.ksp.setUp()
             self.ksp.setUpOnBlocks()
-        self._is_factorized = True
+        self._factorized = self.system.tangents
 
-    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """``x = K⁻¹ b`` with the tangent that was last assembled, factorized if need be; false if that failed."""
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """``x = K⁻¹ b`` to rounding errors, or to the accuracy of an iterative solver; false if that failed."""
         self.factorize()
-        self.preset.aim(precise=True)
-        self.preset.allow(self.choice.budget)
-        with self.timings("linear solve"):
+        self.preset.set_accuracy(precise=True)
+        self.limit_iterations()
+        with self.system.timings("linear solve"):
             solved = self.back_substitute(b, x)
-        self.preset.aim(precise=False)
+        self.preset.set_accuracy(precise=False)
         if solved:
             return True
         if self.fall_back():
-            return self.solve_linear(b, x)
+            return self.solve(b, x)
         self.forget_factors()
         return False
+
+    def limit_iterations(self) -> None:
+        """Allow the Krylov iterations of one solve of Newton's method from now on."""
+        self.preset.allow(self.choice.budget)
 
     def back_substitute(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """``x = K⁻¹ b`` with the factors or the preconditioner at hand; false if that failed."""
@@ -121,13 +108,13 @@ class LinearSystem(Assembly):
         if not self.preset.exact:
             self._iterations += number
 
-    def counted_iterations(self) -> int:
+    def take_iterations(self) -> int:
         """Krylov iterations since this was asked last."""
         number, self._iterations = self._iterations, 0
         return number
 
     def fall_back(self) -> bool:
-        """Go over to the other preset after a failure, if that may help."""
+        """Change to the other configuration after a failure, if that may help."""
         if self.fallback is not None or self.choice.other is None:
             return False
         if self.preset.exact and not self.preset.lacked_memory(self.ksp):
@@ -139,16 +126,16 @@ class LinearSystem(Assembly):
         self.ksp.setConvergenceTest(None)  # drops that of the preset before
         return True
 
-    def rest(self) -> None:
-        """Keep what is worth it until the equations are used again: a symbolic factorization, but not multigrid."""
+    def release_preconditioner(self) -> None:
+        """Free multigrid until the solver is used again; a symbolic factorization is kept."""
         if not self.preset.exact:
             self.ksp.reset()
-            self._is_factorized = False
+            self._factorized = -1
             give_back_memory()
 
     def forget_factors(self) -> None:
-        """Begin anew after a factorization that failed: MUMPS cannot go on."""
-        self._is_factorized = False
+        """Begin again after a factorization that failed: MUMPS cannot go on."""
+        self._factorized = -1
         self.options.restore()
         self.ksp.pc.reset()
 
@@ -156,20 +143,8 @@ class LinearSystem(Assembly):
         """Of the tangent whose factors are at hand; 0 if the linear solver does not tell."""
         return self.preset.sign_of_determinant(self.ksp)
 
-    def correct(self, load: float) -> None:
-        """Add one full Newton correction to the present state, whatever it does to the elements."""
-        start, step = self.position(), self.rhs.duplicate()
-        self.linearise(load)
-        self.residual(self.rhs)
-        self.solve_linear(self.rhs, step)
-        step.aypx(-1.0, start)
-        self.set_state(step)
-        start.destroy()
-        step.destroy()
-
     def destroy(self) -> None:
         """Free what PETSc holds."""
         self.options.remove()
         self.preset.destroy()
-        for part in (self.ksp, self.matrix, self.rhs):
-            part.destroy()
+        self.ksp.destroy()
