@@ -13,7 +13,6 @@ from hpcinv.certificate.ineffective_loads import idle_loads
 from hpcinv.certificate.round_trip import gap, round_trip, stability
 from hpcinv.certificate.shape import shape
 from hpcinv.certificate.volume import volume
-from hpcinv.mesh.moved import placed
 from hpcinv.solver.observer import SILENT, Observer
 
 if TYPE_CHECKING:
@@ -44,7 +43,7 @@ def certify(
     """
     leg, lines, found = legs[0], list[Line](), known
     with model.timings.as_one("certificate"):
-        with placed(model.body.mesh, leg.mesh_nodes / model.body.length_scale):
+        with model.at(leg.mesh_nodes, *leg.solution):
             told("equilibrium")
             lines += _of_the_solution(model, leg)
             if found is None and model.job.certificate.estimate and _can_estimate(model):
@@ -63,7 +62,6 @@ def certify(
 
 
 def _of_the_solution(model: Model, leg: Leg) -> Iterator[Line]:
-    model.set_solution(leg.displacement, leg.pressure)
     equilibrium = model.equilibrium(model.scene(leg.direction))
     yield from balance(model, equilibrium)
     model.release(equilibrium)

@@ -98,13 +98,13 @@ def estimate(model: Model, leg: Leg, computed: Mapping[str, Value]) -> Estimate:
     if p is not None:
         assert leg.pressure is not None
         p.interpolate(on_mesh(body.mesh, leg.pressure))
-    finer.set_solution(u, p)
-    finer.unknowns.state.x.scatter_forward()
     scene = finer.scene(leg.direction)
-    equilibrium = finer.equilibrium(scene)
-    equilibrium.correct(1.0)
-    equilibrium.destroy()
-    better = leg_of(finer, leg.direction, scene, ())
+    with finer.at(body.mesh.geometry.x * body.length_scale, u, p):
+        finer.unknowns.state.x.scatter_forward()
+        equilibrium = finer.equilibrium(scene)
+        equilibrium.correct(1.0)
+        equilibrium.destroy()
+        better = leg_of(finer, leg.direction, scene, ())
     at_nodes = better if body is model.body else _at_given_nodes(model, better)
     corrected = _corrected(model, at_nodes, better, finer)
     comm = body.mesh.comm

@@ -15,7 +15,6 @@ from hpcinv.certificate.check import Line, Verdict, at_most, skipped
 from hpcinv.certificate.confirmation import MARGIN, Confirmed, confirm
 from hpcinv.certificate.inertia import inertia
 from hpcinv.job.sections import AXES
-from hpcinv.mesh.moved import placed
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.spatial_fields import ByFormula
 from hpcinv.solver.load_stepping import follow
@@ -47,8 +46,7 @@ def round_trip(model: Model, leg: Leg, observer: Observer = SILENT) -> Iterator[
     if start == "off":
         yield skipped(ROUND_TRIP, "switched off: certificate.round_trip")
         return
-    with placed(model.body.mesh, leg.other_nodes / model.body.length_scale):
-        model.set_solution(leg.displacement, leg.pressure)
+    with model.at(leg.other_nodes, *leg.solution):
         equilibrium = model.equilibrium(model.scene(back), observer)
         tolerance = model.job.solver.tolerance
         solves = [equilibrium.solve(1.0, tolerance)] if start == "near" else []
@@ -89,8 +87,7 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
         yield skipped(STABILITY, f"there is no memory for factors of {model.chooser.forecast.factors / 2e9:.2g} GB")
         yield _fold(leg)
         return
-    with placed(model.body.mesh, leg.reference_nodes / model.body.length_scale):
-        model.set_solution(leg.displacement, leg.pressure)
+    with model.at(leg.reference_nodes, *leg.solution):
         known = known_displacement(model)
         equilibrium = model.equilibrium(model.scene("forward", known))
         equilibrium.system.linearise(1.0)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
@@ -15,6 +14,7 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.mesh.bounding_box import diagonal
+from hpcinv.mesh.moved import placed
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.parallel.runtime import MPI
 
@@ -45,14 +45,9 @@ class MovableMesh:
         self._jacobian = QuadratureValues(ufl.JacobianDeterminant(self.mesh), self.mesh, quadrature_degree)
         self._given_jacobian = self._jacobians(self.given)
 
-    @contextmanager
-    def at(self, X: Floats) -> Iterator[None]:
+    def at(self, X: Floats) -> AbstractContextManager[None]:
         """The mesh at ``X``, and back where it was given, to the last bit."""
-        self.mesh.geometry.x[:] = X
-        try:
-            yield
-        finally:
-            self.mesh.geometry.x[:] = self.given
+        return placed(self.mesh, X)
 
     def displacement(self) -> Floats:
         """The displacement of the present state at the nodes, the same on all ranks that share a node."""

@@ -64,6 +64,11 @@ class Leg:
         return self.mesh_nodes + self.sign * self.u
 
     @property
+    def solution(self) -> tuple[Function, Function | None]:
+        """Displacement (m) and pressure (Pa)."""
+        return self.displacement, self.pressure
+
+    @property
     def reference_nodes(self) -> Floats:
         return self.mesh_nodes if self.direction == "forward" else self.other_nodes
 

@@ -67,7 +67,7 @@ def evaluate(
     """Values of the quantities in SI by name, displacements and reactions as lists of 3; collective.
 
     Args:
-        model: that of the leg, which must have reached the full load; its present state becomes the leg's solution.
+        model: that of the leg, which must have reached the full load.
             Without it there are no quantities of stress, energy and volume ratio, none by quadrature, and no reactions.
 
     Raises:
@@ -75,7 +75,8 @@ def evaluate(
         JobError: on every rank, if a formula has no finite value.
     """
     quantities = tuple(quantities)
-    with placed(body.mesh, leg.mesh_nodes / body.length_scale):
+    mesh_moved = placed(body.mesh, leg.mesh_nodes / body.length_scale)
+    with model.at(leg.mesh_nodes, *leg.solution) if model else mesh_moved:
         check_points(quantities, body)
         others = [q for q in quantities if not q.is_reaction]
         found = values_of(others, body, leg, _fields(quantities, body, leg, model))
@@ -116,7 +117,6 @@ def _fields(
     if not any(q.fields or q.by_quadrature for q in quantities):
         return None
     assert model is not None
-    model.set_solution(leg.displacement, leg.pressure)
     scene = model.scene(leg.direction)
     scene.parameters.set_load(1.0)
     return fields_for(quantities, body, scene, model.scales)

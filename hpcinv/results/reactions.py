@@ -7,7 +7,7 @@ current body: R are forces in space, and the arms of their moments are current p
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,12 +23,17 @@ if TYPE_CHECKING:
 def reactions(quantities: Iterable[QuantityOfInterest], leg: Leg, model: Model) -> dict[str, list[float]]:
     """Reactions by the names of quantities: forces (3 components, N), moments (3 components, N m); collective.
 
-    The mesh must lie as the leg's, which must have reached the full load; the model's state becomes the leg's solution.
+    The leg must have reached the full load.
     """
     quantities = tuple(quantities)
     if not quantities:
         return {}
-    model.set_solution(leg.displacement, leg.pressure)
+    with model.at(leg.mesh_nodes, *leg.solution):
+        return _reactions(quantities, leg, model)
+
+
+def _reactions(quantities: Sequence[QuantityOfInterest], leg: Leg, model: Model) -> dict[str, list[float]]:
+    """Of the leg at which the model is."""
     equilibrium = model.equilibrium(model.scene(leg.direction))
     residual = equilibrium.system.forces(1.0)
     model.release(equilibrium)

@@ -26,7 +26,6 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.errors import SolveError
-from hpcinv.mesh.moved import placed
 from hpcinv.quantity.component import Ingredient
 from hpcinv.sensitivity.slopes import Change, slopes
 
@@ -93,7 +92,7 @@ def sensitivities(model: Model, leg: Leg) -> Sensitivities | None:
     """Differentiate a leg at full load by what the job asks for, ``None`` if that is nothing; collective.
 
     Args:
-        model: that of the leg; its state becomes the leg's solution.
+        model: that of the leg.
 
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
@@ -101,7 +100,7 @@ def sensitivities(model: Model, leg: Leg) -> Sensitivities | None:
     parameters, body = model.job.differentiated, model.body
     if not parameters:
         return None
-    with model.timings("sensitivities"), placed(body.mesh, leg.mesh_nodes / body.length_scale):
+    with model.timings("sensitivities"), model.at(leg.mesh_nodes, *leg.solution):
         changes = _changes(model, leg, parameters)
         by_quantity = slopes(model, leg, [(p, changes[p.key]) for p in parameters])
     nodes = {key: leg.sign * change.u for key, change in changes.items()}
@@ -127,7 +126,6 @@ def _changes(model: Model, leg: Leg, parameters: Sequence[Parameter]) -> dict[st
     scene = model.scene(leg.direction)
     equilibrium = model.equilibrium(scene)
     system = equilibrium.system
-    model.set_solution(leg.displacement, leg.pressure)
     system.linearise(1.0)
     with model.timings("compile"):
         derivative = scene.parameter_derivative

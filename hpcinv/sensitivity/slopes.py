@@ -50,7 +50,7 @@ class Change:
 def slopes(model: Model, leg: Leg, changes: Sequence[tuple[Parameter, Change]]) -> dict[str, dict[str, Value]]:
     """Derivatives (SI) of each of the job's quantities of interest but reactions by the parameters' keys.
 
-    Collective; the mesh must lie as the leg's, and the model's state is the leg's solution in the end.
+    Collective; the mesh must lie as the leg's.
     """
     scene, body = model.scene(leg.direction), model.body
     quantities = [quantity for quantity in model.job.quantities if not quantity.is_reaction]
@@ -63,8 +63,7 @@ def slopes(model: Model, leg: Leg, changes: Sequence[tuple[Parameter, Change]]) 
         if p is not None and change.pressure is not None:
             p.x.array[:] += shift * change.pressure.x.array
         moved = replace(leg, u=leg.u + shift * change.u, displacement=u, pressure=p)
-        model.set_solution(u, p)
-        with scene.parameters.moved(change.along, shift):
+        with model.at(leg.mesh_nodes, u, p), scene.parameters.moved(change.along, shift):
             return {name: np.array(v) for name, v in values_of(quantities, body, moved, fields).items()}
 
     found: dict[str, dict[str, Value]] = {quantity.name: {} for quantity in quantities}
@@ -73,7 +72,6 @@ def slopes(model: Model, leg: Leg, changes: Sequence[tuple[Parameter, Change]]) 
         values = [at(change, k * step) for k in POINTS]
         for name, by_key in found.items():
             by_key[parameter.key] = central_difference((v[name] for v in values), step).tolist()
-    model.set_solution(leg.displacement, leg.pressure)
     return found
 
 

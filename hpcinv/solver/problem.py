@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from hpcinv.assembly.system import System
 from hpcinv.errors import MeshError
 from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
+from hpcinv.mesh.moved import placed
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
 from hpcinv.model.scene import Scene
@@ -30,6 +33,7 @@ if TYPE_CHECKING:
     from hpcinv.effects import Direction
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
+    from hpcinv.mesh.source import Floats
     from hpcinv.parallel.timings import Timings
 
 KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
@@ -159,8 +163,26 @@ class Model:
         largest = float((u**2).sum(axis=1).max(initial=0.0)) ** 0.5 * self.scales.length
         return float(self.body.mesh.comm.allreduce(largest, op=MPI.MAX))
 
+    @contextmanager
+    def at(self, nodes: Floats, u: Function, p: Function | None) -> Iterator[None]:
+        """Move the mesh to ``nodes`` and the state to a `solution`; both are as before at the end.
+
+        Args:
+            nodes: coordinates of the local geometry nodes, (n, 3) in m.
+            u: displacement, in m.
+            p: pressure, in Pa; ``None`` in the displacement form.
+        """
+        state = self.unknowns.state.x.array
+        before = state.copy()
+        with placed(self.body.mesh, nodes / self.body.length_scale):
+            self.set_solution(u, p)
+            try:
+                yield
+            finally:
+                state[:] = before
+
     def set_solution(self, u: Function, p: Function | None) -> None:
-        """Make a saved `solution` the present state."""
+        """Make a `solution` the present state, from which the next solve begins."""
         u, p = u.copy(), p.copy() if p is not None else None
         u.x.array[:] /= self.scales.length
         self.unknowns.set_displacement(u)

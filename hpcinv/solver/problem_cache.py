@@ -27,7 +27,6 @@ from hpcinv.solver.problem import Model
 if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
-    from hpcinv.mesh.source import Floats
     from hpcinv.parallel.timings import Timings
 
 
@@ -39,7 +38,7 @@ class Workspace:
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         self.comm = comm
-        self._body: tuple[str, Body, Floats] | None = None
+        self._body: tuple[str, Body] | None = None
         self._model: tuple[str, Model] | None = None
 
     def __enter__(self) -> Workspace:
@@ -56,12 +55,10 @@ class Workspace:
         """
         key = on_root(self.comm, lambda: _mesh_of(job))  # other ranks may not see the file
         if self._body is not None and self._body[0] == key:
-            _, body, given = self._body
-            body.mesh.geometry.x[:] = given  # a round trip has left it elsewhere
-            return body
+            return self._body[1]
         self.clear()
         body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, told=told)
-        self._body = key, body, body.mesh.geometry.x.copy()
+        self._body = key, body
         return body
 
     def model(self, job: Job, timings: Timings) -> Model:
