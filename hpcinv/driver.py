@@ -32,7 +32,7 @@ from hpcinv.solver.problem_cache import Workspace
 from hpcinv.solver.stop_signal import StopSignal
 
 if TYPE_CHECKING:
-    from hpcinv.accuracy import Record
+    from hpcinv.accuracy import AccuracyRecord
     from hpcinv.certificate import Estimate
     from hpcinv.job.job import Job
     from hpcinv.mesh.source import Floats
@@ -115,7 +115,7 @@ class _Problem:
     model: Model
     expected: Floats | None = None  # local nodes of the expected shape, (n, 3) in m
     legs: tuple[Leg, ...] = ()
-    record: Record | None = None
+    record: AccuracyRecord | None = None
     estimate: Estimate | None = None
     unused_options: Sequence[str] = ()
 

@@ -49,7 +49,7 @@ class Search:
     ) -> None:
         self.job, self.comm, self.timings = job, comm, timings
         self.note, self.observer = note, observer
-        self.memory = Memory(comm)
+        self.memory = RefinementMemory(comm)
         self.meshes = Meshes(job, comm)
         self.unseen_order: float | None = None
         self.highest = max(HIGHEST_DEGREE, job.discretisation.displacement)

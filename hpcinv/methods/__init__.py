@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def method_for(model: Model, direction: Direction, observer: Observer = SILENT) -> Method:
     """The method that the model's job asks for; a forward problem is always solved directly."""
     if direction == "forward" or model.job.method == "direct":
-        return Direct(model, direction, observer)
-    return FixedPoint(model, observer)
+        return DirectMethod(model, direction, observer)
+    return FixedPointMethod(model, observer)
 
 
 __all__ = ["UPDATES", "DirectMethod", "FixedPointMethod", "Method", "method_for"]

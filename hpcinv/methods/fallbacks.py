@@ -136,7 +136,7 @@ def _fixed_point(problem: Problem) -> Solves:
     model = copy.copy(problem.model)
     model.job = job.model_copy(update={"method": "anderson", "fixed_point": near})
     model.unknowns.state.x.array[:] = 0.0
-    method = FixedPoint(model, problem.observer)
+    method = FixedPointMethod(model, problem.observer)
     try:
         for solve in method.solves(0.0, resumed=False):
             yield solve

@@ -15,7 +15,7 @@ from hpcinv.solver.diagnosis import diagnose
 from hpcinv.solver.observer import Observer
 
 if TYPE_CHECKING:
-    from hpcinv.accuracy import Record
+    from hpcinv.accuracy import AccuracyRecord
     from hpcinv.certificate import Estimate
     from hpcinv.output.progress import Progress
     from hpcinv.output.run_store import RunStore
@@ -43,7 +43,7 @@ class RunReport(Observer):
         store: RunStore,
         progress: Progress,
         totals: Totals,
-        record: Record | None,
+        record: AccuracyRecord | None,
         unused_options: Sequence[str],
     ) -> None:
         self._model, self._store, self._progress = model, store, progress

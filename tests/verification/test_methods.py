@@ -243,7 +243,7 @@ def test_cells_with_straight_edges_leave_an_error_of_their_own(comm: MPI.Intraco
         # The state has the nodes where the search left them: its body takes its load as the search found it to.
         model = Model(found.job, found.body, Timings())
         model.set_solution(leg.displacement, leg.pressure)
-        search = FixedPoint(model)
+        search = FixedPointMethod(model)
         first = next(search.solves(resumed=True))
         search.equilibrium.destroy()
         assert first.gap == pytest.approx(gaps(found)[-1], abs=1e-12)
@@ -351,7 +351,7 @@ def test_a_given_body_that_cannot_carry_its_load_once_more(comm: MPI.Intracomm) 
 def test_a_step_that_would_turn_the_body_inside_out_is_shortened(comm: MPI.Intracomm) -> None:
     given = job(method="sellier", **tetrahedron())
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
-    search = FixedPoint(Model(given, body, Timings()))
+    search = FixedPointMethod(Model(given, body, Timings()))
     apex = np.flatnonzero(body.mesh.geometry.x[:, 1] > 0.5 / body.length_scale)
     step = np.zeros_like(body.mesh.geometry.x)
     step[apex, 1] = -1.5 / body.length_scale  # 1 - 1.5 < 0, but 1 - 0.75 > 0
