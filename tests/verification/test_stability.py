@@ -219,7 +219,8 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     found, p = model.solution()
     moved = np.abs(found.x.array - u.x.array).max() / np.abs(u.x.array).max()
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
-    leg: Any = SimpleNamespace(displacement=found, pressure=p, reference_nodes=body.mesh.geometry.x * length, solves=())
+    nodes = body.mesh.geometry.x * length
+    leg: Any = SimpleNamespace(solution=(found, p), displacement=found, pressure=p, reference_nodes=nodes, solves=())
     line, _ = stability(model, leg)
     print(line)
     assert (line.value, line.verdict) == (unstable, Verdict.FAIL if unstable else Verdict.PASS)

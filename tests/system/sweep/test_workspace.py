@@ -93,11 +93,11 @@ def test_what_two_runs_share_is_made_once(comm: MPI.Intracomm) -> None:
         body, model = workspace._body, workspace._model
         assert body is not None
         assert model is not None
-        matrix = next(iter(model[1]._idle.values())).matrix
+        matrix = next(iter(model[1]._idle.values())).system.matrix
         run(block(2e4), comm, workspace=workspace)
         assert workspace._model is not None
         assert workspace._model[1] is model[1]
-        assert next(iter(model[1]._idle.values())).matrix is matrix
+        assert next(iter(model[1]._idle.values())).system.matrix is matrix
         run(PAIRS["law"][1], comm, workspace=workspace)
         assert workspace._body is not None
         assert workspace._body[1] is body[1]
