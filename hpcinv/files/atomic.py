@@ -14,6 +14,7 @@ import os
 import secrets
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 _NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
 
@@ -54,10 +55,7 @@ def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
     own = f".{secrets.token_hex(8)}" if shared else ""
     partial = path.with_name(f".{path.name}{own}.partial")
     try:
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        _write(partial, "wb", content)
         partial.replace(path)
     except OSError:
         with contextlib.suppress(OSError):
@@ -71,6 +69,13 @@ def make_directory(path: Path) -> None:
     if not path.is_dir():
         path.mkdir(exist_ok=True)
         _flush_directory(path.parent)
+
+
+def _write(path: Path, mode: Literal["wb", "xb"], content: bytes) -> None:
+    with path.open(mode) as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _flush_directory(path: Path) -> None:
@@ -87,10 +92,7 @@ def _flush_directory(path: Path) -> None:
 def _create(path: Path, content: bytes, without_links: Callable[[Path, Path], None]) -> bool:
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.partial")
     try:
-        with partial.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        _write(partial, "xb", content)
         return _link(partial, path, without_links)
     finally:
         partial.unlink(missing_ok=True)

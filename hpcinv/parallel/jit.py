@@ -93,6 +93,9 @@ FLAGS = ["-O1", "-g0"]
 JIT_OPTIONS = {"cffi_extra_compile_args": [*FLAGS, *_environment()], "cache_dir": DIRECTORY}
 """What DOLFINx is told for every form and expression."""
 
+NOT_FOUND: list[str] = []
+"""names of the kernels that this process did not find, so that it had to compile them, or to wait for another"""
+
 _compile_in_place = ffcx_jit._compile_objects
 
 
@@ -124,7 +127,10 @@ def _load(path: Path, name: str, objects: Sequence[str]) -> tuple[list[Any], Any
 def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _timeout: int) -> tuple[Any, Any]:
     """Load a kernel, or give (None, None), so that FFCx compiles it."""
     path = _find(name, Path(directory))
-    return (None, None) if path is None else _load(path, name, objects)
+    if path is None:
+        NOT_FOUND.append(name)
+        return None, None
+    return _load(path, name, objects)
 
 
 def _load_objects(directory: Path, name: str, objects: Sequence[str]) -> tuple[Any, Any]:

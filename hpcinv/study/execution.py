@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from hpcinv.batch.task import Batch, Runner
 from hpcinv.driver import run
 from hpcinv.errors import HpcinvError
 from hpcinv.mesh import build_body
+from hpcinv.parallel.jit import NOT_FOUND
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.problem_cache import collect_garbage
 from hpcinv.study.directory import store_in
@@ -38,9 +38,9 @@ class StudyRunner(Runner[StudyTask]):
             _load_what_meshes_need(task.job, self.comm)
             self._is_first = False
         _forget_peak_memory()
-        before = _compilers()
+        before = len(NOT_FOUND)
         run(task.job, self.comm, progress=heard, stop_asked=stop_asked)
-        return {"compiled": self.comm.allreduce(_compilers() > before, op=MPI.LOR)}
+        return {"compiled": self.comm.allreduce(len(NOT_FOUND) > before, op=MPI.LOR)}
 
     def clear(self) -> None:
         collect_garbage(self.comm)
@@ -73,12 +73,6 @@ def _load_what_meshes_need(job: Job, comm: MPI.Intracomm) -> None:
     """The first mesh of a process pays for loading gmsh, which is not to be counted in the time of any run."""
     with contextlib.suppress(HpcinvError):
         build_body(job.mesh, job.regions, comm, resolve=job.resolve)
-
-
-def _compilers() -> float:
-    """Processor time of the processes that this one has started and that have ended: compilers of kernels."""
-    used = os.times()
-    return used.children_user + used.children_system
 
 
 def _forget_peak_memory() -> None:

@@ -19,7 +19,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 import yaml
-from helpers.command_line import NO_CERTIFICATE, Started, hpcinv
+from helpers.command_line import NO_CERTIFICATE, ROOT, Started, hpcinv
+from helpers.mesh_data_files import write_msh
 from test_study_plan import COLUMN, STUDY, plan
 
 import hpcinv as api
@@ -31,9 +32,12 @@ from hpcinv.cli.study import conclude
 from hpcinv.errors import JobError, OutputError, SolveError
 from hpcinv.job.content_key import content_key
 from hpcinv.job.job import parse
+from hpcinv.output.progress import Listener
+from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.study.convergence import fitted_order, orders, richardson
 from hpcinv.study.directory import StudyDirectory, store_in
+from hpcinv.study.execution import StudyRunner
 from hpcinv.study.executions import Executions
 from hpcinv.study.findings import accuracy
 from hpcinv.study.pareto import front
@@ -154,6 +158,22 @@ def test_a_run_that_compiled_is_done_once_more_and_one_that_failed_is_not(begin:
     # However often kernels seem to be compiled, it ends.
     again = drain(begin(plan(tmp_path, repeat=1), tmp_path / "b"), itertools.repeat(good(1.0, compiled=True)))
     assert len(again) == 10
+
+
+def test_only_kernels_that_were_not_found_count_as_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, comm: MPI.Intracomm
+) -> None:
+    """Other processes that a run starts do not, such as the one that tries to read a mesh file first."""
+    monkeypatch.setitem(JIT_OPTIONS, "cache_dir", tmp_path / "kernels")
+    mesh = {"file": str(write_msh(tmp_path / "block.msh", ROOT / "meshes", False, 1, 4.1))}
+    given = {k: v for k, v in COLUMN.items() if k != "quantities"} | {"mesh": mesh, "certificate": NO_CERTIFICATE}
+    given |= {"discretisation": {"displacement": 1}, "supports": [{"region": "z0", "fix": ["x", "y", "z"]}]}
+    one = parse(given, tmp_path / "column.yaml")
+    claim: Any = None
+    task = StudyTask("one", one, claim, 1, 1)
+    with StudyRunner(comm) as runner, Listener(comm) as heard:
+        compiled = [runner.run(task, heard, lambda: False)["compiled"] for _ in range(2)]
+    assert compiled == [True, False]
 
 
 def test_what_is_done_is_kept_and_a_changed_study_does_only_what_is_new(begin: Begin, tmp_path: Path) -> None:

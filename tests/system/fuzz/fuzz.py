@@ -30,6 +30,7 @@ sys.path[:0] = [str(HERE), str(HERE.parents[1]), str(HERE.parents[2])]
 from mutations import mutated_bytes, mutated_text  # noqa: E402
 
 CORPUS = HERE / "corpus"
+MESHES = HERE.parents[2] / "meshes"
 PATIENCE = 60
 """seconds, many times what an answer takes: something that takes longer hangs"""
 
@@ -41,6 +42,7 @@ class Hangs(BaseException):
 def jobs(directory: Path) -> list[str]:
     """The texts of the corpus; what they refer to is put into ``directory``."""
     texts = []
+    shutil.copy(MESHES / "box.py", directory)
     for path in sorted(CORPUS.iterdir()):
         if path.suffix == ".yaml":
             texts.append(path.read_text(encoding="utf-8"))
@@ -101,10 +103,9 @@ def meshes(directory: Path) -> list[Path]:
     from hpcinv.mesh.export import save
     from hpcinv.parallel.runtime import MPI
 
-    examples = HERE.parents[2] / "meshes"
-    mesh = block(examples, hexahedra=False, degree=1)
+    mesh = block(MESHES, hexahedra=False, degree=1)
     paths = [write_vtu(directory / "made.vtu", mesh), write_xdmf(directory / "made.xdmf", mesh)]
-    paths += [write_msh(directory / f"{v}.msh", examples, True, 2, v) for v in (2.2, 4.1)]
+    paths += [write_msh(directory / f"{v}.msh", MESHES, True, 2, v) for v in (2.2, 4.1)]
     for name in ("own.vtu", "own.msh"):
         save(directory / name, mesh, mesh.points)
         paths.append(directory / name)
