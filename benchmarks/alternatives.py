@@ -162,11 +162,12 @@ def pressures() -> None:
             indptr, indices, data = matrices[0].getValuesCSR()
             K = sparse.csr_array((data, indices, indptr))
             taken, operations = factorization(K)
-            leg = found.statistics["legs"][0]
+            solution = found.statistics["solutions"][0]
             errors = ", ".join(f"{what} {abs(found.quantities[what] / EXACT[what] - 1):.1e}" for what in EXACT)
             print(
                 f"  {name}, {divisions} divisions, {K.shape[0]} unknowns: {errors}; solver {seconds_of(found):.2f} s"
-                f" with {leg['factorizations']} factorizations; factorization {taken:.3f} s, {operations:.1f} Gflop",
+                f" with {solution['factorizations']} factorizations; factorization {taken:.3f} s,"
+                f" {operations:.1f} Gflop",
                 flush=True,
             )
             if element is not None:
@@ -193,7 +194,7 @@ def fewer_points() -> None:
         with mock.patch.object(CompiledTangent, "__init__", create):
             try:
                 found = hpcinv.run(sphere(4, hexahedra=hexahedra))
-                iterations = found.statistics["legs"][0]["newton_iterations"]
+                iterations = found.statistics["solutions"][0]["newton_iterations"]
                 print(f"  {what} points: {iterations} iterations")
             except SolveError as error:
                 print(f"  {what} points: {str(error).splitlines()[0]}", flush=True)

@@ -70,9 +70,11 @@ def certified(certificate: Mapping[str, Any]) -> str:
 
 
 def effort(statistics: Mapping[str, Any]) -> tuple[str, float]:
-    """Iterations and factorizations of all legs, and seconds."""
-    legs, timings = statistics["legs"], statistics["timings"]
-    iterations, factorizations = (sum(leg[key] for leg in legs) for key in ("newton_iterations", "factorizations"))
+    """Iterations and factorizations of all solutions, and seconds."""
+    solutions, timings = statistics["solutions"], statistics["timings"]
+    iterations, factorizations = (
+        sum(solution[key] for solution in solutions) for key in ("newton_iterations", "factorizations")
+    )
     compilation = timings["phases"].get("compile", {"max": 0.0})["max"]
     return f"{iterations} ({factorizations})", timings["total"] - compilation
 

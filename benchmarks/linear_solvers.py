@@ -1,4 +1,4 @@
-"""Complete solves with the iterative preset: Krylov iterations over materials, shapes and directions.
+"""Complete solves with the iterative configuration: Krylov iterations over materials, shapes and directions.
 
 Each is also solved directly, and the largest difference of the recovered nodes relative to the displacement is printed.
 
@@ -69,23 +69,23 @@ def main() -> None:
 
 def row(shape: str, material: str, analysis: str, data: dict[str, Any]) -> None:
     direct, iterative = (solved(data, linear) for linear in ("direct", "iterative"))
-    (leg,) = iterative.statistics["legs"]
+    (solution,) = iterative.statistics["solutions"]
     largest = float(np.abs(direct.shape - iterative.shape).max(initial=0.0))
-    difference = MPI.COMM_WORLD.allreduce(largest, op=MPI.MAX) / direct.legs[0].largest_displacement
-    krylov, corrections = leg["linear"]["iterations"], leg["newton_iterations"]
+    difference = MPI.COMM_WORLD.allreduce(largest, op=MPI.MAX) / direct.solutions[0].largest_displacement
+    krylov, corrections = solution["linear"]["iterations"], solution["newton_iterations"]
     unknowns = iterative.statistics["mesh"]["unknowns"]
     cells = [
         shape,
         material,
         analysis,
         unknowns,
-        leg["factorizations"],
+        solution["factorizations"],
         corrections,
         krylov,
         f"{krylov / corrections:.0f}",
     ]
-    if leg["linear"]["fallback"]:
-        cells[-1] = leg["linear"]["fallback"]
+    if solution["linear"]["fallback"]:
+        cells[-1] = solution["linear"]["fallback"]
     say(f"| {' | '.join(map(str, cells))} | {difference:.0e} |")
 
 

@@ -200,19 +200,19 @@ def main() -> None:
 
 
 def effort(data: Mapping[str, Any], comm: MPI.Intracomm, workspace: Workspace) -> tuple[list[int], Any]:
-    """Factorizations, iterations, failed solves and all solves, and the displacement; of the first leg."""
+    """Factorizations, iterations, failed solves and all solves, and the displacement; of the first solution."""
     job = parse({"certificate": NO_CERTIFICATE, **data}, Path(__file__))
     try:
         result: Result = hpcinv.run(job, comm, workspace=workspace)
     except hpcinv.errors.SolveError as error:
         say(comm, str(error))
         return [0, 0, 0, 0], np.zeros(0)
-    solves = result.legs[0].solves
+    solves = result.solutions[0].solves
     failed = sum(not s.outcome.accepted for s in solves)
     iterations = sum(len(s.iterations) for s in solves)
-    counts = [result.legs[0].factorizations, iterations, failed, len(solves)]
+    counts = [result.solutions[0].factorizations, iterations, failed, len(solves)]
     collect_garbage(comm)
-    return counts, result.legs[0].u.copy()
+    return counts, result.solutions[0].u.copy()
 
 
 def difference(shape: Any, earlier: Any, comm: MPI.Intracomm) -> str:

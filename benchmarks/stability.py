@@ -36,7 +36,7 @@ from hpcinv.mesh.moved import placed
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.leg import Leg
+from hpcinv.results.solution import Solution
 from hpcinv.solver.problem import Model
 
 ROOT = Path(__file__).parents[1]
@@ -85,11 +85,11 @@ def cases() -> Iterator[tuple[str, Job]]:
             yield f"half-block, {stretch}, {kind} 8", block((8, 8), stretch, half=True, hexahedra=hexahedra)
 
 
-def at_the_solution(job: Job) -> tuple[Result, Model, Leg]:
+def at_the_solution(job: Job) -> tuple[Result, Model, Solution]:
     result = hpcinv.run(job, MPI.COMM_WORLD)
-    model, leg = Model(job, result.body, Timings()), result.legs[0]
-    model.set_solution(leg.displacement, leg.pressure)
-    return result, model, leg
+    model, solution = Model(job, result.body, Timings()), result.solutions[0]
+    model.set_solution(solution.displacement, solution.pressure)
+    return result, model, solution
 
 
 def dense(form: Any, model: Model, diagonal: float) -> npt.NDArray[np.float64]:
@@ -102,13 +102,13 @@ def dense(form: Any, model: Model, diagonal: float) -> npt.NDArray[np.float64]:
 
 
 def modes(job: Job, number: int = 3) -> str:
-    result, model, leg = at_the_solution(job)
+    result, model, solution = at_the_solution(job)
     unknowns, scene = model.unknowns, model.scene("forward")
     scene.parameters.set_load(1.0)
     kin, trial = scene.kinematics, ufl.TrialFunction(unknowns.space)
     v, w = (kin.Grad(f) * kin.F_inverse for f in (unknowns.v, ufl.split(trial)[0]))
     forms = [ufl.inner(ufl.sym(v), ufl.sym(w)) * 2, ufl.tr(v) * ufl.tr(w), ufl.inner(v, w)]
-    with placed(result.body.mesh, leg.reference_nodes / result.body.length_scale):
+    with placed(result.body.mesh, solution.reference_nodes / result.body.length_scale):
         K = dense(ufl.derivative(scene.residual, unknowns.state, trial), model, 1.0)
         M, D, G = (dense(kin.dV(form), model, 0.0) for form in forms)
     held = [part.dofs for part in model.supports.prescribed]
@@ -133,9 +133,9 @@ def negative(model: Model) -> int:
 
 
 def counts(job: Job) -> str:
-    result, model, leg = at_the_solution(job)
+    result, model, solution = at_the_solution(job)
     texts = []
-    with placed(result.body.mesh, leg.reference_nodes / result.body.length_scale):
+    with placed(result.body.mesh, solution.reference_nodes / result.body.length_scale):
         texts.append(str(negative(model)))
         for penalty in PENALTIES:
             # A constant of the form: one kernel serves all penalties.
@@ -151,9 +151,9 @@ def price(job: Job) -> str:
     seconds = []
     for _ in range(2):  # kernels are there the second time
         begin = time.perf_counter()
-        result, model, leg = at_the_solution(job)
+        result, model, solution = at_the_solution(job)
         seconds = [time.perf_counter() - begin]
-        with placed(result.body.mesh, leg.reference_nodes / result.body.length_scale):
+        with placed(result.body.mesh, solution.reference_nodes / result.body.length_scale):
             for count in (negative, lambda model: confirmation.confirm(model, None)):
                 begin = time.perf_counter()
                 count(model)

@@ -21,7 +21,7 @@ from hpcinv.methods.initial_guess import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.problem_cache import Workspace
-from hpcinv.sweep.neighbours import Neighbours, Solution, Space
+from hpcinv.sweep.neighbours import Neighbour, Neighbours, Space
 from hpcinv.sweep.plan import Case, load_sweep
 
 ROOT = Path(__file__).parents[1]
@@ -54,15 +54,15 @@ class Shared:
         point = space.point(case.numbers)
         found = self._neighbours.guess(point) if self.guesses else None
         result = run(job, COMM, workspace=self.workspace, guess=found and found[0])
-        leg = result.legs[0]
+        solution = result.solutions[0]
         if self.guesses:
-            pressure = None if leg.pressure is None else leg.pressure.x.array.copy()
-            guess = Guess(leg.displacement.x.array.copy(), pressure, leg.solves[-1].signs[-1])
-            solution = Solution(case.key, point, guess)
-            self._neighbours.add(solution, solution.bytes)
+            pressure = None if solution.pressure is None else solution.pressure.x.array.copy()
+            guess = Guess(solution.displacement.x.array.copy(), pressure, solution.solves[-1].signs[-1])
+            neighbour = Neighbour(case.key, point, guess)
+            self._neighbours.add(neighbour, neighbour.bytes)
         self.seconds += time.perf_counter() - begun
-        self.factorizations += leg.factorizations
-        self.iterations += sum(len(solve.iterations) for solve in leg.solves)
+        self.factorizations += solution.factorizations
+        self.iterations += sum(len(solve.iterations) for solve in solution.solves)
         return result
 
 

@@ -22,9 +22,9 @@ from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.leg import leg_of
 from hpcinv.results.quantities_of_interest import check_points, evaluate
 from hpcinv.results.shape_distance import differences, read_expected
+from hpcinv.results.solution import solution_of
 from hpcinv.results.totals import totals_of
 from hpcinv.sensitivity.analysis import sensitivities
 from hpcinv.solver.observer import Observer, Observers
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from hpcinv.methods.initial_guess import Guess
     from hpcinv.output.result import Result
     from hpcinv.output.run_directory import RunDirectory
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 
@@ -78,34 +78,34 @@ def run(
         if resume:
             store.lock()
         problem = (_search if job.accuracy else _prepare)(job, workspace, progress, timings, stop)
-        model, legs = problem.model, list(problem.legs)
+        model, solutions = problem.model, list(problem.solutions)
         job, body = model.job, model.body
 
         checkpoints, restart = store.open(model, progress, overwrite=overwrite, resume=resume)
         with progress.phase("compiling"):
-            totals = totals_of(model, job.legs[0])
+            totals = totals_of(model, job.directions[0])
         progress.body(totals)
         report = RunReport(model, store, progress, totals, problem.record, problem.unused_options)
         checkpoint_writer = CheckpointWriter(checkpoints, store, model)
         observer = Observers(progress, checkpoint_writer, report, stop)
-        if not legs:
+        if not solutions:
             start = (restart and restart.start(0, model)) or Start(guess=guess)
-            legs.append(_solve(model, legs, start, observer, report, progress))
-        report.check_reached(legs)
-        quantities = evaluate(job.quantities, body, legs[0], model)
-        slopes = sensitivities(model, legs[0])
-        store.write_shape(model, legs[0], slopes, progress)
-        if len(job.legs) == 2:  # solve back from the body that was just found
-            checkpoint_writer.finished(legs[0])
-            with placed(body.mesh, legs[0].other_nodes / body.length_scale):
+            solutions.append(_solve(model, solutions, start, observer, report, progress))
+        report.check_reached(solutions)
+        quantities = evaluate(job.quantities, body, solutions[0], model)
+        slopes = sensitivities(model, solutions[0])
+        store.write_shape(model, solutions[0], slopes, progress)
+        if len(job.directions) == 2:  # solve back from the body that was just found
+            checkpoint_writer.finished(solutions[0])
+            with placed(body.mesh, solutions[0].other_nodes / body.length_scale):
                 start = (restart and restart.start(1, model)) or Start()
-                legs.append(_solve(model, legs, start, observer, report, progress))
-            report.check_reached(legs)
+                solutions.append(_solve(model, solutions, start, observer, report, progress))
+            report.check_reached(solutions)
 
         with progress.phase("checking"):
-            certificate, estimate = certify(model, legs, quantities, problem.estimate, progress.detail, progress)
-        errors = differences(body, legs, problem.expected)
-        return report.conclude(legs, certificate, quantities, errors, estimate, slopes)
+            certificate, estimate = certify(model, solutions, quantities, problem.estimate, progress.detail, progress)
+        errors = differences(body, solutions, problem.expected)
+        return report.conclude(solutions, certificate, quantities, errors, estimate, slopes)
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class _Problem:
 
     model: Model
     expected: Floats | None = None  # local nodes of the expected shape, (n, 3) in m
-    legs: tuple[Leg, ...] = ()
+    solutions: tuple[Solution, ...] = ()
     record: AccuracyRecord | None = None
     estimate: Estimate | None = None
     unused_options: Sequence[str] = ()
@@ -136,15 +136,15 @@ def _search(job: Job, workspace: Workspace, progress: Progress, timings: Timings
     search = Search(job, workspace.comm, timings, progress.note, stop)
     with progress.phase("searching", "for mesh and degree"):
         record, best = search.run(), search.best
-    return _Problem(best.model, None, (best.leg,), record, best.estimate, best.unused_options)
+    return _Problem(best.model, None, (best.solution,), record, best.estimate, best.unused_options)
 
 
 def _solve(
-    model: Model, before: Sequence[Leg], start: Start, observer: Observer, report: RunReport, progress: Progress
-) -> Leg:
+    model: Model, before: Sequence[Solution], start: Start, observer: Observer, report: RunReport, progress: Progress
+) -> Solution:
     """Solve in the direction that follows those ``before``; collective."""
-    direction = model.job.legs[len(before)]
+    direction = model.job.directions[len(before)]
     with progress.phase("solving", announced=False):
         found = solve_direction(model, direction, start, observer)
         report.check_not_stopped(before, found)
-        return leg_of(model, direction, model.scene(direction), found.solves, found.load, found.linear)
+        return solution_of(model, direction, model.scene(direction), found.solves, found.load, found.linear)

@@ -209,7 +209,7 @@ class Search:
     def _tolerance(self) -> float:
         if self.last is None:
             return 1.0
-        size = self.last.leg.largest_displacement
+        size = self.last.solution.largest_displacement
         shares = [
             demand / max(size, magnitude(self.findings[-1].values[name])) for name, demand in self.job.accuracy.items()
         ]

@@ -15,17 +15,17 @@ from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 # A curved surface of one mesh lies outside of the straight cells of another, by a share of the larger cell.
 _PADDING = 0.2
 
 
-def begin_with(model: Model, leg: Leg, body: Body) -> None:
-    """Make the solution of ``leg``, on a mesh of ``body``, the present state of ``model``; collective."""
+def begin_with(model: Model, solution: Solution, body: Body) -> None:
+    """Make ``solution``, on a mesh of ``body``, the present state of ``model``; collective."""
     u, p = model.solution()
-    pairs = [(u, leg.displacement)] if p is None else [(u, leg.displacement), (p, leg.pressure)]
+    pairs = [(u, solution.displacement)] if p is None else [(u, solution.displacement), (p, solution.pressure)]
     for new, old in pairs:
         assert old is not None
         if model.body is body:

@@ -1,4 +1,4 @@
-"""One discretisation of a job's first leg: solved, its quantities of interest evaluated, and their errors estimated."""
+"""Solution, quantities of interest and estimated errors of a job's first direction with one discretisation."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from hpcinv.accuracy.transfer import begin_with
 from hpcinv.certificate.estimate import Estimate, estimate
 from hpcinv.methods import method_for
 from hpcinv.model.outcome import Outcome
-from hpcinv.results.leg import leg_of
 from hpcinv.results.quantities_of_interest import Value, check_points, evaluate
+from hpcinv.results.solution import solution_of
 from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hpcinv.mesh import Body
     from hpcinv.methods import Method
     from hpcinv.parallel.timings import Timings
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.equilibrium import Solve
     from hpcinv.solver.observer import Observer
 
@@ -42,7 +42,7 @@ class Trial:
     Attributes:
         job: with the degrees and the mesh parameters of this discretisation.
         variant, body, model: its mesh and its equations.
-        leg: the solution, with all solves that led to it, those of earlier trials too.
+        solution: with all solves that led to it, those of earlier trials too.
         solves: those of this one.
         quantities, estimate: values of the job's quantities of interest, and their errors; none below the full load.
         solve, estimation: what they took.
@@ -53,7 +53,7 @@ class Trial:
     variant: Variant
     body: Body
     model: Model
-    leg: Leg
+    solution: Solution
     solves: tuple[Solve, ...]
     quantities: Mapping[str, Value]
     estimate: Estimate | None
@@ -87,21 +87,21 @@ def attempt(
     with _measured(timings) as solved:
         check_points(job.quantities, body)
         model = Model(job, body, timings)
-        method = method_for(model, job.legs[0], observer)
+        method = method_for(model, job.directions[0], observer)
         if before is not None:
             with timings("transfer"):
-                begin_with(model, before.leg, before.body)
+                begin_with(model, before.solution, before.body)
         solves = tuple(_solve(model, method, near=before is not None))
         unused = method.equilibrium.linear.options.unused()
         method.equilibrium.destroy()
-        scene = model.scene(job.legs[0])
+        scene = model.scene(job.directions[0])
         path = (*_path(before, model), *solves)
-        leg = leg_of(model, job.legs[0], scene, path, method.reached, method.equilibrium.linear.used)
+        solution = solution_of(model, job.directions[0], scene, path, method.reached, method.equilibrium.linear.used)
     reached = method.reached == 1.0
-    quantities: Mapping[str, Value] = evaluate(job.quantities, body, leg, model) if reached else {}
+    quantities: Mapping[str, Value] = evaluate(job.quantities, body, solution, model) if reached else {}
     with _measured(timings) as estimated:
-        found = estimate(model, leg, quantities) if reached else None
-    return Trial(job, variant, body, model, leg, solves, quantities, found, solved[0], estimated[0], unused)
+        found = estimate(model, solution, quantities) if reached else None
+    return Trial(job, variant, body, model, solution, solves, quantities, found, solved[0], estimated[0], unused)
 
 
 def _path(before: Trial | None, model: Model) -> Iterator[Solve]:
@@ -111,7 +111,7 @@ def _path(before: Trial | None, model: Model) -> Iterator[Solve]:
     """
     if before is not None:
         odd = (model.unknowns.pressure_size - before.model.unknowns.pressure_size) % 2
-        for solve in before.leg.solves:
+        for solve in before.solution.solves:
             yield replace(solve, signs=tuple(-sign if odd else sign for sign in solve.signs))
 
 

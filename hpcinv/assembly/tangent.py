@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from hpcinv.model.scene import Scene
 
-_MANY = 10_000  # cells from which on some four tangents of a leg save what their moduli cost
+_MANY = 10_000  # cells from which on some four tangents save what their moduli cost
 _assumed: list[int] = []
 
 

@@ -33,20 +33,20 @@ from hpcinv.mesh.location import locate
 from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.leg import leg_of
 from hpcinv.results.quantities_of_interest import Value, evaluate
+from hpcinv.results.solution import solution_of
 from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.job.sections import QuantityOfInterest
     from hpcinv.mesh import Body
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimated discretisation errors of one leg.
+    """Estimated discretisation errors of one solution.
 
     Attributes:
         quantities: corrected less computed value of each quantity of interest (SI), a list of 3 for a vector. Reactions
@@ -82,11 +82,11 @@ class Estimate:
         }
 
 
-def estimate(model: Model, leg: Leg, computed: Mapping[str, Value]) -> Estimate:
-    """Estimate the errors of a leg, whose mesh must lie as the leg was solved; collective.
+def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) -> Estimate:
+    """Estimate the errors of a solution, with the mesh where it was solved; collective.
 
     Args:
-        model: that of the leg.
+        model: that of the solution.
         computed: values of the job's quantities of interest.
     """
     with model.timings("mesh"):
@@ -94,21 +94,21 @@ def estimate(model: Model, leg: Leg, computed: Mapping[str, Value]) -> Estimate:
     body = curved or model.body
     finer = Model(one_degree_more(model.job), body, model.timings)
     u, p = finer.solution()
-    u.interpolate(on_mesh(body.mesh, leg.displacement))
+    u.interpolate(on_mesh(body.mesh, solution.displacement))
     if p is not None:
-        assert leg.pressure is not None
-        p.interpolate(on_mesh(body.mesh, leg.pressure))
-    scene = finer.scene(leg.direction)
+        assert solution.pressure is not None
+        p.interpolate(on_mesh(body.mesh, solution.pressure))
+    scene = finer.scene(solution.direction)
     with finer.at(body.mesh.geometry.x * body.length_scale, u, p):
         finer.unknowns.state.x.scatter_forward()
         equilibrium = finer.equilibrium(scene)
         equilibrium.correct(1.0)
         equilibrium.destroy()
-        better = leg_of(finer, leg.direction, scene, ())
+        better = solution_of(finer, solution.direction, scene, ())
     at_nodes = better if body is model.body else _at_given_nodes(model, better)
     corrected = _corrected(model, at_nodes, better, finer)
     comm = body.mesh.comm
-    largest = float(np.linalg.norm(at_nodes.u - leg.u, axis=1).max(initial=0.0))
+    largest = float(np.linalg.norm(at_nodes.u - solution.u, axis=1).max(initial=0.0))
     delta = better.displacement
     delta.x.array[:] -= u.x.array
     return Estimate(
@@ -121,8 +121,8 @@ def estimate(model: Model, leg: Leg, computed: Mapping[str, Value]) -> Estimate:
     )
 
 
-def _at_given_nodes(model: Model, better: Leg) -> Leg:
-    """The leg ``better``, on a body of the same cells, at the geometry nodes of the model's own.
+def _at_given_nodes(model: Model, better: Solution) -> Solution:
+    """The solution ``better`` of a body of the same cells, at the geometry nodes of the model's own.
 
     These lie on the body's true surface, and what is reduced over nodes is to be compared at the same ones.
     """
@@ -134,7 +134,7 @@ def _at_given_nodes(model: Model, better: Leg) -> Leg:
     return replace(better, mesh_nodes=geometry.x * model.body.length_scale, u=u.reshape(-1, 3))
 
 
-def _corrected(model: Model, at_nodes: Leg, better: Leg, finer: Model) -> dict[str, Value]:
+def _corrected(model: Model, at_nodes: Solution, better: Solution, finer: Model) -> dict[str, Value]:
     """The quantities of interest but reactions of the corrected solution in the order of the job."""
     body, quantities = finer.body, [q for q in model.job.quantities if not q.is_reaction]
     of_nodes = [q for q in quantities if q.on is not None and not q.by_quadrature]

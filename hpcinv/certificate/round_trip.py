@@ -25,10 +25,14 @@ if TYPE_CHECKING:
 
     from hpcinv.effects import Direction
     from hpcinv.job.job import Job
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
-ROUND_TRIP, STABILITY, FOLD = "round trip, relative to the displacement", "stability", "fold of the path"
+ROUND_TRIP, STABILITY, LIMIT_POINTS = (
+    "round trip, relative to the displacement",
+    "stability",
+    "limit points of the path",
+)
 STRAIGHT = (
     "the cells' geometry is of lower degree than the displacement, so that only their nodes can move: with"
     " 'mesh: {geometry_degree: 2}' the round trip of quadratic ones closes (for a .msh file, 'gmsh -order 2' also puts"
@@ -36,17 +40,17 @@ STRAIGHT = (
 )
 
 
-def round_trip(model: Model, leg: Leg, observer: Observer = SILENT) -> Iterator[Line]:
-    """Solve back from the body that a leg found, and compare the displacements; collective.
+def round_trip(model: Model, solution: Solution, observer: Observer = SILENT) -> Iterator[Line]:
+    """Solve back from the body that a solution found, and compare the displacements; collective.
 
     With the cells' geometry of the displacement's degree the two directions are exact discrete inverses.
     """
-    back: Direction = "forward" if leg.direction == "inverse" else "inverse"
+    back: Direction = "forward" if solution.direction == "inverse" else "inverse"
     start = model.job.certificate.round_trip
     if start == "off":
         yield skipped(ROUND_TRIP, "switched off: certificate.round_trip")
         return
-    with model.at(leg.other_nodes, *leg.solution):
+    with model.at(solution.other_nodes, *solution.fields):
         equilibrium = model.equilibrium(model.scene(back), observer)
         tolerance = model.job.solver.tolerance
         solves = [equilibrium.solve(1.0, tolerance)] if start == "near" else []
@@ -60,19 +64,19 @@ def round_trip(model: Model, leg: Leg, observer: Observer = SILENT) -> Iterator[
         note = f"no way back: stopped at load factor {last.load:.4g}: {last.outcome.text}"
         yield Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.FAIL, note)
         return
-    yield gap(model, leg, u)
+    yield closure_error(model, solution, u)
 
 
-def gap(model: Model, leg: Leg, back: np.ndarray) -> Line:
-    """Compare a leg's displacements with those (m) of the solve back at the same nodes; collective."""
-    largest = float(np.linalg.norm(back - leg.u, axis=1).max(initial=0.0))
-    difference, size = model.body.mesh.comm.allreduce(largest, op=MPI.MAX), leg.largest_displacement
+def closure_error(model: Model, solution: Solution, back: np.ndarray) -> Line:
+    """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
+    largest = float(np.linalg.norm(back - solution.u, axis=1).max(initial=0.0))
+    difference, size = model.body.mesh.comm.allreduce(largest, op=MPI.MAX), solution.largest_displacement
     curved = model.body.source.degree >= model.job.discretisation.displacement
     note = f"{difference:.3g} m" if curved else f"{difference:.3g} m; {STRAIGHT}"
     return at_most(ROUND_TRIP, difference / size if size else difference, warn=1e-3, fail=0.1, note=note)
 
 
-def stability(model: Model, leg: Leg) -> Iterator[Line]:
+def stability(model: Model, solution: Solution) -> Iterator[Line]:
     """Count the directions in which the loaded body would move away by itself; collective.
 
     A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
@@ -81,13 +85,13 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
     """
     if not model.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
-        yield skipped(FOLD, "switched off: certificate.stability")
+        yield skipped(LIMIT_POINTS, "switched off: certificate.stability")
         return
     if not model.chooser.can_factorize_symmetric:
         yield skipped(STABILITY, f"there is no memory for factors of {model.chooser.forecast.factors / 2e9:.2g} GB")
-        yield _fold(leg)
+        yield _limit_points(solution)
         return
-    with model.at(leg.reference_nodes, *leg.solution):
+    with model.at(solution.reference_nodes, *solution.fields):
         known = known_displacement(model)
         equilibrium = model.equilibrium(model.scene("forward", known))
         equilibrium.system.linearise(1.0)
@@ -104,7 +108,7 @@ def stability(model: Model, leg: Leg) -> Iterator[Line]:
         else:
             line = _unstable(unstable, confirm(model, known), is_mixed=pressures > 0)
     yield line
-    yield _fold(leg, has_spurious_modes=pressures > 0 and line.verdict is Verdict.UNDECIDED)
+    yield _limit_points(solution, has_spurious_modes=pressures > 0 and line.verdict is Verdict.UNDECIDED)
 
 
 def known_displacement(model: Model) -> Function | None:
@@ -169,32 +173,32 @@ def _without_potential(asymmetry: float) -> str:
     return "" if asymmetry < 1e-8 else f"loads without a potential (asymmetry {asymmetry:.1g}): of the symmetric part"
 
 
-def _fold(leg: Leg, *, has_spurious_modes: bool = False) -> Line:
-    """The line on signs along the path, which modes that may be spurious change as well as a fold does."""
+def _limit_points(solution: Solution, *, has_spurious_modes: bool = False) -> Line:
+    """The line on signs along the path, which modes that may be spurious change as well as a limit point does."""
     rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
-    turned = sum(s.turning_point for s in leg.solves)
+    turned = sum(s.turning_point for s in solution.solves)
     if turned:
         note = "another shape may carry the same load: compare with smaller steps"
-        if passed := _earlier_passes([s.load for s in leg.solves if s.outcome.accepted]):
+        if passed := _earlier_passes([s.load for s in solution.solves if s.outcome.accepted]):
             times = "once" if passed == 1 else f"{passed} times"
             note = (
                 f"{turned} limit {'point' if turned == 1 else 'points'} of the load; the path reaches the full load"
-                f" {times} before, where other shapes carry it: the first is found with 'folds: 0'"
+                f" {times} before, where other shapes carry it: the first is found with 'limit_points: 0'"
             )
-        return Line(FOLD, float(turned), "", rule, Verdict.WARN, note)
-    if not any(s.factorizations for s in leg.solves):
-        return Line(FOLD, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
-    signs = [s.signs for s in leg.solves if s.outcome.accepted and s.signs]
+        return Line(LIMIT_POINTS, float(turned), "", rule, Verdict.WARN, note)
+    if not any(s.factorizations for s in solution.solves):
+        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
+    signs = [s.signs for s in solution.solves if s.outcome.accepted and s.signs]
     if not signs:
-        return skipped(FOLD, "an iterative solver does not tell the sign of the tangent's determinant")
+        return skipped(LIMIT_POINTS, "an iterative solver does not tell the sign of the tangent's determinant")
     changes = len({signs[0][0], *(of_solve[-1] for of_solve in signs)}) - 1
     if not changes:
-        return Line(FOLD, 0.0, "", rule, Verdict.PASS, "no limit point on the way")
+        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "no limit point on the way")
     note = "another shape may carry the same load: compare with smaller steps"
     if has_spurious_modes:
         note = f"a mode that may be spurious, as the stability line has it, or {note}"
-        return Line(FOLD, 1.0, "", rule, Verdict.UNDECIDED, note)
-    return Line(FOLD, 1.0, "", rule, Verdict.WARN, note)
+        return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.UNDECIDED, note)
+    return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.WARN, note)
 
 
 def _earlier_passes(loads: list[float]) -> int:

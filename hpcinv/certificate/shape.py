@@ -12,15 +12,15 @@ from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.mesh.regions import BOUNDARY
 
 if TYPE_CHECKING:
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 OVERLAP = "boundary facets that cross each other"
 
 
-def shape(model: Model, leg: Leg) -> Iterator[Line]:
-    """Check the body that a leg found; collective."""
-    body, given, moved = model.body, leg.mesh_nodes, leg.other_nodes
+def shape(model: Model, solution: Solution) -> Iterator[Line]:
+    """Check the body that a solution found; collective."""
+    body, given, moved = model.body, solution.mesh_nodes, solution.other_nodes
     for worst in worst_cells(body, given, moved, model.quadrature_degree):
         # Where the given mesh is poor already, the moved one need not be better.
         enough = 0.1 * min(max(worst.before, 0.0), 1.0)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hpcinv.model.scene import Scene
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 type Floats = npt.NDArray[np.floating[Any]]
@@ -45,12 +45,12 @@ WARN = 0.05  # as the discretisation error of the shape
 STIFF = 10.0  # bulk over shear modulus (Poisson's ratio 0.45) from which linear displacements lock noticeably
 
 
-def volume(model: Model, leg: Leg) -> Iterator[Line]:
-    """The lines on a leg, whose solution is the model's present state and whose mesh lies as its own; collective."""
-    smallest, largest = leg.J_range
+def volume(model: Model, solution: Solution) -> Iterator[Line]:
+    """The lines on a solution that is the model's present state, with the mesh where it was solved; collective."""
+    smallest, largest = solution.J_range
     yield at_least("smallest volume ratio J", smallest, warn=0.1, fail=0.0)
     yield at_most("largest volume ratio J", largest, warn=10.0, fail=float("inf"))
-    found = _unaccounted(model, model.scene(leg.direction))
+    found = _unaccounted(model, model.scene(solution.direction))
     if found is None:  # compressible: any volume ratio may be right
         return
     rule = f"warning above {WARN:g}"

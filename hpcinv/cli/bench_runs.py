@@ -71,7 +71,7 @@ class MeasuredRun:
 
     def count(self, name: str) -> int:
         """``factorizations`` or ``newton_iterations``, of all solutions together."""
-        return sum(leg[name] for leg in self.found["legs"])
+        return sum(solution[name] for solution in self.found["solutions"])
 
     @property
     def krylov_iterations(self) -> int:

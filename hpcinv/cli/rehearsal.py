@@ -24,15 +24,15 @@ from hpcinv.mesh.sample_mesh import HELD, specimen
 from hpcinv.methods import method_for
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.leg import leg_of
 from hpcinv.results.quantities_of_interest import evaluate
+from hpcinv.results.solution import solution_of
 from hpcinv.sensitivity.analysis import sensitivities
 from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.mesh.source import MeshSource
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
 
 
 def rehearse(job: Job) -> None:
@@ -55,17 +55,17 @@ def _rehearse(job: Job, source: MeshSource) -> None:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
     body = specimen(source, job.regions, [np.array(q.at) for q in job.quantities if q.at is not None], finer)
     model = Model(_held(job), body, Timings())
-    legs: list[Leg] = []
-    for direction in model.job.legs:
+    solutions: list[Solution] = []
+    for direction in model.job.directions:
         model.unknowns.state.x.array[:] = 0.0
         equilibrium = method_for(model, direction).equilibrium
         equilibrium.system.scene.parameters.set_load(1.0)
         equilibrium.compile(prescribed_motion=any(support.displacement for support in job.supports))
-        legs.append(leg_of(model, direction, model.scene(direction), ()))
+        solutions.append(solution_of(model, direction, model.scene(direction), ()))
         model.release(equilibrium)
-    quantities = evaluate(job.quantities, body, legs[0], model)
-    sensitivities(model, legs[0])
-    certify(model, legs, quantities)
+    quantities = evaluate(job.quantities, body, solutions[0], model)
+    sensitivities(model, solutions[0])
+    certify(model, solutions, quantities)
     if job.certificate.stability:
         second_variation(model, known_displacement(model))  # which a run needs if its body is not stable
     model.destroy()

@@ -98,7 +98,7 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     """
     body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
     model = Model(job, body, Timings())
-    direction = job.legs[0]
+    direction = job.directions[0]
 
     def variant(*effects: Any) -> Scene:
         return Model(job.model_copy(update={"effects": effects}), body, Timings()).scene(direction)
@@ -186,7 +186,7 @@ def _linear_solver(model: Model, scene: Scene) -> tuple[str, float, float]:
         system.residual(b)
         factorization = _seconds(comm, linear.factorize)
         times.append((factorization, _seconds(comm, lambda: linear.back_substitute(b, x))))
-    name = linear.preset.name
+    name = linear.configuration.name
     x.destroy()
     equilibrium.destroy()
     return name, min(f for f, _ in times[1:]), min(s for _, s in times[1:])

@@ -58,7 +58,7 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
     if job.plugins:
         physics["plugins"] = [digest(job.resolve(plugin)) for plugin in job.plugins]
-    return physics | {"legs": list(job.legs), "mesh": mesh, "discretisation": discretisation}
+    return physics | {"directions": list(job.directions), "mesh": mesh, "discretisation": discretisation}
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

@@ -61,7 +61,7 @@ class Job(Spec):
     analysis: Literal["inverse", "forward", "round_trip"] = "inverse"
     """inverse: the mesh is the deformed body; forward: it is the undeformed one; round_trip: one after the other"""
     first: Literal["inverse", "forward"] | None = None
-    """which leg of a round trip comes first; left out, inverse"""
+    """which direction of a round trip is solved first; left out, inverse"""
     mesh: MeshSpec
     """the mesh of the given body, such as {file: ../meshes/beam.msh, unit: mm}"""
     let: Mapping[Name, Expression] = {}
@@ -155,7 +155,7 @@ class Job(Spec):
         return ("bp",) if self.mesh.is_partitioned else ("msh", "vtu")
 
     @property
-    def legs(self) -> tuple[Direction, ...]:
+    def directions(self) -> tuple[Direction, ...]:
         """The directions to solve in, in order."""
         if self.analysis != "round_trip":
             return (self.analysis,)

@@ -65,7 +65,7 @@ _USES: Mapping[str, tuple[str, ...]] = {
     "initial_step": ("adaptive", "arc-length"),
     "minimum_step": ("adaptive", "arc-length"),
     "rescue": ("adaptive", "arc-length"),
-    "folds": ("arc-length",),
+    "limit_points": ("arc-length",),
     "maximum_steps": ("arc-length",),
 }
 """The strategies with which an option has a use."""
@@ -82,7 +82,7 @@ class Solver(Spec):
     """first step in the load factor (strategy: adaptive or arc-length)"""
     minimum_step: Annotated[float, Field(gt=0, le=1)] = 1e-3
     """step below which the load counts as unreachable (adaptive), relative to the displacement (arc-length)"""
-    folds: Annotated[int, Field(ge=0)] = 0
+    limit_points: Annotated[int, Field(ge=0)] = 0
     """turning points of the load to pass before the state at full load counts (strategy: arc-length)"""
     maximum_steps: Annotated[int, Field(ge=1)] = 200
     """steps along the path after which it is given up (strategy: arc-length)"""
@@ -144,7 +144,7 @@ class CertificateSettings(Spec):
     round_trip: Literal["near", "path", "off"] = "near"
     """solve back from the body that was found, starting near the known displacement, or unloaded (path)"""
     stability: bool = True
-    """whether the loaded body is in stable equilibrium, and whether the path to it crossed a fold"""
+    """whether the loaded body is in stable equilibrium, and whether the path to it passed a limit point"""
     estimate: bool = True
     """discretisation error of the quantities and of the shape, by a correction in spaces of one degree more"""
     overlap: bool = True

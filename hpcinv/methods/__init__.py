@@ -1,4 +1,4 @@
-"""Methods for a leg: the direct one, and for inverse problems fixed points of repeated forward solves."""
+"""Solution methods: the direct one, and for inverse problems fixed points of repeated forward solves."""
 
 from __future__ import annotations
 

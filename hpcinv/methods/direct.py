@@ -26,8 +26,8 @@ class DirectMethod(Method):
         self.equilibrium = model.equilibrium(model.scene(direction), observer)
         self.problem = Problem(model, direction, self.equilibrium, observer)
         self.steps = model.steps
-        if isinstance(self.steps, ArcLengthSteps) and direction != model.job.legs[0]:
-            self.steps = replace(self.steps, folds=0)  # the body that the first leg found has one way back
+        if isinstance(self.steps, ArcLengthSteps) and direction != model.job.directions[0]:
+            self.steps = replace(self.steps, limit_points=0)  # the body that the first direction found has one way back
 
     def solves(self, load: float, *, resumed: bool) -> Iterator[Solve]:
         self.reached = load

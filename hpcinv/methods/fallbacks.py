@@ -43,7 +43,7 @@ type Solves = Generator[Solve, None, None]
 
 @dataclass(frozen=True)
 class Problem:
-    """A leg that is to be solved: its equations, whose state is a solution at the load known by then."""
+    """A direction to be solved, and its equations, whose state is a solution at the load reached so far."""
 
     model: Model
     direction: Direction
@@ -92,7 +92,7 @@ def _in_vain(solve: Solve, load: float) -> bool:
         return True
     if solve.outcome is Outcome.NOT_FINITE:  # a load that exceeds all numbers
         return load == 0 and not solve.factorizations
-    return solve.outcome in (Outcome.INTERRUPTED, Outcome.FOLD)
+    return solve.outcome in (Outcome.INTERRUPTED, Outcome.LIMIT_POINT)
 
 
 def _arc_length(problem: Problem, steps: Steps, load: float) -> Solves:
@@ -180,7 +180,7 @@ def _as_one(problem: Problem, solves: Solves, effort: int) -> Solves:
 
 @dataclass(frozen=True)
 class Attempt:
-    """What one strategy did for a leg.
+    """Solves of one strategy in one direction.
 
     Attributes:
         strategy: ``load steps``, ``arc-length``, or another of `RESCUES`.
@@ -198,7 +198,7 @@ class Attempt:
 
 
 def attempts(solves: Sequence[Solve]) -> list[Attempt]:
-    """The strategies of a leg in the order in which they were tried; where the leg was solved, the last one did it."""
+    """The strategies tried in one direction, in order; only the last one can have reached the full load."""
     found = []
     for strategy, group in groupby(solves, key=lambda solve: solve.strategy):
         own = list(group)

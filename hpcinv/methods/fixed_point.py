@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 class FixedPointMethod(Method):
     """Sellier's iteration on the nodes X of the reference body, with the update rule that the job names.
 
-    It ends when the gap, ``max |X + u - x|`` over the nodes, is at most ``fixed_point.tolerance`` times the diagonal of
-    the given body. The mesh is then where it was, and the state is ``u = x - X`` and the pressure of the last forward
-    solve: what the direct method leaves, to that tolerance, if the mesh's geometry has the displacement's degree. If it
-    has a lower one, only its nodes move, and between them the loaded body is not the given one: u is then that of the
-    forward solve, corrected so that ``X = x - u`` at the nodes, and shape and stress have an error of their own, which
-    falls with the mesh size and not with the tolerance.
+    It ends when the position residual, ``max |X + u - x|`` over the nodes, is at most ``fixed_point.tolerance`` times
+    the diagonal of the given body. The mesh is then where it was, and the state is ``u = x - X`` and the pressure of
+    the last forward solve: what the direct method leaves, to that tolerance, if the mesh's geometry has the
+    displacement's degree. If it has a lower one, only its nodes move, and between them the loaded body is not the given
+    one: u is then that of the forward solve, corrected so that ``X = x - u`` at the nodes, and shape and stress have an
+    error of their own, which falls with the mesh size and not with the tolerance.
 
     One set of kernels, one matrix and its symbolic factorization serve all forward solves: coordinates are read when
     forms are assembled.
@@ -40,11 +40,11 @@ class FixedPointMethod(Method):
 
     Attributes:
         equilibrium: of the forward problem, on the mesh wherever it lies.
-        reached: 1 once the gap is closed, 0 before, whatever load the forward problems have reached.
+        reached: 1 once the position residual is within the tolerance, else 0.
     """
 
     _least_shrinkage = 0.1  # of the volume at any point, by one step
-    _patience = 10  # iterations in which the smallest gap so far must be beaten
+    _patience = 10  # iterations in which the smallest position residual so far must be beaten
 
     def __init__(self, model: Model, observer: Observer = SILENT) -> None:
         self.model, self.settings = model, model.job.fixed_point
@@ -56,10 +56,11 @@ class FixedPointMethod(Method):
         self._X = self.mesh.given
 
     def solves(self, load: float = 0.0, *, resumed: bool = False) -> Iterator[Solve]:
-        """Yield every forward solve, the last one of each iteration with its ``gap``.
+        """Yield every forward solve, the last one of each iteration with its ``position_residual``.
 
-        Whenever it yields, the mesh is where the job has it; whenever it yields a gap, the state is ``u = x - X`` of
-        the body that the search goes on from. The last solve is accepted, or tells why the search ended.
+        Whenever it yields, the mesh is where the job has it; whenever it yields a position residual, the state is
+        ``u = x - X`` of the body that the search goes on from. The last solve is accepted, or tells why the
+        search ended.
 
         Args:
             resumed: begin with the body and the displacement of the model's state, not with the given body, unloaded.
@@ -69,9 +70,9 @@ class FixedPointMethod(Method):
             return
         mesh = self.mesh
         self._X = self._body_of_state() if resumed else mesh.given
-        gaps: list[float] = []
+        residuals: list[float] = []
         while True:
-            for solve in self._forward(warm=self.settings.warm_start if gaps else resumed):
+            for solve in self._forward(warm=self.settings.warm_start if residuals else resumed):
                 last = solve
                 if solve.load < 1 or not solve.outcome.accepted:
                     yield solve
@@ -83,18 +84,18 @@ class FixedPointMethod(Method):
             with self.model.timings("fixed-point update"):
                 X = self._X
                 r = X + mesh.displacement() - mesh.given
-                gaps.append(mesh.largest(r))
-                end = self._end(last, gaps)
+                residuals.append(mesh.largest(r))
+                end = self._end(last, residuals)
                 if end is None and not self._move(self._update.step(X, r)):
                     end = Outcome.FIXED_POINT_DIVERGED
                 mesh.correct_displacement(X - self._X - r)  # to x - X
             self.reached = 1.0 if end is not None and end.accepted else 0.0
-            yield replace(last, outcome=end or last.outcome, gap=gaps[-1] * self.model.scales.length)
+            yield replace(last, outcome=end or last.outcome, position_residual=residuals[-1] * self.model.scales.length)
             if end is not None:
                 return
 
     def can_restart_after(self, solve: Solve) -> bool:
-        return solve.gap is not None
+        return solve.position_residual is not None
 
     def min_mesh_J(self) -> float:
         """Smallest determinant of the map from the given to the reference body, as `Equilibrium` has it."""
@@ -128,13 +129,13 @@ class FixedPointMethod(Method):
         equilibrium.system.state.x.array[:] = 0.0
         yield from follow(equilibrium, self.model.steps, tolerance)
 
-    def _end(self, solve: Solve, gaps: list[float]) -> Outcome | None:
-        """How the search ends with these gaps, ``None`` if it goes on."""
-        if gaps[-1] <= self.settings.tolerance * self.mesh.diagonal:
+    def _end(self, solve: Solve, residuals: list[float]) -> Outcome | None:
+        """How the search ends with these position residuals, ``None`` if it goes on."""
+        if residuals[-1] <= self.settings.tolerance * self.mesh.diagonal:
             return solve.outcome
-        if len(gaps) > self._patience and min(gaps[-self._patience :]) >= min(gaps[: -self._patience]):
+        if len(residuals) > self._patience and min(residuals[-self._patience :]) >= min(residuals[: -self._patience]):
             return Outcome.FIXED_POINT_DIVERGED
-        return Outcome.FIXED_POINT_LIMIT if len(gaps) >= self.settings.maximum_iterations else None
+        return Outcome.FIXED_POINT_LIMIT if len(residuals) >= self.settings.maximum_iterations else None
 
     def _move(self, step: Floats) -> bool:
         """Move the body by a step, or by a part of it that turns no element inside out; whether there is one."""

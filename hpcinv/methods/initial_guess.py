@@ -39,7 +39,7 @@ class Guess:
         """One solve at full load from the present state, the guess.
 
         It is not accepted where the tangent's determinant has another sign than in the similar problem: between the
-        two there is a fold or a branching point, and on the path from the unloaded body lies another solution.
+        two there is a limit point or a branching point, and on the path from the unloaded body lies another solution.
         """
         solve = replace(equilibrium.solve(1.0, tolerance, begins_near=True), strategy="guess")
         if solve.outcome.accepted and self.sign and solve.signs and solve.signs[-1] != self.sign:

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 
 class Method(ABC):
-    """A way from the unloaded body, or from a checkpoint, to the solution of one leg.
+    """A path from the unloaded body, or from a checkpoint, to the solution of one direction.
 
     Attributes:
         equilibrium: the equations that it solves.
-        reached: share of the load under which the state now is a solution of the leg; 1 at the end, and only there.
+        reached: share of the load under which the present state is a solution; 1 at the end, and only there.
         turned: turning points of the load on the way to the state that it begins with.
         guess: where a method may begin at full load instead of without load.
     """

@@ -1,4 +1,4 @@
-"""What a leg reports of a scene, compiled once: means over cells, the range of the volume ratio, the strain energy."""
+"""Compiled evaluations of a scene: means over cells, the range of the volume ratio, the strain energy."""
 
 from __future__ import annotations
 

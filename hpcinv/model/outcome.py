@@ -63,8 +63,8 @@ class Outcome(enum.Enum):
         "Try 'method: direct', anderson or aitken, or a smaller fixed_point.relaxation. Is fixed_point.tolerance above"
         " rounding errors?",
     )
-    FOLD = (
-        "the load turns back here",
+    LIMIT_POINT = (
+        "the load reaches a limit point here",
         "Lower the load.",
     )
     ANOTHER_PATH = (

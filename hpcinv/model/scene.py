@@ -191,7 +191,7 @@ class Scene:
 
     @cached_property
     def means(self) -> SceneMeans:
-        """What a leg reports of the scene."""
+        """Means over cells, range of the volume ratio and strain energy."""
         return SceneMeans(self.unknowns.mesh, self.quadrature_degree, self.cauchy_stress, self.J, self.strain_energy)
 
     @cached_property

@@ -61,8 +61,8 @@ class Prescribed:
 class Supports:
     """Dirichlet conditions ``u_i = λ ū_i``, with the load factor λ of each support's load case.
 
-    ``ū`` is evaluated once, at the coordinates of the mesh as the job gives it (m): in a round trip the second leg
-    prescribes the same displacement of the same material points.
+    ``ū`` is evaluated once, at the coordinates of the mesh as the job gives it (m): in a round trip the second
+    direction prescribes the same displacement of the same material points.
     """
 
     def __init__(self, job: Job, body: Body, unknowns: Unknowns) -> None:

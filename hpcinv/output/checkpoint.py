@@ -43,15 +43,15 @@ _NAME = re.compile(r"\d{4,}")
 
 @dataclass(frozen=True)
 class Position:
-    """Where a run stands: the leg, the load factor reached in it, and what each leg has solved so far."""
+    """How far a run has come: the direction, the load factor reached in it, and the solves of each direction so far."""
 
-    leg: int
+    direction_index: int
     load: float
     solves: tuple[tuple[Solve, ...], ...]
 
     def as_json(self) -> dict[str, Any]:
-        legs = [[asdict(s) | {"outcome": s.outcome.name} for s in solves] for solves in self.solves]
-        return {"leg": self.leg, "load": self.load, "solves": legs}
+        solutions = [[asdict(s) | {"outcome": s.outcome.name} for s in solves] for solves in self.solves]
+        return {"direction": self.direction_index, "load": self.load, "solves": solutions}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Position:
@@ -60,7 +60,7 @@ class Position:
             read = {"outcome": Outcome[s["outcome"]], "iterations": iterations, "signs": tuple(s["signs"])}
             return Solve(**(dict(s) | read))
 
-        return cls(data["leg"], data["load"], tuple(tuple(map(solve, leg)) for leg in data["solves"]))
+        return cls(data["direction"], data["load"], tuple(tuple(map(solve, solution)) for solution in data["solves"]))
 
 
 class Checkpoints:
@@ -174,12 +174,12 @@ class Restart:
 
     def start(self, number: int, model: Model) -> Start | None:
         """Where to go on in a direction (from 0), ``None`` if that had not begun; collective."""
-        if self.position.leg < number:
+        if self.position.direction_index < number:
             return None
         u, p = model.solution()
         for name, function in named(number, u, p).items():
             self.read(name, function)
-        load = self.position.load if self.position.leg == number else 1.0
+        load = self.position.load if self.position.direction_index == number else 1.0
         return Start((u, p), load, self.position.solves[number])
 
     def read(self, name: str, function: Function) -> None:

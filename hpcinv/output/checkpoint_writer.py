@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from hpcinv.output.checkpoint import Checkpoints
     from hpcinv.output.run_store import RunStore
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.observer import SolvedDirection, SolveEvent
     from hpcinv.solver.problem import Model
     from hpcinv.solver.step_report import Solve
@@ -32,12 +32,12 @@ class CheckpointWriter(Observer):
     def __init__(self, checkpoints: Checkpoints | None, store: RunStore, model: Model) -> None:
         self._checkpoints, self._store, self._model = checkpoints, store, model
         self._settings, self._comm = model.job.checkpoint, model.body.mesh.comm
-        self._finished: list[Leg] = []
+        self._finished: list[Solution] = []
         self._steps, self._last = 0, time.monotonic()  # accepted steps since the last one; its time on this rank
 
-    def finished(self, leg: Leg) -> None:
+    def finished(self, solution: Solution) -> None:
         """One direction is solved: its solution is part of all later checkpoints."""
-        self._finished.append(leg)
+        self._finished.append(solution)
 
     def solved(self, event: SolveEvent) -> None:
         self._steps += event.can_restart
@@ -60,8 +60,8 @@ class CheckpointWriter(Observer):
         self._store.check_in_place()
         with self._model.timings("checkpoint"):
             earlier = self._finished
-            position = Position(len(earlier), load, (*(leg.solves for leg in earlier), tuple(solves)))
-            solutions = [*((leg.displacement, leg.pressure) for leg in earlier), self._model.solution()]
+            position = Position(len(earlier), load, (*(solution.solves for solution in earlier), tuple(solves)))
+            solutions = [*((solution.displacement, solution.pressure) for solution in earlier), self._model.solution()]
             parts = [named(number, *solution) for number, solution in enumerate(solutions)]
             try:
                 self._checkpoints.write(position, {name: f for part in parts for name, f in part.items()})

@@ -221,7 +221,7 @@ class Progress(Observer):
         self.close()
         self._direction, self._last = direction, time.perf_counter()
         self.note(f"{direction}:")
-        self.note(f"  {linear.preset} linear solver: {linear.why}")
+        self.note(f"  {linear.configuration} linear solver: {linear.why}")
         if linear.note:
             self.note(f"  {linear.note}")
         self._show("load", total=1.0)
@@ -235,8 +235,10 @@ class Progress(Observer):
         if solve.outcome.accepted:
             F = {"forward": "det F", "inverse": "det F^-1"}[self._direction]
             state = f"largest displacement {event.largest_displacement:.4g} m, {F} > {event.min_mesh_J:.4g}"
-            gap = "" if solve.gap is None else f" {solve.gap:.3g} m from the given shape,"
-            self.note(f"  load {solve.load:.4g}: {effort},{gap} {state}, {seconds:.1f} s")
+            distance = (
+                "" if solve.position_residual is None else f" {solve.position_residual:.3g} m from the given shape,"
+            )
+            self.note(f"  load {solve.load:.4g}: {effort},{distance} {state}, {seconds:.1f} s")
         else:
             self.note(f"  load {solve.load:.4g} not reached: {solve.outcome.text}; {effort}, {seconds:.1f} s")
         if self._bar is not None and solve.outcome.accepted:
@@ -304,8 +306,8 @@ def _in_short(statistics: Mapping[str, Any], directory: str) -> list[str]:
 
 def report(statistics: Mapping[str, Any]) -> list[str]:
     """Lines of text on the statistics of a run."""
-    timings, legs = statistics["timings"], statistics["legs"]
-    total = sum(leg["factorizations"] for leg in legs)
+    timings, solutions = statistics["timings"], statistics["solutions"]
+    total = sum(solution["factorizations"] for solution in solutions)
     lines = [f"{statistics['status']}, {_count(total, 'factorization')}, {timings['total']:.1f} s"]
     slowest = sorted(((p["max"], phase) for phase, p in timings["phases"].items()), reverse=True)
     lines.append("  seconds: " + ", ".join(f"{phase} {seconds:.1f}" for seconds, phase in slowest if seconds >= 0.05))
@@ -313,12 +315,12 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     memory = statistics["peak_memory"]
     most = max(memory["phases"], key=lambda phase: memory["phases"][phase]["max"])
     lines.append(f"  memory: {max(memory['ranks']) / 1e6:.0f} MB on the fullest rank; most in {most}")
-    for leg in legs:
-        if leg["linear"] and leg["linear"]["fallback"]:
-            lines.append(f"  {leg['direction']}: {leg['linear']['fallback']}")
+    for solution in solutions:
+        if solution["linear"] and solution["linear"]["fallback"]:
+            lines.append(f"  {solution['direction']}: {solution['linear']['fallback']}")
         lines.append(
-            f"  {leg['direction']}: J from {_number(leg['J']['min'])} to {_number(leg['J']['max'])}, "
-            f"strain energy {_number(leg['strain_energy'])} J"
+            f"  {solution['direction']}: J from {_number(solution['J']['min'])} to {_number(solution['J']['max'])}, "
+            f"strain energy {_number(solution['strain_energy'])} J"
         )
     if unused := statistics["unused_petsc_options"]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hpcinv.certificate import Certificate, Estimate
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.results.totals import Totals
     from hpcinv.sensitivity.analysis import Sensitivities
 
@@ -28,7 +28,7 @@ class Result:
     """A finished run.
 
     Attributes:
-        legs: one for each direction that was solved; the first is on the mesh that the job gives.
+        solutions: one for each direction that was solved; the first is on the mesh that the job gives.
         certificate: what the answer is worth.
         quantities: the job's quantities of interest by name.
         errors: distances (``comparison``): from the job's expected shape, and what a round trip failed to close.
@@ -42,7 +42,7 @@ class Result:
 
     job: Job
     body: Body
-    legs: tuple[Leg, ...]
+    solutions: tuple[Solution, ...]
     certificate: Certificate
     quantities: Mapping[str, Any] = field(default_factory=dict)
     errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -56,7 +56,7 @@ class Result:
     @property
     def shape(self) -> Floats:
         """Coordinates of the local geometry nodes in the body that was looked for, (n, 3) in m."""
-        return self.legs[0].other_nodes
+        return self.solutions[0].other_nodes
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers of the run as plain data, the same on every rank: what ``summary.json`` holds."""
@@ -65,7 +65,7 @@ class Result:
     def __repr__(self) -> str:
         """Five lines; not collective."""
         statistics = self.statistics
-        mesh, leg = statistics.get("mesh", {}), statistics.get("legs", [{}])[0]
+        mesh, solution = statistics.get("mesh", {}), statistics.get("solutions", [{}])[0]
         lines = statistics.get("certificate", {}).get("lines", ())
         doubts = [line["name"] for line in lines if line["verdict"] not in ("pass", "not checked")]
         values = ", ".join(f"{name} = {_short(value)}" for name, value in list(self.quantities.items())[:_SHOWN])
@@ -74,7 +74,7 @@ class Result:
             (
                 f"Result of '{self.job.job}': {self.job.analysis} analysis, {statistics.get('status', 'not finished')}",
                 f"  mesh: {mesh.get('cells')} cells, {mesh.get('unknowns')} unknowns;"
-                f" largest displacement {_short(leg.get('largest_displacement'))} m",
+                f" largest displacement {_short(solution.get('largest_displacement'))} m",
                 f"  certificate: {self.certificate.verdict.value}" + (f" ({'; '.join(doubts)})" if doubts else ""),
                 f"  quantities: {values or 'none'}" + (f", and {more} more" if more > 0 else ""),
                 f"  directory: {self.directory or 'none, nothing was written'}",

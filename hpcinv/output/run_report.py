@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from hpcinv.certificate import Estimate
     from hpcinv.output.progress import Progress
     from hpcinv.output.run_store import RunStore
-    from hpcinv.results.leg import Leg
     from hpcinv.results.quantities_of_interest import Value
+    from hpcinv.results.solution import Solution
     from hpcinv.results.totals import Totals
     from hpcinv.sensitivity.analysis import Sensitivities
     from hpcinv.solver.observer import SolvedDirection
@@ -55,7 +55,7 @@ class RunReport(Observer):
 
     def conclude(
         self,
-        legs: Sequence[Leg],
+        solutions: Sequence[Solution],
         certificate: Certificate,
         quantities: Mapping[str, Value],
         errors: Mapping[str, Mapping[str, float]],
@@ -65,15 +65,15 @@ class RunReport(Observer):
         """Write the summary of a run that has converged, and print it; the arguments are those of `Result`."""
         if self._record is not None:
             certificate = Certificate((*certificate.lines, *self._record.lines()))
-        self._check_displacement(legs[0])
+        self._check_displacement(solutions[0])
         job, body = self._model.job, self._model.body
-        result = Result(job, body, tuple(legs), certificate, quantities, errors, estimate, slopes)
+        result = Result(job, body, tuple(solutions), certificate, quantities, errors, estimate, slopes)
         return self._finish(result, "converged")
 
-    def _check_displacement(self, leg: Leg) -> None:
+    def _check_displacement(self, solution: Solution) -> None:
         """Warn where the body hardly moves, unless that was predicted."""
         if self._model.job.output.unit_warnings and not self._totals.warnings:
-            self._totals = self._totals.after(leg.largest_displacement)
+            self._totals = self._totals.after(solution.largest_displacement)
             for text in self._totals.warnings:
                 self._progress.warn(text)
 
@@ -82,29 +82,29 @@ class RunReport(Observer):
         self._progress.finish(result.statistics)
         return result
 
-    def check_reached(self, legs: Sequence[Leg]) -> None:
+    def check_reached(self, solutions: Sequence[Solution]) -> None:
         """Raise ``SolveError`` if the last direction did not reach the full load; the summary says how far it came."""
-        leg = legs[-1]
-        if leg.load == 1.0:
+        solution = solutions[-1]
+        if solution.load == 1.0:
             return
-        gaps = [s.gap for s in leg.solves if s.gap is not None]
-        why = leg.solves[-1].outcome if gaps else diagnose(leg.direction, leg.solves)
-        if gaps:
-            where = f"stopped {gaps[-1]:.3g} m from the given shape"
-            line = Line("distance from the given shape", gaps[-1], "m", "must vanish", Verdict.FAIL, why.text)
+        residuals = [s.position_residual for s in solution.solves if s.position_residual is not None]
+        why = solution.solves[-1].outcome if residuals else diagnose(solution.direction, solution.solves)
+        if residuals:
+            where = f"stopped {residuals[-1]:.3g} m from the given shape"
+            line = Line("position residual", residuals[-1], "m", "must vanish", Verdict.FAIL, why.text)
         else:
-            where = f"stopped at load factor {leg.load:.6g} of 1"
-            line = Line("load factor", leg.load, "", "must reach 1", Verdict.FAIL, why.text)
-        self._finish(self._unfinished(legs, line), why.text)
+            where = f"stopped at load factor {solution.load:.6g} of 1"
+            line = Line("load factor", solution.load, "", "must reach 1", Verdict.FAIL, why.text)
+        self._finish(self._unfinished(solutions, line), why.text)
         raise SolveError(f"{where}: {why.text}", why.advice)
 
-    def check_not_stopped(self, before: Sequence[Leg], found: SolvedDirection) -> None:
+    def check_not_stopped(self, before: Sequence[Solution], found: SolvedDirection) -> None:
         """Raise ``Interrupted`` if a request to stop ended the run before its last solve.
 
         The summary then has the solutions ``before`` this direction, and how far this one came.
         """
         job = self._model.job
-        if not found.stopped or (found.load == 1.0 and len(before) + 1 == len(job.legs)):
+        if not found.stopped or (found.load == 1.0 and len(before) + 1 == len(job.directions)):
             return
         why = "stopped by a signal"
         where = f"{why} in the {found.direction} solve at load factor {found.load:.6g}"
@@ -119,8 +119,8 @@ class RunReport(Observer):
             f"mpirun -n {self._store.comm.size} python -m hpcinv resume {relative(self._store.path)}",
         )
 
-    def _unfinished(self, legs: Sequence[Leg], line: Line) -> Result:
-        return Result(self._model.job, self._model.body, tuple(legs), Certificate((line,)))
+    def _unfinished(self, solutions: Sequence[Solution], line: Line) -> Result:
+        return Result(self._model.job, self._model.body, tuple(solutions), Certificate((line,)))
 
     def _write(self, result: Result, status: str) -> Result:
         model, store = self._model, self._store

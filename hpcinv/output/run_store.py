@@ -16,7 +16,7 @@ from hpcinv.parallel.runtime import MPI, on_root
 if TYPE_CHECKING:
     from hpcinv.files.directory_lock import DirectoryLock
     from hpcinv.output.progress import Progress
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.sensitivity.analysis import Sensitivities
     from hpcinv.solver.problem import Model
 
@@ -97,12 +97,12 @@ class RunStore:
         if self.directory is not None:
             self.directory.check_in_place(None)
 
-    def write_shape(self, model: Model, leg: Leg, slopes: Sensitivities | None, progress: Progress) -> None:
+    def write_shape(self, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress) -> None:
         """Write the recovered shape, and the fields that belong to it."""
         with progress.phase("writing"):
             if self.directory is not None:
                 self.check_in_place()
-                _write_shape(self.directory.path, model, leg, slopes, progress)
+                _write_shape(self.directory.path, model, solution, slopes, progress)
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -110,11 +110,13 @@ class RunStore:
             self._lock = None
 
 
-def _write_shape(path: Path, model: Model, leg: Leg, slopes: Sensitivities | None, progress: Progress) -> None:
+def _write_shape(
+    path: Path, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress
+) -> None:
     with model.timings("output"):
         for suffix in model.job.shape_formats:
             progress.detail(f"shape.{suffix}")
-            write_mesh(path / f"shape.{suffix}", model.body, leg.other_nodes)
+            write_mesh(path / f"shape.{suffix}", model.body, solution.other_nodes)
         if model.job.output.fields:
             progress.detail("fields")
-            write_fields(path / "fields", model.body, leg, slopes.fields() if slopes else ())
+            write_fields(path / "fields", model.body, solution, slopes.fields() if slopes else ())

@@ -1,4 +1,4 @@
-"""The fields of a leg as files for ParaView."""
+"""The fields of a solution as files for ParaView."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from hpcinv.parallel.runtime import agree, on_root
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
 
 
-def write_fields(directory: Path, body: Body, leg: Leg, more: Sequence[fem.Function] = ()) -> None:
+def write_fields(directory: Path, body: Body, solution: Solution, more: Sequence[fem.Function] = ()) -> None:
     """Write ``fields.pvd`` and what it points to into ``directory``, which appears whole or not at all; collective.
 
-    On the leg's mesh in metres: ``displacement`` (m) and ``pressure`` (Pa, of the mixed form) at the nodes of Lagrange
-    cells of the higher of the displacement's and the geometry's degree; in each cell the means ``J`` and
+    On the solution's mesh in metres: ``displacement`` (m) and ``pressure`` (Pa, of the mixed form) at the nodes of
+    Lagrange cells of the higher of the displacement's and the geometry's degree; in each cell the means ``J`` and
     ``cauchy_stress`` (Pa, row by row), and ``region:NAME``, 1 in the cells of that region. A directory of that name
     that an earlier run left is replaced.
 
@@ -49,10 +49,10 @@ def write_fields(directory: Path, body: Body, leg: Leg, more: Sequence[fem.Funct
             raise OutputError(f"{directory}: cannot be made: {exc.strerror or exc}", failed.advice) from exc
 
     on_root(comm, prepare)
-    functions = [*_at_nodes(leg, more), *_in_cells(body, leg)]
+    functions = [*_at_nodes(solution, more), *_in_cells(body, solution)]
     error: HpcinvError | None = None
     try:
-        with placed(body.mesh, leg.mesh_nodes):
+        with placed(body.mesh, solution.mesh_nodes):
             _write(partial / "fields.pvd", functions)
     except RuntimeError:
         error = failed
@@ -78,14 +78,14 @@ def _write(path: Path, functions: list[fem.Function]) -> None:
         file.write_function(functions)
 
 
-def _at_nodes(leg: Leg, more: Sequence[fem.Function]) -> list[fem.Function]:
+def _at_nodes(solution: Solution, more: Sequence[fem.Function]) -> list[fem.Function]:
     """Displacement, pressure and more in one point element, as the file wants it; they are exact in it."""
-    mesh = leg.displacement.function_space.mesh
+    mesh = solution.displacement.function_space.mesh
     cell, geometry = mesh.basix_cell(), mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree
-    degree = max(leg.displacement.function_space.ufl_element().degree, geometry)
-    fields = {"displacement": leg.displacement} | {function.name: function for function in more}
-    if leg.pressure is not None:
-        fields["pressure"] = leg.pressure
+    degree = max(solution.displacement.function_space.ufl_element().degree, geometry)
+    fields = {"displacement": solution.displacement} | {function.name: function for function in more}
+    if solution.pressure is not None:
+        fields["pressure"] = solution.pressure
     found = []
     for name, function in fields.items():
         shape: Any = {"shape": function.ufl_shape} if function.ufl_shape else {}
@@ -96,9 +96,9 @@ def _at_nodes(leg: Leg, more: Sequence[fem.Function]) -> list[fem.Function]:
     return found
 
 
-def _in_cells(body: Body, leg: Leg) -> list[fem.Function]:
+def _in_cells(body: Body, solution: Solution) -> list[fem.Function]:
     found = []
-    for name, function in (("J", leg.J), ("cauchy_stress", leg.cauchy_stress)):
+    for name, function in (("J", solution.J), ("cauchy_stress", solution.cauchy_stress)):
         named = function.copy()
         named.name = name
         found.append(named)

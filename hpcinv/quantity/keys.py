@@ -1,4 +1,4 @@
-"""Dotted keys, such as ``effects[0].density`` in a job and ``legs[].factorizations`` in a summary."""
+"""Dotted keys, such as ``effects[0].density`` in a job and ``solutions[].factorizations`` in a summary."""
 
 from __future__ import annotations
 

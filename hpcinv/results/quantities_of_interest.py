@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats
     from hpcinv.model.scene import Scene
     from hpcinv.quantity.nondimensional import Scales
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 type Value = float | list[float]
@@ -62,12 +62,12 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
 
 
 def evaluate(
-    quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg, model: Model | None = None
+    quantities: Iterable[QuantityOfInterest], body: Body, solution: Solution, model: Model | None = None
 ) -> dict[str, Value]:
     """Values of the quantities in SI by name, displacements and reactions as lists of 3; collective.
 
     Args:
-        model: that of the leg, which must have reached the full load.
+        model: that of the solution, which must have reached the full load.
             Without it there are no quantities of stress, energy and volume ratio, none by quadrature, and no reactions.
 
     Raises:
@@ -75,24 +75,24 @@ def evaluate(
         JobError: on every rank, if a formula has no finite value.
     """
     quantities = tuple(quantities)
-    mesh_moved = placed(body.mesh, leg.mesh_nodes / body.length_scale)
-    with model.at(leg.mesh_nodes, *leg.solution) if model else mesh_moved:
+    mesh_moved = placed(body.mesh, solution.mesh_nodes / body.length_scale)
+    with model.at(solution.mesh_nodes, *solution.fields) if model else mesh_moved:
         check_points(quantities, body)
         others = [q for q in quantities if not q.is_reaction]
-        found = values_of(others, body, leg, _fields(quantities, body, leg, model))
+        found = values_of(others, body, solution, _fields(quantities, body, solution, model))
         if len(others) < len(quantities):
             assert model is not None
-            found |= reactions([q for q in quantities if q.is_reaction], leg, model)
+            found |= reactions([q for q in quantities if q.is_reaction], solution, model)
         return {q.name: found[q.name] for q in quantities}
 
 
 def values_of(
-    quantities: Iterable[QuantityOfInterest], body: Body, leg: Leg, fields: SceneFields | None
+    quantities: Iterable[QuantityOfInterest], body: Body, solution: Solution, fields: SceneFields | None
 ) -> dict[str, Value]:
-    """As `evaluate`, of what is on the body, whose mesh lies as the leg's, and without reactions.
+    """As `evaluate`, of what is on the body, whose mesh lies as the solution's, and without reactions.
 
     Args:
-        fields: those of the leg's scene, as it is now; ``None`` if no quantity needs them.
+        fields: those of the solution's scene, as it is now; ``None`` if no quantity needs them.
     """
     quantities = tuple(quantities)
     places = {q.name: place for q in quantities if q.at and (place := locate(body, np.array(q.at)))}
@@ -102,22 +102,22 @@ def values_of(
     found: dict[str, Value] = {}
     for q in quantities:
         if q.at is not None:
-            found[q.name] = _at_point(q, body, leg, places[q.name], known.get(q.name, {}))
+            found[q.name] = _at_point(q, body, solution, places[q.name], known.get(q.name, {}))
         elif q.by_quadrature:
             found[q.name] = _by_quadrature(q, body, fields)
         else:
-            found[q.name] = _at_nodes(q, body, leg)
+            found[q.name] = _at_nodes(q, body, solution)
     return found
 
 
 def _fields(
-    quantities: tuple[QuantityOfInterest, ...], body: Body, leg: Leg, model: Model | None
+    quantities: tuple[QuantityOfInterest, ...], body: Body, solution: Solution, model: Model | None
 ) -> SceneFields | None:
-    """What the quantities ask of the scene, at the leg's solution and the full load."""
+    """Fields of the scene that the quantities need, at the solution and the full load."""
     if not any(q.fields or q.by_quadrature for q in quantities):
         return None
     assert model is not None
-    scene = model.scene(leg.direction)
+    scene = model.scene(solution.direction)
     scene.parameters.set_load(1.0)
     return fields_for(quantities, body, scene, model.scales)
 
@@ -131,25 +131,25 @@ def fields_for(
 
 
 def _at_point(
-    quantity: QuantityOfInterest, body: Body, leg: Leg, place: Location, fields: Mapping[str, float]
+    quantity: QuantityOfInterest, body: Body, solution: Solution, place: Location, fields: Mapping[str, float]
 ) -> Value:
     here, comm = np.array(quantity.at), body.mesh.comm
     u: Floats | None = None
     if comm.rank == place.rank:
-        u = leg.displacement.eval(here / body.length_scale, np.array([place.cell], dtype=np.int32))
+        u = solution.displacement.eval(here / body.length_scale, np.array([place.cell], dtype=np.int32))
     u = comm.bcast(u, root=place.rank)
     assert u is not None
     if quantity.is_displacement:
         return [float(c) for c in u]
-    X, x = (here, here + u) if leg.direction == "forward" else (here - u, here)
+    X, x = (here, here + u) if solution.direction == "forward" else (here - u, here)
     return float(_values(quantity, comm, {**fields, **_positions(X[None], x[None], u[None])})[0])
 
 
-def _at_nodes(quantity: QuantityOfInterest, body: Body, leg: Leg) -> float:
+def _at_nodes(quantity: QuantityOfInterest, body: Body, solution: Solution) -> float:
     """Reduced over the nodes of a region, all of one weight."""
     assert quantity.on is not None
     nodes = _owned_nodes(body, quantity.on)
-    known = _positions(leg.reference_nodes[nodes], leg.current_nodes[nodes], leg.u[nodes])
+    known = _positions(solution.reference_nodes[nodes], solution.current_nodes[nodes], solution.u[nodes])
     return _reduced(quantity, body.mesh.comm, _values(quantity, body.mesh.comm, known), np.ones(len(nodes)))
 
 

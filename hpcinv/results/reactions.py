@@ -16,25 +16,25 @@ from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from hpcinv.job.sections import QuantityOfInterest
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 
-def reactions(quantities: Iterable[QuantityOfInterest], leg: Leg, model: Model) -> dict[str, list[float]]:
+def reactions(quantities: Iterable[QuantityOfInterest], solution: Solution, model: Model) -> dict[str, list[float]]:
     """Reactions by the names of quantities: forces (3 components, N), moments (3 components, N m); collective.
 
-    The leg must have reached the full load.
+    The solution must have reached the full load.
     """
     quantities = tuple(quantities)
     if not quantities:
         return {}
-    with model.at(leg.mesh_nodes, *leg.solution):
-        return _reactions(quantities, leg, model)
+    with model.at(solution.mesh_nodes, *solution.fields):
+        return _reactions(quantities, solution, model)
 
 
-def _reactions(quantities: Sequence[QuantityOfInterest], leg: Leg, model: Model) -> dict[str, list[float]]:
-    """Of the leg at which the model is."""
-    equilibrium = model.equilibrium(model.scene(leg.direction))
+def _reactions(quantities: Sequence[QuantityOfInterest], solution: Solution, model: Model) -> dict[str, list[float]]:
+    """Of the solution at which the model is."""
+    equilibrium = model.equilibrium(model.scene(solution.direction))
     residual = equilibrium.system.forces(1.0)
     model.release(equilibrium)
 
@@ -42,7 +42,7 @@ def _reactions(quantities: Sequence[QuantityOfInterest], leg: Leg, model: Model)
     dofs = unknowns.owned_displacement_dofs
     forces = residual[dofs].reshape(-1, 3) * model.scales.stress * length**2
     positions = unknowns.owned_displacement_points()
-    if leg.direction == "forward":
+    if solution.direction == "forward":
         positions = positions + unknowns.state.x.array[dofs].reshape(-1, 3)
     positions = positions * length
 

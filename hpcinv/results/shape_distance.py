@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.mesh.regions import Mesh
     from hpcinv.mesh.source import Floats
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
 
 
 def read_expected(job: Job, body: Body) -> Floats | None:
@@ -51,23 +51,23 @@ def read_expected(job: Job, body: Body) -> Floats | None:
     return at_local_nodes(body, source.points)
 
 
-def differences(body: Body, legs: Sequence[Leg], expected: Floats | None) -> dict[str, dict[str, float]]:
+def differences(body: Body, solutions: Sequence[Solution], expected: Floats | None) -> dict[str, dict[str, float]]:
     """Distance of the first direction's shape from ``expected`` nodes, and what a round trip fails to close by."""
     found = {}
     if expected is not None:
-        found["expected_shape"] = distance(body, legs[0], expected)
-    if len(legs) == 2:
-        found["round_trip"] = closure(*legs)
+        found["expected_shape"] = distance(body, solutions[0], expected)
+    if len(solutions) == 2:
+        found["round_trip"] = closure(*solutions)
     return found
 
 
-def distance(body: Body, leg: Leg, expected: Floats) -> dict[str, float]:
+def distance(body: Body, solution: Solution, expected: Floats) -> dict[str, float]:
     """Distance of the shape that was looked for from ``expected`` local nodes (n, 3) m; collective."""
-    return _size(body.mesh, leg.other_nodes - expected, expected)
+    return _size(body.mesh, solution.other_nodes - expected, expected)
 
 
-def closure(there: Leg, back: Leg) -> dict[str, float]:
-    """Difference ``u₁ - u₀`` of the displacements ``u = x - X`` of the two legs of a round trip; collective."""
+def closure(there: Solution, back: Solution) -> dict[str, float]:
+    """Difference ``u₁ - u₀`` of the displacements ``u = x - X`` of the two solutions of a round trip; collective."""
     return _size(there.displacement.function_space.mesh, back.u - there.u, there.mesh_nodes)
 
 

@@ -1,4 +1,4 @@
-"""Sensitivities of a solved leg: one linear solve with its tangent for each parameter.
+"""Sensitivities of a solved solution: one linear solve with its tangent for each parameter.
 
 The solution of ``R(x; θ) = 0`` follows a parameter as ``K dx/dθ = -∂R/∂θ``, with the tangent ``K = ∂R/∂x`` at the
 solution: exact derivatives of the discrete solution. Unknowns that supports prescribe follow their formulas. In an
@@ -32,14 +32,14 @@ from hpcinv.sensitivity.slopes import Change, slopes
 if TYPE_CHECKING:
     from hpcinv.job.sensitivities import Parameter
     from hpcinv.parallel.runtime import MPI
-    from hpcinv.results.leg import Floats, Leg
     from hpcinv.results.quantities_of_interest import Value
+    from hpcinv.results.solution import Floats, Solution
     from hpcinv.solver.problem import Model
 
 
 @dataclass(frozen=True)
 class Sensitivities:
-    """Derivatives by parameters (SI) of what one leg has found, and standard deviations that follow to first order.
+    """Derivatives of one solution by parameters (SI), and standard deviations to first order.
 
     Attributes:
         parameters: by which it was differentiated.
@@ -88,11 +88,11 @@ class Sensitivities:
         return found
 
 
-def sensitivities(model: Model, leg: Leg) -> Sensitivities | None:
-    """Differentiate a leg at full load by what the job asks for, ``None`` if that is nothing; collective.
+def sensitivities(model: Model, solution: Solution) -> Sensitivities | None:
+    """Differentiate a solution at full load by what the job asks for, ``None`` if that is nothing; collective.
 
     Args:
-        model: that of the leg.
+        model: that of the solution.
 
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
@@ -100,36 +100,36 @@ def sensitivities(model: Model, leg: Leg) -> Sensitivities | None:
     parameters, body = model.job.differentiated, model.body
     if not parameters:
         return None
-    with model.timings("sensitivities"), model.at(leg.mesh_nodes, *leg.solution):
-        changes = _changes(model, leg, parameters)
-        by_quantity = slopes(model, leg, [(p, changes[p.key]) for p in parameters])
-    nodes = {key: leg.sign * change.u for key, change in changes.items()}
+    with model.timings("sensitivities"), model.at(solution.mesh_nodes, *solution.fields):
+        changes = _changes(model, solution, parameters)
+        by_quantity = slopes(model, solution, [(p, changes[p.key]) for p in parameters])
+    nodes = {key: solution.sign * change.u for key, change in changes.items()}
     comm = body.mesh.comm
     lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
     deviation, at = None, None
     if any(p.deviation is not None for p in parameters):
-        deviation, at = _largest(comm, _deviations(parameters, nodes), leg.mesh_nodes)
+        deviation, at = _largest(comm, _deviations(parameters, nodes), solution.mesh_nodes)
     return Sensitivities(
         parameters=parameters,
         slopes=by_quantity,
         displacement={key: change.displacement for key, change in changes.items()},
         nodes=nodes,
-        shape={key: _largest(comm, length, leg.mesh_nodes)[0] for key, length in lengths.items()},
+        shape={key: _largest(comm, length, solution.mesh_nodes)[0] for key, length in lengths.items()},
         deviations={name: _deviation(parameters, found) for name, found in by_quantity.items()},
         deviation=deviation,
         deviation_at=at,
     )
 
 
-def _changes(model: Model, leg: Leg, parameters: Sequence[Parameter]) -> dict[str, Change]:
+def _changes(model: Model, solution: Solution, parameters: Sequence[Parameter]) -> dict[str, Change]:
     """How the solution and the scene's parameters change with each parameter, by its key."""
-    scene = model.scene(leg.direction)
+    scene = model.scene(solution.direction)
     equilibrium = model.equilibrium(scene)
     system = equilibrium.system
     system.linearise(1.0)
     with model.timings("compile"):
         derivative = scene.parameter_derivative
-    solution, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
+    position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
     found: dict[str, Change] = {}
     for parameter in parameters:
         owner, place = parameter.owner, parameter.place
@@ -149,13 +149,13 @@ def _changes(model: Model, leg: Leg, parameters: Sequence[Parameter]) -> dict[st
         if not equilibrium.linear.solve(b, x):
             raise SolveError(
                 "sensitivities: the tangent at the solution is singular, so that there are no derivatives there",
-                "Leave the section 'sensitivities' out, or take a load at which the solution is not at a fold.",
+                "Leave the section 'sensitivities' out, or take a load at which the solution is not at a limit point.",
             )
         system.set_state(x)
         u, p = model.solution()
         found[parameter.key] = Change(along, u, model.unknowns.at_nodes(u), p)
-        system.set_state(solution)
-    for vector in (solution, b, x):
+        system.set_state(position)
+    for vector in (position, b, x):
         vector.destroy()
     model.release(equilibrium)
     return found

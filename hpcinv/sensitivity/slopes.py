@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from hpcinv.job.sensitivities import Parameter
     from hpcinv.model.parameters import Direction
-    from hpcinv.results.leg import Floats, Leg
     from hpcinv.results.quantities_of_interest import Value
+    from hpcinv.results.solution import Floats, Solution
     from hpcinv.solver.problem import Model
 
 _STEP = 2.0**-10
@@ -47,43 +47,45 @@ class Change:
     pressure: fem.Function | None
 
 
-def slopes(model: Model, leg: Leg, changes: Sequence[tuple[Parameter, Change]]) -> dict[str, dict[str, Value]]:
+def slopes(
+    model: Model, solution: Solution, changes: Sequence[tuple[Parameter, Change]]
+) -> dict[str, dict[str, Value]]:
     """Derivatives (SI) of each of the job's quantities of interest but reactions by the parameters' keys.
 
-    Collective; the mesh must lie as the leg's.
+    Collective; the mesh must lie as the solution's.
     """
-    scene, body = model.scene(leg.direction), model.body
+    scene, body = model.scene(solution.direction), model.body
     quantities = [quantity for quantity in model.job.quantities if not quantity.is_reaction]
     scene.parameters.set_load(1.0)
     fields = fields_for(quantities, body, scene, model.scales)
 
     def at(change: Change, shift: float) -> dict[str, Floats]:
-        u, p = leg.displacement.copy(), leg.pressure and leg.pressure.copy()
+        u, p = solution.displacement.copy(), solution.pressure and solution.pressure.copy()
         u.x.array[:] += shift * change.displacement.x.array
         if p is not None and change.pressure is not None:
             p.x.array[:] += shift * change.pressure.x.array
-        moved = replace(leg, u=leg.u + shift * change.u, displacement=u, pressure=p)
-        with model.at(leg.mesh_nodes, u, p), scene.parameters.moved(change.along, shift):
+        moved = replace(solution, u=solution.u + shift * change.u, displacement=u, pressure=p)
+        with model.at(solution.mesh_nodes, u, p), scene.parameters.moved(change.along, shift):
             return {name: np.array(v) for name, v in values_of(quantities, body, moved, fields).items()}
 
     found: dict[str, dict[str, Value]] = {quantity.name: {} for quantity in quantities}
     for parameter, change in changes if found else ():
-        step = _step(model, leg, parameter, change)
+        step = _step(model, solution, parameter, change)
         values = [at(change, k * step) for k in POINTS]
         for name, by_key in found.items():
             by_key[parameter.key] = central_difference((v[name] for v in values), step).tolist()
     return found
 
 
-def _step(model: Model, leg: Leg, parameter: Parameter, change: Change) -> float:
+def _step(model: Model, solution: Solution, parameter: Parameter, change: Change) -> float:
     """Of the parameter (SI)."""
     comm, diagonal = model.body.mesh.comm, model.body.length_scale
-    u, du = _largest(comm, leg.displacement), _largest(comm, change.displacement)
+    u, du = _largest(comm, solution.displacement), _largest(comm, change.displacement)
     limits = [abs(parameter.value)] if parameter.value else []
     if du:
         limits.append((u or _SMALL * diagonal) / du)
-    if leg.pressure is not None and change.pressure is not None:
-        p, dp = _largest(comm, leg.pressure), _largest(comm, change.pressure)
+    if solution.pressure is not None and change.pressure is not None:
+        p, dp = _largest(comm, solution.pressure), _largest(comm, change.pressure)
         limits += [p / dp] if p and dp else []
     return _STEP * min(limits, default=1.0)
 

@@ -26,7 +26,7 @@ class ArcLengthSteps:
     Args:
         first: first step, as a share of the load along the first tangent.
         smallest: shortest step, relative to the state; where it fails, the path counts as ended.
-        folds: turning points of the load to pass before the state at full load counts.
+        limit_points: turning points of the load to pass before the state at full load counts.
         most: steps after which the search is given up.
         path_tolerance: relative error of the points that only lead the way; near a limit of the load it tells.
         easy: iterations up to which the next step is twice as long.
@@ -35,7 +35,7 @@ class ArcLengthSteps:
 
     first: float = 1.0
     smallest: float = 1e-3
-    folds: int = 0
+    limit_points: int = 0
     most: int = 200
     path_tolerance: float = 1e-8
     easy: int = 6
@@ -47,7 +47,7 @@ class ArcLengthSteps:
         Full load is passed over as long as turning points have still to come.
         """
         inner = [case / self.cases for case in range(1, self.cases)]
-        ends = [*inner, 1.0] if passed == self.folds else inner
+        ends = [*inner, 1.0] if passed == self.limit_points else inner
         ahead = [end for end in ends if (end - load) * direction > 1e-9]
         return min(ahead, key=lambda end: abs(end - load), default=None)
 
@@ -67,7 +67,7 @@ def trace(
     """Yield every solve along the path from ``load``, at which the present state is in equilibrium.
 
     The state is always that of the last accepted solve. The last solve yielded is at load factor 1 and accepted, or
-    says why that was not reached: `Outcome.FOLD` if the load turns once more than it may, with the state there.
+    says why that was not reached: `Outcome.LIMIT_POINT` if the load turns once more than it may, with the state there.
 
     Args:
         passed: turning points between the unloaded body and the present state.
@@ -244,8 +244,8 @@ class _Path:
         tangent = self.bordering.present_tangent(t)
         self.equations.system.set_state(turning.x)
         yield replace(self._report(turning.load, turning.outcome, turning), turning_point=True)
-        if self.passed == self.steps.folds:
-            yield self._report(turning.load, Outcome.FOLD)
+        if self.passed == self.steps.limit_points:
+            yield self._report(turning.load, Outcome.LIMIT_POINT)
             self.ended = True
             return None
         self.passed += 1

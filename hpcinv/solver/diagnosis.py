@@ -14,24 +14,25 @@ if TYPE_CHECKING:
 
 
 class Diagnosis(enum.Enum):
-    """What keeps a leg from the full load: what a user is told, and what to try."""
+    """Why the full load was not reached: the message to the user, and remedies."""
 
-    FOLD = (
-        "the load turns back here (fold): no solution near by carries more",
+    LIMIT_POINT = (
+        "the load reaches a maximum here (limit point): no solution near by carries more",
         "It is the most that is carried on the way from the unloaded body: lower the load. Beyond this limit point the"
         " load falls; only on a path that turns a second time does it rise to the full load again (strategy:"
-        " arc-length, folds: 2).",
+        " arc-length, limit_points: 2).",
     )
     LEAST_LOAD = (
-        "the load turns back here (fold): no solution near by carries less",
+        "the load reaches a minimum here (limit point): no solution near by carries less",
         "Beyond the first limit point the load falls to this one and rises again. The solution at full load that lies"
-        " before the limit points is found with 'folds: 0'.",
+        " before the limit points is found with 'limit_points: 0'.",
     )
     BEYOND_FULL_LOAD = (
         "beyond the solution at full load that the path from the unloaded body passes first, no other was reached",
-        "That first solution is found with 'folds: 0'. For another one refine the mesh, to second order where the body"
-        " is curved, or try a smaller solver.initial_step. Laws that soften, such as mooney-rivlin with a negative c2,"
-        " may lose ellipticity at large strain: from there on the equations determine no shape, on any mesh.",
+        "That first solution is found with 'limit_points: 0'. For another one refine the mesh, to second order where"
+        " the body is curved, or try a smaller solver.initial_step. Laws that soften, such as mooney-rivlin with a"
+        " negative c2, may lose ellipticity at large strain: from there on the equations determine no shape, on any"
+        " mesh.",
     )
     NO_UNDEFORMED_SHAPE = (
         "no undeformed shape was found beyond this load: an element of it would turn inside out, or an incompressible"
@@ -109,7 +110,7 @@ class Diagnosis(enum.Enum):
 
 
 _OF_OUTCOME = {
-    Outcome.FOLD: Diagnosis.FOLD,
+    Outcome.LIMIT_POINT: Diagnosis.LIMIT_POINT,
     Outcome.INVERTED: Diagnosis.INVERSION,
     Outcome.VOLUME_CHANGED: Diagnosis.VOLUME_CHANGED,
     Outcome.OUTSIDE_LAW: Diagnosis.LAW_DOMAIN,
@@ -123,21 +124,23 @@ _OF_OUTCOME = {
     Outcome.FIXED_POINT_DIVERGED: Diagnosis.FORWARD_FAILED,
 }
 # These say where the path ends, however it is followed: no loss of stability explains them better.
-_DECISIVE = {Diagnosis.FOLD, Diagnosis.KRYLOV_LIMIT, Diagnosis.LAW_DOMAIN, Diagnosis.FORWARD_FAILED}
+_DECISIVE = {Diagnosis.LIMIT_POINT, Diagnosis.KRYLOV_LIMIT, Diagnosis.LAW_DOMAIN, Diagnosis.FORWARD_FAILED}
 _DEGENERATE = {Diagnosis.INVERSION, Diagnosis.VOLUME_CHANGED}
 # Strategies by how much the way in which they end tells of the path.
 _TELLING = ("arc-length", "load steps")
 
 
 def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
-    """The reason why the solves of a leg ended before the full load; the last of them is not accepted."""
+    """The reason why the solves of one direction ended before the full load; the last of them is not accepted."""
     accepted = [solve for solve in solves if solve.outcome.accepted]
     found = _OF_OUTCOME.get(_telling(solves), Diagnosis.NOT_CONVERGED)
     if found is Diagnosis.LINEAR_SOLVER and not accepted:
         return Diagnosis.ILL_POSED
     if any(solve.load > 1 for solve in accepted) and found is not Diagnosis.STEP_LIMIT:
         turned = sum(solve.turning_point for solve in accepted)
-        return Diagnosis.LEAST_LOAD if found is Diagnosis.FOLD and turned % 2 == 0 else Diagnosis.BEYOND_FULL_LOAD
+        return (
+            Diagnosis.LEAST_LOAD if found is Diagnosis.LIMIT_POINT and turned % 2 == 0 else Diagnosis.BEYOND_FULL_LOAD
+        )
     if found in _DECISIVE:
         return found
     if _crossed_singular_point(accepted):

@@ -166,7 +166,7 @@ class Equilibrium:
                 accepted.destroy()
                 return self.solve(load, tolerance, begins_near=begins_near)
             linear.forget_factors()
-            if not linear.preset.exact:
+            if not linear.configuration.exact:
                 outcome = Outcome.KRYLOV_LIMIT
         system.set_state(x)
         if outcome.accepted:
@@ -218,7 +218,7 @@ class Equilibrium:
             part.destroy()
 
     def _monitor(self, tolerance: float, *, begins_near: bool = False) -> NewtonMonitor:
-        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=self.linear.preset.error)
+        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=self.linear.configuration.error)
 
     def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         self.system.set_state(x)

@@ -20,7 +20,7 @@ from hpcinv.solver.petsc_options import SolverOptions, Value
 
 if TYPE_CHECKING:
     from hpcinv.assembly.system import System
-    from hpcinv.solver.linear.configuration import Preset
+    from hpcinv.solver.linear.configuration import Configuration
 
 
 class LinearSolver:
@@ -47,22 +47,22 @@ class LinearSolver:
             self.options = SolverOptions(options)
             self.ksp = PETSc.KSP().create(system.comm)
             self.ksp.setOptionsPrefix(SolverOptions.prefix)
-            self.preset = self._use(choice.preset)
+            self.configuration = self._use(choice.configuration)
 
-    def _use(self, name: str) -> Preset:
+    def _use(self, name: str) -> Configuration:
         own = self.choice.is_own
-        preset: Preset = Direct(symmetric=not own) if name == "direct" else Iterative(self.system.scene)
+        configuration: Configuration = Direct(symmetric=not own) if name == "direct" else Iterative(self.system.scene)
         self._factorized = -1
-        self.options.use(preset.options)
+        self.options.use(configuration.options)
         self.ksp.reset()
         self.ksp.setOperators(self.system.matrix)
         self.ksp.setFromOptions()
-        return preset
+        return configuration
 
     @property
     def used(self) -> Used:
         """Which linear solver it is by now, and why."""
-        return Used(self.preset.name, self.choice.why, self.fallback, self.system.note)
+        return Used(self.configuration.name, self.choice.why, self.fallback, self.system.note)
 
     def factorize(self) -> None:
         """Factorize the tangent that was last assembled, or make its preconditioner, unless that is done already."""
@@ -70,9 +70,9 @@ class LinearSolver:
             return
         with self.system.timings("factorization"):
             self.ksp.setOperators(self.system.matrix)
-            self.preset.prepare(self.ksp, self.system.matrix)
+            self.configuration.prepare(self.ksp, self.system.matrix)
             self.ksp.setUp()
-            if self.preset.must_refactorize(self.ksp):
+            if self.configuration.must_refactorize(self.ksp):
                 self.ksp.setUp()
             self.ksp.setUpOnBlocks()
         self._factorized = self.system.tangents
@@ -80,11 +80,11 @@ class LinearSolver:
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """``x = K⁻¹ b`` to rounding errors, or to the accuracy of an iterative solver; false if that failed."""
         self.factorize()
-        self.preset.set_accuracy(precise=True)
+        self.configuration.set_accuracy(precise=True)
         self.limit_iterations()
         with self.system.timings("linear solve"):
             solved = self.back_substitute(b, x)
-        self.preset.set_accuracy(precise=False)
+        self.configuration.set_accuracy(precise=False)
         if solved:
             return True
         if self.fall_back():
@@ -94,7 +94,7 @@ class LinearSolver:
 
     def limit_iterations(self) -> None:
         """Allow the Krylov iterations of one solve of Newton's method from now on."""
-        self.preset.allow(self.choice.budget)
+        self.configuration.allow(self.choice.budget)
 
     def back_substitute(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """``x = K⁻¹ b`` with the factors or the preconditioner at hand; false if that failed."""
@@ -105,7 +105,7 @@ class LinearSolver:
 
     def count_iterations(self, number: int) -> None:
         """Take note of what a linear solve took."""
-        if not self.preset.exact:
+        if not self.configuration.exact:
             self._iterations += number
 
     def take_iterations(self) -> int:
@@ -117,18 +117,18 @@ class LinearSolver:
         """Change to the other configuration after a failure, if that may help."""
         if self.fallback is not None or self.choice.other is None:
             return False
-        if self.preset.exact and not self.preset.lacked_memory(self.ksp):
+        if self.configuration.exact and not self.configuration.lacked_memory(self.ksp):
             return False  # a singular tangent stays singular
-        what = "did not converge" if not self.preset.exact else "ran out of memory"
-        self.fallback = f"the {self.preset.name} solver {what}: {self.choice.other} from there on"
-        self.preset.destroy()
-        self.preset = self._use(self.choice.other)
-        self.ksp.setConvergenceTest(None)  # drops that of the preset before
+        what = "did not converge" if not self.configuration.exact else "ran out of memory"
+        self.fallback = f"the {self.configuration.name} solver {what}: {self.choice.other} from there on"
+        self.configuration.destroy()
+        self.configuration = self._use(self.choice.other)
+        self.ksp.setConvergenceTest(None)  # drops that of the configuration before
         return True
 
     def release_preconditioner(self) -> None:
         """Free multigrid until the solver is used again; a symbolic factorization is kept."""
-        if not self.preset.exact:
+        if not self.configuration.exact:
             self.ksp.reset()
             self._factorized = -1
             give_back_memory()
@@ -141,10 +141,10 @@ class LinearSolver:
 
     def sign_of_determinant(self) -> int:
         """Of the tangent whose factors are at hand; 0 if the linear solver does not tell."""
-        return self.preset.sign_of_determinant(self.ksp)
+        return self.configuration.sign_of_determinant(self.ksp)
 
     def destroy(self) -> None:
         """Free what PETSc holds."""
         self.options.remove()
-        self.preset.destroy()
+        self.configuration.destroy()
         self.ksp.destroy()

@@ -73,7 +73,7 @@ class FixedSteps:
 
 
 @dataclass
-class FoldAhead:
+class LimitPointAhead:
     """Signs of a turning point of the load: the state changes ever faster, and Newton's method fails beyond a load.
 
     ``rates`` are those of the state by the load at accepted solutions, ``failures`` where solves began and should have
@@ -115,7 +115,7 @@ def follow(
         yield from trace(equilibrium, steps, tolerance, load=load, passed=turned)
         return
     state, forward = equilibrium.system.state.x, equilibrium.system.scene.kinematics.direction == "forward"
-    step, has_tangent, ahead = steps.start(), False, FoldAhead()
+    step, has_tangent, ahead = steps.start(), False, LimitPointAhead()
     predict = equilibrium.predictor.predict
     while load < 1.0:
         target = _target(load, step, steps.cases)

@@ -40,7 +40,7 @@ KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinema
 
 
 class Model:
-    """What the legs of an analysis share, and the analyses of other jobs of the same structure (`structure_of`).
+    """What the solutions of an analysis share, and the analyses of other jobs of the same structure (`structure_of`).
 
     Scenes and the equations on them are made once and used again: that keeps the compiled kernels, the pattern of the
     matrix and its symbolic factorization.
@@ -198,7 +198,7 @@ class Model:
             return FixedSteps(solver.steps, solver.tolerance, cases=cases)
         first, least = solver.initial_step, solver.minimum_step
         if solver.strategy == "arc-length":
-            return ArcLengthSteps(first, least, solver.folds, solver.maximum_steps, cases=cases)
+            return ArcLengthSteps(first, least, solver.limit_points, solver.maximum_steps, cases=cases)
         return AdaptiveSteps(first, least, cases=cases)
 
 

@@ -79,8 +79,8 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
     costs |= {
         "time": costs[study.time],
         "compile": max((_phases(r.statistics, ("compile",)) for r in records if r.statistics), default=None),
-        "factorizations": look_up(found, "legs[].factorizations"),
-        "newton_iterations": look_up(found, "legs[].newton_iterations"),
+        "factorizations": look_up(found, "solutions[].factorizations"),
+        "newton_iterations": look_up(found, "solutions[].newton_iterations"),
         "unknowns": look_up(found, "mesh.unknowns"),
         "cells": look_up(found, "mesh.cells"),
         "memory": float(max(found["peak_memory"]["ranks"])) if found else None,

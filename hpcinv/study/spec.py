@@ -20,7 +20,7 @@ STATISTICS = ("average", "sd", "minimum", "maximum")
 """of an error over the cases"""
 COSTS = ("time", "run", "solver", "compile", "factorizations", "newton_iterations", "unknowns", "cells", "memory")
 """that every run has; seconds and bytes"""
-SUMMARY = ("mesh", "partition", "legs", "quantities", "errors", "timings", "certificate", "peak_memory")
+SUMMARY = ("mesh", "partition", "solutions", "quantities", "errors", "timings", "certificate", "peak_memory")
 """parts of a summary in which there are numbers to measure"""
 
 MOST = 100_000
@@ -93,7 +93,7 @@ class Study(Spec):
     }
     """what is right, for all that is measured or by its name, and 'all' for the rest"""
     costs: Mapping[Name, SummaryKey] = {}
-    """further costs by keys of the summary, such as {iterations: "legs[].iterations"}"""
+    """further costs by keys of the summary, such as {iterations: "solutions[].iterations"}"""
     time: Literal["run", "solver"] = "run"
     """seconds of the whole run but for compilation and certificate, or of Newton's method alone"""
     repeat: Annotated[int, Field(ge=1)] = 3

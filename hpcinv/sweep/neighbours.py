@@ -1,4 +1,4 @@
-"""Where a case may begin: what the solutions of its neighbours in parameter space foretell of its own.
+"""Initial guesses for a case, extrapolated from the solutions of its neighbours in parameter space.
 
 The solution is a smooth function of the parameters, and moving least squares continue it to a new point: of the nearest
 solved cases with points ``ξ_i`` the weighted sum ``Σ c_i x_i`` is taken whose weights reproduce all polynomials of a
@@ -57,7 +57,7 @@ class Space:
 
 
 @dataclass(frozen=True)
-class Solution:
+class Neighbour:
     """What a converged case leaves to its neighbours: local values on this rank, as `Guess` has them."""
 
     key: str
@@ -74,30 +74,30 @@ class Neighbours:
     """Solutions of the cases of one reuse group that this group of ranks has solved; the same ones on all its ranks."""
 
     def __init__(self) -> None:
-        self._solutions: list[Solution] = []
+        self._neighbours: list[Neighbour] = []
 
     def __len__(self) -> int:
-        return len(self._solutions)
+        return len(self._neighbours)
 
-    def add(self, solution: Solution, largest: int) -> None:
+    def add(self, neighbour: Neighbour, largest: int) -> None:
         """Keep one more, at the cost of those that are farthest from it.
 
         Args:
             largest: bytes of a solution on the rank that has most.
         """
-        self._solutions.append(solution)
-        while len(self._solutions) * largest > MOST_BYTES and len(self._solutions) > 1:
-            self._solutions.pop(int(np.argmax(self._distances(solution.point))))
+        self._neighbours.append(neighbour)
+        while len(self._neighbours) * largest > MOST_BYTES and len(self._neighbours) > 1:
+            self._neighbours.pop(int(np.argmax(self._distances(neighbour.point))))
 
     def guess(self, point: Floats) -> tuple[Guess, str] | None:
         """What to begin with at a point, and the key of the nearest case; ``None`` if nothing is known."""
-        if not self._solutions:
+        if not self._neighbours:
             return None
         distances = self._distances(point)
         order = np.argsort(distances, kind="stable")
-        nearest = self._solutions[order[0]]
-        # Those on the other side of a branching point foretell another solution.
-        near = [self._solutions[i] for i in order if self._solutions[i].values.sign == nearest.values.sign]
+        nearest = self._neighbours[order[0]]
+        # Those on the other side of a branching point lead to another solution.
+        near = [self._neighbours[i] for i in order if self._neighbours[i].values.sign == nearest.values.sign]
         weights = _weights(np.stack([s.point for s in near]) - point)
         used = [(c, s.values) for c, s in zip(weights, near, strict=False) if c]
         u = sum((c * v.displacement for c, v in used), np.zeros_like(nearest.values.displacement))
@@ -107,7 +107,7 @@ class Neighbours:
         return Guess(u, p, nearest.values.sign), nearest.key
 
     def _distances(self, point: Floats) -> Floats:
-        return np.array([math.dist(s.point, point) for s in self._solutions])
+        return np.array([math.dist(s.point, point) for s in self._neighbours])
 
 
 def _weights(offsets: Floats) -> Floats:

@@ -44,9 +44,9 @@ def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:
 def _short(record: CaseRecord) -> CaseRecord:
     """Without what would fill the memory for thousands of cases: every iteration of every solve."""
     statistics: dict[str, Any] = {key: record.statistics[key] for key in _LOOKED_AT if key in record.statistics}
-    if legs := record.statistics.get("legs"):
+    if solutions := record.statistics.get("solutions"):
         counts = ("factorizations", "newton_iterations")
-        statistics["legs"] = [{key: leg[key] for key in counts} for leg in legs]
+        statistics["solutions"] = [{key: solution[key] for key in counts} for solution in solutions]
     if certificate := record.statistics.get("certificate"):
         statistics["certificate"] = {key: certificate[key] for key in ("verdict", "estimate")}
     # The message of an error has numbers of its own case; the summary's diagnosis is the same for all like it.

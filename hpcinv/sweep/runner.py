@@ -19,7 +19,7 @@ from hpcinv.methods.initial_guess import Guess
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.problem_cache import Workspace
-from hpcinv.sweep.neighbours import Neighbours, Solution
+from hpcinv.sweep.neighbours import Neighbour, Neighbours
 from hpcinv.sweep.queue import SweepTask
 
 if TYPE_CHECKING:
@@ -85,17 +85,17 @@ class SweepRunner(Runner[SweepTask]):
 
     def _remember(self, task: SweepTask, result: Result) -> None:
         """Keep the solution for the cases to come, unless it lies beyond a limit point or is not to be trusted."""
-        leg = result.legs[0]
-        signs = {sign for solve in leg.solves if solve.outcome.accepted for sign in solve.signs}
+        solution = result.solutions[0]
+        signs = {sign for solve in solution.solves if solve.outcome.accepted for sign in solve.signs}
         doubtful = len(signs) > 1 or result.certificate.verdict is Verdict.FAIL
         if not self.warm_start or result.accuracy is not None or doubtful:
             return
         if self.neighbours[0] != task.reuse_group:
             self.neighbours = task.reuse_group, Neighbours()
-        pressure = None if leg.pressure is None else leg.pressure.x.array.copy()
-        guess = Guess(leg.displacement.x.array.copy(), pressure, signs.pop() if signs else 0)
-        solution = Solution(task.claim.key, task.point, guess)
-        self.neighbours[1].add(solution, self.comm.allreduce(solution.bytes, op=MPI.MAX))
+        pressure = None if solution.pressure is None else solution.pressure.x.array.copy()
+        guess = Guess(solution.displacement.x.array.copy(), pressure, signs.pop() if signs else 0)
+        neighbour = Neighbour(task.claim.key, task.point, guess)
+        self.neighbours[1].add(neighbour, self.comm.allreduce(neighbour.bytes, op=MPI.MAX))
 
     def tidy(self, task: SweepTask, record: CaseRecord) -> None:
         directory = task.directory
@@ -123,5 +123,5 @@ def _summary(directory: RunDirectory) -> Mapping[str, Any] | None:
 
 
 def _began_with_guess(statistics: Mapping[str, Any]) -> bool:
-    solves = statistics["legs"][0]["solves"] if statistics else []
+    solves = statistics["solutions"][0]["solves"] if statistics else []
     return bool(solves) and all(solve["strategy"] == "guess" for solve in solves)

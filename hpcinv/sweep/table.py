@@ -25,8 +25,8 @@ OUTCOME: Mapping[str, Callable[[CaseRecord], Any]] = {
 }
 COSTS: Mapping[str, Callable[[CaseRecord], Any]] = {
     "seconds": lambda record: record.seconds,
-    "factorizations": lambda record: _of_legs(record, "factorizations"),
-    "newton_iterations": lambda record: _of_legs(record, "newton_iterations"),
+    "factorizations": lambda record: _of_solutions(record, "factorizations"),
+    "newton_iterations": lambda record: _of_solutions(record, "newton_iterations"),
     "unknowns": lambda record: record.statistics.get("mesh", {}).get("unknowns"),
     "ranks": lambda record: record.statistics.get("machine", {}).get("ranks"),
     "peak_memory": lambda record: max(record.statistics.get("peak_memory", {}).get("ranks", ()), default=None),
@@ -117,9 +117,9 @@ def _per(unit: str, of: str) -> str:
     return f"{unit or 1}/{below}" if of else unit
 
 
-def _of_legs(record: CaseRecord, key: str) -> int | None:
-    legs = record.statistics.get("legs", [])
-    return sum(leg[key] for leg in legs) if legs else None
+def _of_solutions(record: CaseRecord, key: str) -> int | None:
+    solutions = record.statistics.get("solutions", [])
+    return sum(solution[key] for solution in solutions) if solutions else None
 
 
 def _results(rows: list[CaseRecord | None]) -> Iterator[tuple[str, list[Any]]]:

@@ -46,20 +46,20 @@ def fail(name: str, comm: MPI.Intracomm, directory: Path, **changes: Any) -> tup
 
 
 def effort(result: Result) -> list[tuple[int, int]]:
-    """Newton iterations and factorizations of each leg."""
-    return [(leg["newton_iterations"], leg["factorizations"]) for leg in result.statistics["legs"]]
+    """Newton iterations and factorizations of each solution."""
+    return [(solution["newton_iterations"], solution["factorizations"]) for solution in result.statistics["solutions"]]
 
 
 def require_finite(statistics: Mapping[str, Any]) -> None:
     """What was not finite is ``None`` in a summary: there must be none where a number belongs."""
-    for part in ("legs", "quantities", "errors", "mesh", "timings", "peak_memory"):
+    for part in ("solutions", "quantities", "errors", "mesh", "timings", "peak_memory"):
         assert not _missing(statistics[part], part)
     for line in statistics.get("certificate", {}).get("lines", []):
         assert line["value"] is not None or line["verdict"] != "pass", line
 
 
 # Without a meaning for some methods and formulations.
-_OPTIONAL = ("gap", "pressure", "fallback")
+_OPTIONAL = ("position_residual", "pressure", "fallback")
 
 
 def _missing(value: Any, where: str) -> list[str]:

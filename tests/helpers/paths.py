@@ -53,9 +53,9 @@ def cube(share: float, analysis: str = "inverse", **solver: Any) -> Job:
 
 
 def tried(job: Job, comm: MPI.Intracomm) -> list[Solve]:
-    """Every solve of a job's first leg, whether it reaches the full load or not."""
+    """Every solve of a job's first solution, whether it reaches the full load or not."""
     body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
-    method = DirectMethod(Model(job, body, Timings()), job.legs[0])
+    method = DirectMethod(Model(job, body, Timings()), job.directions[0])
     solves = list(method.solves(0.0, resumed=False))
     method.equilibrium.destroy()
     return solves

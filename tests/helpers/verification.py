@@ -33,7 +33,7 @@ def job(**data: Any) -> Job:
 
 
 class Solved:
-    """A job's first leg in the hands of a test: solved to the end, its scene and body still there."""
+    """A job's first solution in the hands of a test: solved to the end, its scene and body still there."""
 
     def __init__(self, job: Job, comm: MPI.Intracomm) -> None:
         self.job = job
@@ -43,8 +43,8 @@ class Solved:
         self.kinematics = self.scene.kinematics
         self.x = ufl.SpatialCoordinate(self.body.mesh) * self.body.length_scale
 
-    def _solve(self, leg: int) -> list[Solve]:
-        self.scene: Scene = self.model.scene(self.job.legs[leg])
+    def _solve(self, direction_index: int) -> list[Solve]:
+        self.scene: Scene = self.model.scene(self.job.directions[direction_index])
         equilibrium = self.model.equilibrium(self.scene)
         solves = list(follow(equilibrium, self.model.steps, self.job.solver.tolerance))
         equilibrium.destroy()
@@ -52,7 +52,7 @@ class Solved:
         return solves
 
     def again(self) -> np.ndarray:
-        """Displacement (scaled) at the nodes after the second leg, which is solved on the body that the first found."""
+        """Displacement (scaled) at the nodes after the second direction, solved on the body that the first found."""
         u = self.model.unknowns.at_nodes(self.model.unknowns.displacement())
         self.body.mesh.geometry.x[:] += self.kinematics.sign * u
         self.model.unknowns.state.x.array[:] = 0.0

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from helpers.legs import corners
 from helpers.mesh_cases import spec
+from helpers.solutions import corners
 
 from hpcinv.mesh import build_body
 from hpcinv.model.quadrature_values import CellMeans, QuadratureValues

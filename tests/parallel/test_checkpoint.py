@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from dolfinx import fem
-from helpers.legs import SOLVES
 from helpers.mesh_cases import spec
+from helpers.solutions import SOLVES
 
 from hpcinv.errors import CheckpointError
 from hpcinv.mesh import Body, build_body

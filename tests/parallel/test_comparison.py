@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.legs import made_up
+from helpers.solutions import made_up
 from helpers.verification import HERE
 
 from hpcinv.errors import MeshError

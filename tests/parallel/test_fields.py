@@ -1,4 +1,4 @@
-"""The files for ParaView hold, at every point and in every cell, what the leg has there."""
+"""The files for ParaView hold, at every point and in every cell, what the solution has there."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.legs import Field, in_cells, made_up
 from helpers.mesh_cases import spec
+from helpers.solutions import Field, in_cells, made_up
 
 import hpcinv.output.vtk
 from hpcinv.errors import OutputError
@@ -68,7 +68,7 @@ def check(directory: Path, source: MeshSource, field: Field, *, is_linear: bool,
 
 
 @pytest.mark.parallel([1, 2])
-def test_fields_read_back_from_files_are_those_of_the_leg(
+def test_fields_read_back_from_files_are_those_of_the_solution(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path
 ) -> None:
     beam, box = ("pdms_beam.py", {"size": "4 mm"}), ("box.py", {"lx": "30 mm", "nx": 3, "hexahedra": True})
@@ -76,12 +76,12 @@ def test_fields_read_back_from_files_are_those_of_the_leg(
     for (file, parameters), displacement, geometry, region in cases:
         body = build_body(spec(meshes / file, parameters=parameters, geometry_degree=geometry), {}, comm)
         field, is_linear = (bending, False) if displacement == 2 else (stretching, True)
-        leg = made_up(body, "forward", field, degree=displacement, pressure=pressure)
-        # The mesh has moved since, as for the second leg of a round trip.
+        solution = made_up(body, "forward", field, degree=displacement, pressure=pressure)
+        # The mesh has moved since, as for the second solution of a round trip.
         body.mesh.geometry.x[:] *= 1.7
         before = body.mesh.geometry.x.copy()
         target = run_directory / "fields"
-        write_fields(target, body, leg)
+        write_fields(target, body, solution)
         assert comm.allreduce(np.array_equal(body.mesh.geometry.x, before), op=MPI.LAND)
         on_root(comm, lambda: check(target, body.source, field, is_linear=is_linear, region=region))  # noqa: B023
 
@@ -91,9 +91,9 @@ def test_fields_that_cannot_be_written_are_an_error_on_all_ranks_and_leave_the_o
     comm: MPI.Intracomm, meshes: Path, run_directory: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     body = build_body(spec(meshes / "box.py", parameters={"nx": 2}), {}, comm)
-    leg = made_up(body, "inverse", bending)
+    solution = made_up(body, "inverse", bending)
     target, before = run_directory / "fields", body.mesh.geometry.x.copy()
-    write_fields(target, body, leg)
+    write_fields(target, body, solution)
     old = {p.name: p.read_bytes() for p in target.iterdir()}
     assert not any(b"pressure" in content for content in old.values())  # the displacement form has none
 
@@ -108,9 +108,9 @@ def test_fields_that_cannot_be_written_are_an_error_on_all_ranks_and_leave_the_o
     for write in (fail, cut_short):
         monkeypatch.setattr(hpcinv.output.vtk, "_write", write)
         with pytest.raises(OutputError, match="cannot be written"):
-            write_fields(target, body, leg)
+            write_fields(target, body, solution)
         assert np.array_equal(body.mesh.geometry.x, before)
         assert {p.name: p.read_bytes() for p in target.iterdir()} == old
         comm.Barrier()
     with pytest.raises(OutputError, match="cannot be made"):
-        write_fields(run_directory / "fields" / "fields.pvd" / "below", body, leg)
+        write_fields(run_directory / "fields" / "fields.pvd" / "below", body, solution)

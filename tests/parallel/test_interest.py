@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.legs import made_up
 from helpers.mesh_cases import conditions, spec
+from helpers.solutions import made_up
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.sections import QuantityOfInterest
@@ -67,10 +67,10 @@ def test_points_and_regions_have_the_values_of_the_formulas(comm: MPI.Intracomm,
         body = build_body(mesh, conditions(corner="x <= 0 and y < 1 mm"), comm)
         before = body.mesh.geometry.x.copy()
         for direction, sign in (("forward", 1), ("inverse", -1)):
-            leg = made_up(body, direction, displacement)
-            body.mesh.geometry.x[:] = leg.other_nodes / body.length_scale  # moved on, to the next leg
-            found = evaluate([*at_points, *in_formula, *on.values()], body, leg)
-            assert np.array_equal(body.mesh.geometry.x, leg.other_nodes / body.length_scale)
+            solution = made_up(body, direction, displacement)
+            body.mesh.geometry.x[:] = solution.other_nodes / body.length_scale  # moved on, to the next solution
+            found = evaluate([*at_points, *in_formula, *on.values()], body, solution)
+            assert np.array_equal(body.mesh.geometry.x, solution.other_nodes / body.length_scale)
             body.mesh.geometry.x[:] = before
             assert comm.allgather(found) == [found] * comm.size
             for i, p in enumerate(points):
@@ -105,11 +105,11 @@ def test_quantities_that_the_body_does_not_have_are_told_on_all_ranks_before_the
     with pytest.raises(MeshError, match="no region 'to'"):
         check_points([quantity("typo", "ux", on="to", reduce="max")], body)
 
-    leg = made_up(body, "forward", displacement)
+    solution = made_up(body, "forward", displacement)
     before = body.mesh.geometry.x.copy()
     for bad in (quantity("root", "sqrt(X - 4 mm)", on="x0", reduce="max"), quantity("pole", "X/X", at=[0, 0, 0])):
         with pytest.raises(JobError, match=f"{bad.name}.*no finite value"):
-            evaluate([bad], body, leg)
+            evaluate([bad], body, solution)
         assert np.array_equal(body.mesh.geometry.x, before)
 
 
@@ -119,9 +119,9 @@ def test_nodes_of_a_region_count_once_where_it_ends_between_ranks(comm: MPI.Intr
     bar = spec(meshes / "box.py", parameters={"lx": 8.0, "nx": 8, "ny": 1, "nz": 1})
     regions = {f"b{k}": f"x < {k}.5" for k in range(8)} | {f"a{k}": f"x > {k}.5" for k in range(8)}
     body = build_body(bar, conditions(**regions), comm)
-    leg = made_up(body, "forward", np.zeros_like)
+    solution = made_up(body, "forward", np.zeros_like)
     for k in range(8):
         means = [quantity(f"{side}{k}", "X", on=f"{side}{k}", reduce="mean") for side in "ba"]
-        found = evaluate(means, body, leg)
+        found = evaluate(means, body, solution)
         assert found[f"b{k}"] == pytest.approx(k / 2, rel=1e-12)  # four nodes at each of 0, 1, …, k
         assert found[f"a{k}"] == pytest.approx((k + 9) / 2, rel=1e-12)

@@ -184,8 +184,8 @@ def test_a_job_has_the_answers_of_the_whole_mesh_and_its_shape_goes_back(
     # The undeformed shape sags into what was given. With straight cells only its nodes come back exactly, where they
     # are those of the displacement.
     back = solved("back", run_directory / "parted" / "shape.bp", analysis="forward", expected_shape={"file": str(bp)})
-    there = in_source_order(parted.body, parted.legs[0].mesh_nodes)
-    again = in_source_order(back.body, back.legs[0].other_nodes)
+    there = in_source_order(parted.body, parted.solutions[0].mesh_nodes)
+    again = in_source_order(back.body, back.solutions[0].other_nodes)
     gap = comm.allreduce(float(((there - again) ** 2).sum(axis=1).max(initial=0.0)), op=MPI.MAX) ** 0.5
     assert back.errors["expected_shape"]["max"] == pytest.approx(gap, rel=1e-6)
     assert back.quantities["top"] == pytest.approx(parted.quantities["top"], rel=0.02)

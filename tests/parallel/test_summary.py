@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from helpers.legs import made_up
+from helpers.solutions import made_up
 from helpers.verification import HERE
 
 from hpcinv.certificate import Certificate, Estimate, at_most, skipped
@@ -49,12 +49,12 @@ def result(comm: MPI.Intracomm) -> Result:
     body = build_body(made.mesh, made.regions, comm, resolve=made.resolve)
     zero = np.zeros_like
     there = made_up(body, "inverse", zero, pressure=lambda x: x[:, 0], J_range=(np.float64(0.9), np.inf))
-    legs = there, made_up(body, "forward", zero)
+    solutions = there, made_up(body, "forward", zero)
     quantities = {"tip": [1.0, -2.0, np.nan], "volume": np.float64(2.5)}
     closure = {"max": 1e-12, "rms": 1e-13, "relative": 1e-12}
     certificate = Certificate((at_most("residual", np.float64(1e-9), 1e-8, 1e-6), skipped("overlap", "switched off")))
     estimate = Estimate({"volume": 0.1}, {"volume": 2.6}, 1e-4, zero(body.mesh.geometry.x[:, 0]), 300)
-    return Result(made, body, legs, certificate, quantities, {"round_trip": closure}, estimate)
+    return Result(made, body, solutions, certificate, quantities, {"round_trip": closure}, estimate)
 
 
 def read(group: h5py.Group) -> dict[str, Any]:
@@ -113,7 +113,7 @@ def test_a_summary_is_finite_the_same_in_both_files_and_documented(comm: MPI.Int
     assert json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON")) == found
     with h5py.File(run_directory / "summary.h5") as file:
         assert same(read(file), found)
-        table = file["legs/0/solves/1/iterations"]
+        table = file["solutions/0/solves/1/iterations"]
         assert table.dtype["correction"].kind == "f"
         assert table["new_tangent"].tolist() == [True, False]
 
@@ -121,7 +121,7 @@ def test_a_summary_is_finite_the_same_in_both_files_and_documented(comm: MPI.Int
     assert found["fingerprint"] == json.loads(json.dumps(fingerprint(job())))
     assert found["mesh"]["cells"] == sum(found["partition"]["cells"]) == 48
     assert found["mesh"]["nodes"] == 27
-    inverse, forward = found["legs"]
+    inverse, forward = found["solutions"]
     assert (inverse["direction"], inverse["formulation"], inverse["degrees"]["pressure"]) == ("inverse", "mixed", 1)
     assert (forward["direction"], forward["formulation"], forward["degrees"]["pressure"]) == (
         "forward",

@@ -53,7 +53,7 @@ def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intrac
     given = job(**case)
     body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
     model = Model(given, body, Timings())
-    scene, supports = model.scene(given.legs[0]), model.supports
+    scene, supports = model.scene(given.directions[0]), model.supports
     with as_for(cells=1_000_000):
         ours = System(scene, supports, Timings())
     ours.set_load(0.7)

@@ -98,7 +98,7 @@ def test_moduli_of_the_registry_make_the_compiled_tangent(
     of: Any, direction: str, formulation: str, comm: MPI.Intracomm
 ) -> None:
     model = model_of(of(**common(direction, formulation)), comm)
-    scene, state = model.scene(model.job.legs[0]), model.unknowns.state
+    scene, state = model.scene(model.job.directions[0]), model.unknowns.state
     scene.parameters.set_load(0.7)
     parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]
     parts[0].interpolate(lambda x: 0.04 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
@@ -123,7 +123,7 @@ def test_moduli_of_the_registry_make_the_compiled_tangent(
 @pytest.mark.parametrize(("direction", "formulation"), [kind for kind in KINDS if kind != ("inverse", "mixed")])
 def test_every_part_of_a_scene_has_moduli(of: Any, direction: str, formulation: str, comm: MPI.Intracomm) -> None:
     model = model_of(of(**common(direction, formulation)), comm)
-    found = moduli_of(model.scene(model.job.legs[0]).residual, model.unknowns)
+    found = moduli_of(model.scene(model.job.directions[0]).residual, model.unknowns)
     assert len(found) == len(model.job.laws)
     assert all(len(moduli.pairs) >= (1 if formulation == "displacement" else 3) for moduli in found)
 
@@ -170,7 +170,7 @@ def test_a_residual_without_moduli_has_the_compiled_tangent_and_says_so(tmp_path
         large = run(parse(given, tmp_path / "job.yaml"), comm, progress=Progress(comm, log))
     note = "the tangent is assembled by DOLFINx, which takes two to three times as long: it has derivatives"
     assert note in log.getvalue()
-    assert large.statistics["legs"][0]["linear"]["note"].startswith(note)
-    assert small.statistics["legs"][0]["linear"]["note"] == ""
-    assert np.array_equal(small.legs[0].u, large.legs[0].u)
-    assert large.legs[0].largest_displacement > 1e-3
+    assert large.statistics["solutions"][0]["linear"]["note"].startswith(note)
+    assert small.statistics["solutions"][0]["linear"]["note"] == ""
+    assert np.array_equal(small.solutions[0].u, large.solutions[0].u)
+    assert large.solutions[0].largest_displacement > 1e-3

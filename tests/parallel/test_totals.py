@@ -33,7 +33,7 @@ def block(side: float, **changes: Any) -> dict[str, Any]:
 def totals(comm: MPI.Intracomm, **job: Any) -> Totals:
     case = parse(job, Path("job.yaml"))
     body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
-    return totals_of(Model(case, body, Timings()), case.legs[0])
+    return totals_of(Model(case, body, Timings()), case.directions[0])
 
 
 @pytest.mark.parallel([1, 2])

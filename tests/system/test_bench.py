@@ -38,7 +38,7 @@ def run(unknowns: int = 50_000, scale: float = 1.0) -> MeasuredRun:
     summary = {
         "status": "converged",
         "mesh": {"unknowns": unknowns},
-        "legs": [{"factorizations": 3, "newton_iterations": 5}],
+        "solutions": [{"factorizations": 3, "newton_iterations": 5}],
         "timings": {
             "phases": {name: {"min": 0.0, "max": scale * s} for name, s in SECONDS.items()},
             "total": scale * 120.0,

@@ -161,7 +161,7 @@ def test_a_load_that_is_not_reached_ends_with_a_diagnosis(tmp_path: Path) -> Non
     refused(done, 3, "stopped at load factor 0 of 1: Newton's method took too many iterations", "Raise solver.max")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["status"] == "Newton's method took too many iterations"
-    assert [s["outcome"] for s in summary["legs"][0]["solves"]] == ["ITERATION_LIMIT"]
+    assert [s["outcome"] for s in summary["solutions"][0]["solves"]] == ["ITERATION_LIMIT"]
     # A resume with better settings reaches it.
     write_job(tmp_path / "better.yaml", BEAM, analysis="forward")
     done = hpcinv(2, "resume", "out", "--job", "better.yaml", cwd=tmp_path)
@@ -256,7 +256,7 @@ def test_from_python_a_run_gives_its_result_and_writes_nothing(
     monkeypatch.chdir(tmp_path)
     result = api.run(api.load(cube), MPI.COMM_SELF)
     assert result.statistics["status"] == "converged"
-    assert result.statistics["legs"][0]["factorizations"] == result.legs[0].factorizations > 0
+    assert result.statistics["solutions"][0]["factorizations"] == result.solutions[0].factorizations > 0
     assert result.directory is None
     assert files_in(tmp_path) == {"cube.yaml"}
     assert capsys.readouterr().out == ""

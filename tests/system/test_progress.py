@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 from helpers.command_line import BLOCK, command, environment, hpcinv, write_job
-from helpers.legs import SOLVES
+from helpers.solutions import SOLVES
 
 from hpcinv.output.progress import Level, Progress
 from hpcinv.solver.linear.selection import Used
@@ -30,7 +30,7 @@ DIRECT = Used("direct", "at 9 unknowns, multigrid would take about 2 times as lo
 
 STATISTICS: dict[str, Any] = {
     "status": "converged",
-    "legs": [
+    "solutions": [
         {
             "direction": "inverse",
             "factorizations": 4,
@@ -274,7 +274,7 @@ def test_a_run_under_mpirun_tells_its_phases_and_logs_them(tmp_path: Path) -> No
     log = (tmp_path / "run" / "run.log").read_text()
     assert "python -m hpcinv run " in log
     assert "; 2 ranks on " in log
-    iterations = json.loads((tmp_path / "run" / "summary.json").read_text())["legs"][0]["newton_iterations"]
+    iterations = json.loads((tmp_path / "run" / "summary.json").read_text())["solutions"][0]["newton_iterations"]
     assert done.stdout.count("    iteration: ") == log.count("    iteration: ") == iterations
     for line in done.stdout.splitlines():
         assert line in log or line.startswith(("meshing", "checking", "writing")), line

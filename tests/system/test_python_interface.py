@@ -79,7 +79,7 @@ def test_a_result_is_plain_data(comm: MPI.Intracomm) -> None:
     data = result.to_dict()
     assert json.loads(json.dumps(data)) == data
     assert data["quantities"] == result.quantities
-    assert data["legs"][0]["largest_displacement"] == pytest.approx(result.legs[0].largest_displacement)
+    assert data["solutions"][0]["largest_displacement"] == pytest.approx(result.solutions[0].largest_displacement)
     data["quantities"].clear()
     assert result.to_dict()["quantities"] == result.quantities
 

@@ -48,7 +48,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A directory with the job, which starts with the straight beam."""
     place = tmp_path_factory.mktemp("restart")
     write_job(place / "beam.yaml", BEAM, **ROUND_TRIP, solver=FIXED)
-    write_job(place / "forward.yaml", BEAM, analysis="forward", solver=FIXED)  # its first leg alone
+    write_job(place / "forward.yaml", BEAM, analysis="forward", solver=FIXED)  # its first solution alone
     return place
 
 
@@ -62,7 +62,7 @@ def whole(place: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def killed(place: Path) -> Path:
-    """A run on two ranks that was killed at some moment after two steps of the first leg."""
+    """A run on two ranks that was killed at some moment after two steps of the first solution."""
     with Started(2, "run", "beam.yaml", "--output", "killed", cwd=place) as started:
         started.wait_for("load 0.375:")  # so that the first two are saved
         moment = random.uniform(0.0, 2.5)
@@ -89,8 +89,8 @@ def state(checkpoint: Path) -> dict[str, Any]:
 
 
 def steps_behind(position: dict[str, Any]) -> int:
-    """Accepted steps up to a checkpoint, over both legs."""
-    return position["leg"] * STEPS + round(position["load"] * STEPS)
+    """Accepted steps up to a checkpoint, over both solutions."""
+    return position["direction"] * STEPS + round(position["load"] * STEPS)
 
 
 def summary(run: Path) -> dict[str, Any]:
@@ -105,20 +105,20 @@ def assert_same_result(run: Path, whole: Path) -> None:
     found, reference = summary(run), summary(whole)
     assert found["status"] == "converged"
     assert all(error["max"] < 1e-9 * LENGTH for error in found["errors"].values())
-    for leg, other in zip(found["legs"], reference["legs"], strict=False):
-        assert leg["J"] == pytest.approx(other["J"], rel=1e-9)
-        assert leg["strain_energy"] == pytest.approx(other["strain_energy"], rel=1e-9)
-        assert [s["load"] for s in leg["solves"]] == [s["load"] for s in other["solves"]]
-        assert {s["outcome"] for s in leg["solves"]} <= {"CONVERGED", "ROUND_OFF"}
+    for solution, other in zip(found["solutions"], reference["solutions"], strict=False):
+        assert solution["J"] == pytest.approx(other["J"], rel=1e-9)
+        assert solution["strain_energy"] == pytest.approx(other["strain_energy"], rel=1e-9)
+        assert [s["load"] for s in solution["solves"]] == [s["load"] for s in other["solves"]]
+        assert {s["outcome"] for s in solution["solves"]} <= {"CONVERGED", "ROUND_OFF"}
 
 
 def assert_history_goes_on(run: Path, position: dict[str, Any], output: str) -> None:
     """The steps up to the checkpoint are in the summary as they were, and no others were solved again."""
-    for leg, before in zip(summary(run)["legs"], position["solves"], strict=False):
-        assert [s["load"] for s in leg["solves"][: len(before)]] == [s["load"] for s in before]
-        for after, solve in zip(leg["solves"], before, strict=False):
+    for solution, before in zip(summary(run)["solutions"], position["solves"], strict=False):
+        assert [s["load"] for s in solution["solves"][: len(before)]] == [s["load"] for s in before]
+        for after, solve in zip(solution["solves"], before, strict=False):
             assert [i["correction"] for i in after["iterations"]] == [i["correction"] for i in solve["iterations"]]
-    assert output.count("  load ") == len(summary(run)["legs"]) * STEPS - steps_behind(position)
+    assert output.count("  load ") == len(summary(run)["solutions"]) * STEPS - steps_behind(position)
 
 
 @pytest.mark.parametrize("ranks", [1, 3])
@@ -169,20 +169,22 @@ def test_a_signal_saves_and_ends_with_75_however_often_it_comes(name: str, to: s
 
 
 @pytest.fixture(scope="module")
-def stopped_in_second_leg(place: Path) -> Path:
+def stopped_in_second_direction(place: Path) -> Path:
     """Stopped by a signal; only the signal made it save, since checkpoints are far apart."""
     write_job(place / "rare.yaml", BEAM, **ROUND_TRIP, solver=FIXED, checkpoint={"every": 100})
-    with Started(2, "run", "rare.yaml", "--output", "second-leg", cwd=place) as started:
+    with Started(2, "run", "rare.yaml", "--output", "second-solution", cwd=place) as started:
         started.wait_for("inverse:")
         started.send(signal.SIGUSR1, [started.mpirun.pid])
         assert started.exit_code() == 75, started.text
-    return place / "second-leg"
+    return place / "second-solution"
 
 
-def test_a_signal_in_the_second_leg_keeps_the_first(stopped_in_second_leg: Path, whole: Path, tmp_path: Path) -> None:
-    run = Path(shutil.copytree(stopped_in_second_leg, tmp_path / "copy"))
+def test_a_signal_in_the_second_direction_keeps_the_first(
+    stopped_in_second_direction: Path, whole: Path, tmp_path: Path
+) -> None:
+    run = Path(shutil.copytree(stopped_in_second_direction, tmp_path / "copy"))
     position = state(newest(run))
-    assert position["leg"] == 1
+    assert position["direction"] == 1
     done = hpcinv(1, "resume", run, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "forward:\n  load" not in done.stdout
@@ -292,8 +294,8 @@ def test_a_generator_that_makes_other_cells_is_refused(copy: Path) -> None:
     assert_refused(run, because="cells: ")
 
 
-def test_other_settings_are_accepted_and_stay(stopped_in_second_leg: Path, whole: Path, tmp_path: Path) -> None:
-    run = Path(shutil.copytree(stopped_in_second_leg, tmp_path / "copy"))
+def test_other_settings_are_accepted_and_stay(stopped_in_second_direction: Path, whole: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(stopped_in_second_direction, tmp_path / "copy"))
     position = state(newest(run))
     changed = write_job(
         tmp_path / "changed.yaml",

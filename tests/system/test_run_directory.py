@@ -218,7 +218,7 @@ def test_a_run_that_was_stopped_before_it_saved_says_how_to_start_again(tmp_path
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["status"] == "stopped by a signal"
     assert summary["certificate"]["verdict"] == "fail"
-    assert summary["legs"] == []
+    assert summary["solutions"] == []
     assert summary["certificate"]["lines"][0]["value"] < 1
     assert "again with: mpirun -n 2 python -m hpcinv resume run" in started.text or "Go on with" in started.text
 

@@ -96,7 +96,7 @@ def statistics(
     return {
         "quantities": {"length": value},
         "mesh": {"unknowns": unknowns, "cells": unknowns},
-        "legs": [{"factorizations": 2, "newton_iterations": 3}],
+        "solutions": [{"factorizations": 2, "newton_iterations": 3}],
         "timings": {"total": total, "phases": {k: {"min": 0.0, "max": v} for k, v in phases.items()}},
         "peak_memory": {"ranks": [100, 200], "phases": {}},
         **more,
@@ -390,8 +390,8 @@ def test_a_study_ends_in_an_error_where_nothing_converged_or_nothing_can_be_comp
         )
     headers = (tmp_path / "b" / "out" / "table.csv").read_text().splitlines()[0].split(",")
     assert {"time [s]", "memory [B]"} <= set(headers), "the values are worth having all the same"
-    with pytest.raises(JobError, match=r"measure: the summary has no number at legs\[0\].strain"):
-        ended(Path("c"), [good(1.0)] * 5, measure=["length", "legs[0].strain"], reference={"all": 0})
+    with pytest.raises(JobError, match=r"measure: the summary has no number at solutions\[0\].strain"):
+        ended(Path("c"), [good(1.0)] * 5, measure=["length", "solutions[0].strain"], reference={"all": 0})
 
 
 def test_published_numbers_are_printed_beside_ours(
@@ -488,7 +488,7 @@ def test_the_table_has_every_run_with_its_value_error_and_cost(table: list[dict[
         assert float(row["length error"]) == pytest.approx(abs(alone.quantities["length"] - CLOSED_FORM), rel=1e-5)
         assert float(row["unknowns"]) == 3 * 3 * 3 * (2 * n + 1)
         assert float(row["cells"]) == 6 * n
-        assert float(row["factorizations"]) == alone.legs[0].factorizations
+        assert float(row["factorizations"]) == alone.solutions[0].factorizations
         assert (row["repetitions"], row["certificate"]) == ("2", alone.certificate.verdict.value)
         assert 0 < float(row["time_min"]) <= float(row["time"]) <= float(row["time_max"])
         assert float(row["solver"]) < float(row["run"]) == float(row["time"])

@@ -78,7 +78,7 @@ def series(**changes: Any) -> list[dict[str, Any]]:
         ({"reference": "best"}, "reference.all: must be a value (closed form), finest, richardson"),
         ({"reference": {"lenght": 1, "all": "finest"}}, "reference.lenght: is not measured. Did you mean 'length'?"),
         ({"reference": {"richardson": "P4"}}, "reference.all: there is no series 'P4'. Known: P2"),
-        ({"measure": ["length", "legs[0].J.min"]}, "reference: is needed for 'legs[0].J.min' too"),
+        ({"measure": ["length", "solutions[0].J.min"]}, "reference: is needed for 'solutions[0].J.min' too"),
         (
             {"cases": [{"random": {"material.mu": [1, 2]}}]},
             "cases[0].count: is needed: the number of points",
@@ -241,12 +241,12 @@ def test_keys_reach_into_jobs_and_summaries() -> None:
         "solver": {"petsc": {"ksp_type": "cg"}},
     }
     assert data == {"mesh": {"file": "a"}, "effects": [{"effect": "gravity"}]}, "the data are copied"
-    summary = {"legs": [{"n": 2, "J": {"min": 0.5}}, {"n": 3}, {"m": 1}], "quantities": {"tip": [1.0, None, 3.0]}}
-    assert look_up(summary, "legs[1].n") == 3.0
-    assert look_up(summary, "legs[].n") == 5.0
-    assert look_up(summary, "legs[0].J.min") == 0.5
+    summary = {"solutions": [{"n": 2, "J": {"min": 0.5}}, {"n": 3}, {"m": 1}], "quantities": {"tip": [1.0, None, 3.0]}}
+    assert look_up(summary, "solutions[1].n") == 3.0
+    assert look_up(summary, "solutions[].n") == 5.0
+    assert look_up(summary, "solutions[0].J.min") == 0.5
     assert look_up(summary, "quantities.tip[2]") == 3.0
-    for absent in ("legs[7].n", "legs[].k", "quantities.tip[1]", "quantities.top", "legs"):
+    for absent in ("solutions[7].n", "solutions[].k", "quantities.tip[1]", "quantities.top", "solutions"):
         assert look_up(summary, absent) is None
 
 

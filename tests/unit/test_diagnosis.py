@@ -86,8 +86,8 @@ def nowhere_to_go() -> Job:
 
 
 HOPELESS = {
-    "fold": (lambda: cube(1.25), Diagnosis.FOLD),
-    "fold that load steps meet": (lambda: cube(1.25, strategy="adaptive"), Diagnosis.FOLD),
+    "limit point": (lambda: cube(1.25), Diagnosis.LIMIT_POINT),
+    "limit point that load steps meet": (lambda: cube(1.25, strategy="adaptive"), Diagnosis.LIMIT_POINT),
     "sphere beyond its limit": (sphere_beyond_its_limit, Diagnosis.NO_UNDEFORMED_SHAPE),
     "law's limit": (
         lambda: bar({"law": "gent", "mu": 1e4, "jm": 0.5, "kappa": "incompressible"}, 1.5),
@@ -108,7 +108,7 @@ def test_reasons_are_told_apart(case: str, comm: MPI.Intracomm) -> None:
     make, reason = HOPELESS[case]
     hopeless = make()
     solves = tried(hopeless, comm)
-    found = diagnose(hopeless.legs[0], solves)
+    found = diagnose(hopeless.solutions[0], solves)
     load = max((s.load for s in solves if s.outcome.accepted), default=0.0)
     print(f"{case}: {found.name} at load factor {load:.4f}; {attempts(solves)}")
     assert found is reason
@@ -123,11 +123,11 @@ def path(*loads: float, turning: tuple[float, ...] = (), end: Outcome) -> list[S
 @pytest.mark.parametrize(
     ("solves", "expected"),
     [
-        (path(0.5, 0.8, turning=(0.8,), end=Outcome.FOLD), Diagnosis.FOLD),
+        (path(0.5, 0.8, turning=(0.8,), end=Outcome.LIMIT_POINT), Diagnosis.LIMIT_POINT),
         (path(0.9, 3.5, 3.1, turning=(3.5,), end=Outcome.VOLUME_CHANGED), Diagnosis.BEYOND_FULL_LOAD),
         (path(0.9, 3.5, 3.1, turning=(3.5,), end=Outcome.DIVERGED), Diagnosis.BEYOND_FULL_LOAD),
         (path(0.9, 3.4, end=Outcome.INVERTED), Diagnosis.BEYOND_FULL_LOAD),
-        (path(0.9, 1.5, 1.2, turning=(1.5, 1.2), end=Outcome.FOLD), Diagnosis.LEAST_LOAD),
+        (path(0.9, 1.5, 1.2, turning=(1.5, 1.2), end=Outcome.LIMIT_POINT), Diagnosis.LEAST_LOAD),
         (path(0.9, 3.4, end=Outcome.STEP_LIMIT), Diagnosis.STEP_LIMIT),
     ],
 )

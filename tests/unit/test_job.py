@@ -81,7 +81,7 @@ def test_a_job_is_read_in_si_with_defaults(load: Loader) -> None:
     job = load()
     assert job.job == "arm"
     assert job.analysis == "inverse"
-    assert job.legs == ("inverse",)
+    assert job.directions == ("inverse",)
     assert job.mesh.parameters == {"size": 0.002}
     assert job.mesh.partition == "metis"
     assert job.material.shear_modulus(job.material) == pytest.approx(2 * (101709.668 + 151065.460))
@@ -102,9 +102,9 @@ def test_a_job_is_immutable_and_travels_between_processes(load: Loader) -> None:
     assert copy.path == job.path
 
 
-def test_a_round_trip_has_two_legs(load: Loader) -> None:
-    assert load(lambda j: j.update(analysis="round_trip")).legs == ("inverse", "forward")
-    assert load(lambda j: j.update(analysis="round_trip", first="forward")).legs == ("forward", "inverse")
+def test_a_round_trip_has_two_directions(load: Loader) -> None:
+    assert load(lambda j: j.update(analysis="round_trip")).directions == ("inverse", "forward")
+    assert load(lambda j: j.update(analysis="round_trip", first="forward")).directions == ("forward", "inverse")
 
 
 def test_young_and_poisson_stand_for_the_lame_parameters(load: Loader) -> None:

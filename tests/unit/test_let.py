@@ -111,7 +111,7 @@ def test_long_formulas_are_formulas(comm: MPI.Intracomm) -> None:
     assert len(str(caught.value)) < 300
     mu = f"1 kPa*({' + '.join(terms[:120])})"
     result = package.run(elastic(material={"law": "neo-hookean", "mu": mu, "lam": "1 kPa"}, effects=[WEIGHT]), comm)
-    assert result.legs[0].solves[-1].outcome.accepted
+    assert result.solutions[0].solves[-1].outcome.accepted
 
 
 WEIGHT = {"effect": "gravity", "acceleration": ["9.81 m/s^2", 0, 0], "density": "100 kg/m^3"}
@@ -149,8 +149,8 @@ def everywhere(names: dict[str, str], *, let: bool) -> Job:
 def test_names_mean_the_same_as_what_they_stand_for(comm: MPI.Intracomm) -> None:
     named = package.run(everywhere({name: name for name in WRITTEN_OUT}, let=True), comm)
     plain = package.run(everywhere(WRITTEN_OUT, let=False), comm)
-    assert np.abs(named.legs[0].u).max(initial=0) > 1e-4
-    assert np.abs(named.legs[0].u - plain.legs[0].u).max(initial=0) < 1e-11
+    assert np.abs(named.solutions[0].u).max(initial=0) > 1e-4
+    assert np.abs(named.solutions[0].u - plain.solutions[0].u).max(initial=0) < 1e-11
     assert named.quantities["q"] == pytest.approx(plain.quantities["q"], rel=1e-9)
 
 

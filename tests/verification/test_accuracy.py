@@ -28,7 +28,7 @@ from hpcinv.mesh import build_body, read_source
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.leg import leg_of
+from hpcinv.results.solution import solution_of
 from hpcinv.solver.observer import SILENT
 from hpcinv.solver.problem import Model
 
@@ -69,15 +69,15 @@ def test_the_promise_holds_on_more_ranks(comm: MPI.Intracomm) -> None:
             assert found.statistics["mesh"]["unknowns"] == steps[found.statistics["accuracy"]["chosen"]]["unknowns"]
 
 
-def test_a_round_trip_begins_with_the_leg_that_was_made_accurate(comm: MPI.Intracomm) -> None:
+def test_a_round_trip_begins_with_the_solution_that_was_made_accurate(comm: MPI.Intracomm) -> None:
     (case,) = (c for c in cases() if c.name == "column, density of the body at rest")
     mesh = case.data["mesh"] | {"geometry_degree": 2}  # with which the way back is exact
     found = package.run(case.job(analysis="round_trip", mesh=mesh), comm)
     assert kept(case, found)
-    assert [leg.direction for leg in found.legs] == ["inverse", "forward"]
+    assert [solution.direction for solution in found.solutions] == ["inverse", "forward"]
     assert found.errors["round_trip"]["relative"] < 1e-11
     rows = found.statistics["accuracy"]["steps"]
-    assert found.legs[0].factorizations == sum(row["factorizations"] for row in rows)
+    assert found.solutions[0].factorizations == sum(row["factorizations"] for row in rows)
     # Each step began with the solution of the one before.
     assert all(row["factorizations"] < rows[0]["factorizations"] for row in rows[1:])
 
@@ -191,7 +191,7 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
         v.interpolate(lambda x, length=length: u(x * length))
         p.interpolate(lambda x, length=length: x[0] * length)
         there.set_solution(v, p)
-        begin_with(here, leg_of(there, "forward", there.scene("forward"), ()), there.body)
+        begin_with(here, solution_of(there, "forward", there.scene("forward"), ()), there.body)
         found, pressure = here.solution()
         assert pressure is not None
         length = here.body.length_scale

@@ -138,18 +138,20 @@ def test_the_turning_point_is_found_and_ends_the_path(first: float) -> None:
     system = truss(1.5 * TOP)
     solves = list(trace(system, ArcLengthSteps(first), 1e-12))
     assert [s.turning_point for s in solves[-2:]] == [True, False]
-    assert solves[-1].outcome is Outcome.FOLD
+    assert solves[-1].outcome is Outcome.LIMIT_POINT
     assert solves[-1].load * 1.5 == pytest.approx(1.0, abs=1e-8)
     assert system.x.array[0] == pytest.approx(TURNS[0], abs=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("share", "folds", "low", "high"), [(0.9, 1, TURNS[0], 1.0), (0.9, 2, 2.0, 3.0), (1.5, 2, 2.0, 3.0)]
+    ("share", "limit_points", "low", "high"), [(0.9, 1, TURNS[0], 1.0), (0.9, 2, 2.0, 3.0), (1.5, 2, 2.0, 3.0)]
 )
-def test_states_beyond_turning_points_are_found_in_order(share: float, folds: int, low: float, high: float) -> None:
+def test_states_beyond_turning_points_are_found_in_order(
+    share: float, limit_points: int, low: float, high: float
+) -> None:
     system = truss(share * TOP)
-    solves = list(trace(system, ArcLengthSteps(folds=folds), 1e-12))
-    assert sum(s.turning_point for s in solves) == folds
+    solves = list(trace(system, ArcLengthSteps(limit_points=limit_points), 1e-12))
+    assert sum(s.turning_point for s in solves) == limit_points
     assert (solves[-1].outcome, solves[-1].load) == (Outcome.CONVERGED, 1.0)
     assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - share * TOP, low, high), rel=1e-10)
 
@@ -157,9 +159,9 @@ def test_states_beyond_turning_points_are_found_in_order(share: float, folds: in
 def test_a_branch_that_ends_in_one_more_turning_point_than_allowed_says_so() -> None:
     """Beyond the maximum the load falls to its minimum at -TOP, and never meets the full load on the way."""
     system = truss(1.5 * TOP)
-    solves = list(trace(system, ArcLengthSteps(folds=1), 1e-12))
+    solves = list(trace(system, ArcLengthSteps(limit_points=1), 1e-12))
     assert [s.load * 1.5 for s in solves if s.turning_point] == pytest.approx([1.0, -1.0], abs=1e-7)
-    assert solves[-1].outcome is Outcome.FOLD
+    assert solves[-1].outcome is Outcome.LIMIT_POINT
 
 
 def test_snap_back_is_followed() -> None:
@@ -167,7 +169,7 @@ def test_snap_back_is_followed() -> None:
     system = truss_and_spring(1.5 * TOP, k)
     ends = []
     solves = []
-    for solve in trace(system, ArcLengthSteps(folds=2), 1e-12):
+    for solve in trace(system, ArcLengthSteps(limit_points=2), 1e-12):
         solves.append(solve)
         ends.append(system.x.array[1])
     w = root(lambda w: force(w) - 1.5 * TOP, 2.0, 3.0)
@@ -211,27 +213,27 @@ def test_a_correction_that_wanders_to_another_path_fails() -> None:
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 @pytest.mark.parallel([2])
 def test_two_shapes_carry_the_same_tension(analysis: str, comm: MPI.Intracomm) -> None:
-    for folds, low, high in ((0, 1.0, J_LIMIT), (1, J_LIMIT, 20.0)):
-        result = hpcinv.run(cube(0.9, analysis, folds=folds), comm)
+    for limit_points, low, high in ((0, 1.0, J_LIMIT), (1, J_LIMIT, 20.0)):
+        result = hpcinv.run(cube(0.9, analysis, limit_points=limit_points), comm)
         J = root(lambda J: tension(J) - 0.9 * LIMIT, low, high)
-        found = result.legs[0].J.x.array
-        print(f"{analysis}, {folds} turning points: J = {found[0]:.10f}, closed form {J:.10f}")
+        found = result.solutions[0].J.x.array
+        print(f"{analysis}, {limit_points} turning points: J = {found[0]:.10f}, closed form {J:.10f}")
         assert np.abs(found - J).max() < 1e-9 * J
-        assert sum(s.turning_point for s in result.legs[0].solves) == folds
+        assert sum(s.turning_point for s in result.solutions[0].solves) == limit_points
 
 
 def test_the_certificate_says_that_another_shape_carries_the_same_load(comm: MPI.Intracomm) -> None:
-    given = cube(0.9, folds=1)
+    given = cube(0.9, limit_points=1)
     asked = given.model_copy(update={"certificate": given.certificate.model_copy(update={"stability": True})})
     lines = {line.name: line for line in hpcinv.run(asked, comm).certificate.lines}
-    fold = lines["fold of the path"]
-    assert (fold.value, fold.verdict) == (1.0, Verdict.WARN)
-    assert "the path reaches the full load once before, where other shapes carry it" in fold.note
+    line = lines["limit points of the path"]
+    assert (line.value, line.verdict) == (1.0, Verdict.WARN)
+    assert "the path reaches the full load once before, where other shapes carry it" in line.note
 
 
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_the_largest_tension_is_told(analysis: str, comm: MPI.Intracomm, run_directory: Path) -> None:
-    with pytest.raises(SolveError, match=r"the load turns back here \(fold\)") as caught:
+    with pytest.raises(SolveError, match=r"the load reaches a maximum here \(limit point\)") as caught:
         hpcinv.run(cube(1.25, analysis), comm)
     reached = float(str(caught.value).split("load factor ")[1].split(" of")[0])
     assert reached == pytest.approx(0.8, abs=1e-5)
@@ -240,7 +242,7 @@ def test_the_largest_tension_is_told(analysis: str, comm: MPI.Intracomm, run_dir
 @pytest.mark.parallel([2])
 def test_a_run_interrupted_beyond_the_turning_point_goes_on_there(comm: MPI.Intracomm, run_directory: Path) -> None:
     file = run_directory / "cube.yaml"
-    on_root(comm, lambda: file.write_text(cube(0.9, folds=1).model_dump_json(exclude_unset=True)))
+    on_root(comm, lambda: file.write_text(cube(0.9, limit_points=1).model_dump_json(exclude_unset=True)))
     job, solves = hpcinv.load(file), list[Solve]()
 
     class Listener(Progress):
@@ -254,8 +256,8 @@ def test_a_run_interrupted_beyond_the_turning_point_goes_on_there(comm: MPI.Intr
         hpcinv.run(job, comm, directory=run_directory / "run", progress=Listener(comm, None), stop_asked=beyond)
     result = hpcinv.run(job, comm, directory=run_directory / "run", resume=True)
     J = root(lambda J: tension(J) - 0.9 * LIMIT, J_LIMIT, 20.0)
-    assert np.abs(result.legs[0].J.x.array - J).max() < 1e-9 * J
-    assert sum(s.turning_point for s in result.legs[0].solves) == 1
+    assert np.abs(result.solutions[0].J.x.array - J).max() < 1e-9 * J
+    assert sum(s.turning_point for s in result.solutions[0].solves) == 1
 
 
 # A thick balloon, incompressible: its pressure has a maximum.
@@ -289,21 +291,21 @@ def balloon(comm: MPI.Intracomm, share: float, *, hexahedra: bool, **solver: Any
 
 
 @pytest.mark.parametrize(
-    ("hexahedra", "folds", "radius_within", "limit_within"),
+    ("hexahedra", "limit_points", "radius_within", "limit_within"),
     [(True, 0, 1e-3, 0.0), (True, 1, 1e-3, 3e-4), (False, 1, 8e-3, 3e-3)],
     ids=["hexes before", "hexes beyond", "tets beyond"],
 )
 def test_balloon_before_and_beyond_its_largest_pressure(
-    hexahedra: bool, folds: int, radius_within: float, limit_within: float, comm: MPI.Intracomm
+    hexahedra: bool, limit_points: int, radius_within: float, limit_within: float, comm: MPI.Intracomm
 ) -> None:
-    low, high = (A_LIMIT, 6.0) if folds else (1.0, A_LIMIT)
+    low, high = (A_LIMIT, 6.0) if limit_points else (1.0, A_LIMIT)
     a = root(lambda a: pressure(a) - 0.9 * pressure(A_LIMIT), low, high)
-    result = balloon(comm, 0.9, hexahedra=hexahedra, folds=folds)
+    result = balloon(comm, 0.9, hexahedra=hexahedra, limit_points=limit_points)
     found = result.quantities["radius"]
-    print(f"{folds} turning points: inner radius {found:.6f}, closed form {a:.6f}")
+    print(f"{limit_points} turning points: inner radius {found:.6f}, closed form {a:.6f}")
     assert found == pytest.approx(a, rel=radius_within)
-    turned = [solve.load for solve in result.legs[0].solves if solve.turning_point]
-    assert len(turned) == folds
+    turned = [solve.load for solve in result.solutions[0].solves if solve.turning_point]
+    assert len(turned) == limit_points
     for load in turned:
         print(f"largest pressure: {0.9 * load:.6f} of the closed form's")
         assert 0.9 * load == pytest.approx(1.0, abs=limit_within)
@@ -364,9 +366,9 @@ def test_first_root_and_largest_pressure_of_a_sphere_that_softens(
     A = soft_sphere(comm, 2, 0.3, hexahedra=hexahedra).quantities["radius"]
     print(f"inner radius at rest {A:.7f}, closed form {first:.7f}")
     assert pytest.approx(first, rel=radius_within) == A
-    with pytest.raises(SolveError, match=r"the load turns back here \(fold\)") as caught:
+    with pytest.raises(SolveError, match=r"the load reaches a maximum here \(limit point\)") as caught:
         soft_sphere(comm, 2, 1.2, hexahedra=hexahedra)
-    assert "folds: 1" not in str(caught.value)  # beyond one limit point the load only falls
+    assert "limit_points: 1" not in str(caught.value)  # beyond one limit point the load only falls
     reached = 1.2 * float(str(caught.value).split("load factor ")[1].split(" of")[0])
     print(f"largest pressure {reached:.5f} Pa, closed form {SOFT_LIMIT:.7f}")
     assert reached == pytest.approx(SOFT_LIMIT, rel=limit_within)
@@ -375,8 +377,8 @@ def test_first_root_and_largest_pressure_of_a_sphere_that_softens(
 def test_second_root_of_a_sphere_that_softens_where_it_is_elliptic(comm: MPI.Intracomm) -> None:
     """Compared at the same share of the largest pressure: next to it, its own error decides on the radius."""
     p = 1.058
-    found = soft_sphere(comm, 3, p, hexahedra=True, folds=1)
-    (limit,) = (p * solve.load for solve in found.legs[0].solves if solve.turning_point)
+    found = soft_sphere(comm, 3, p, hexahedra=True, limit_points=1)
+    (limit,) = (p * solve.load for solve in found.solutions[0].solves if solve.turning_point)
     second = root(lambda A: soft_pressure(A) - p / limit * SOFT_LIMIT, ELLIPTIC_FROM, A_SOFT_LIMIT)
     A = found.quantities["radius"]
     print(f"largest pressure {limit:.5f} Pa, closed form {SOFT_LIMIT:.5f}")
@@ -392,7 +394,7 @@ def test_wrinkles_are_not_taken_for_the_second_root(comm: MPI.Intracomm) -> None
     """On coarse tetrahedra the path is lost just beyond the limit, at 1.0445 Pa."""
     found, said = None, ""
     try:
-        found = soft_sphere(comm, 2, 1.04, hexahedra=False, folds=1)
+        found = soft_sphere(comm, 2, 1.04, hexahedra=False, limit_points=1)
     except SolveError as error:
         said = str(error)
     if found is None:
@@ -404,9 +406,9 @@ def test_wrinkles_are_not_taken_for_the_second_root(comm: MPI.Intracomm) -> None
 def test_the_other_root_where_it_is_lost_is_said_with_advice_that_holds(comm: MPI.Intracomm) -> None:
     """Beyond a radius of 0.5 the equations are not elliptic; a coarse mesh does not come to the second root there."""
     with pytest.raises(SolveError, match="beyond the solution at full load that the path") as caught:
-        soft_sphere(comm, 2, 0.3, hexahedra=True, folds=1)
+        soft_sphere(comm, 2, 0.3, hexahedra=True, limit_points=1)
     assert "lower the load" not in str(caught.value).lower()
-    assert "'folds: 0'" in str(caught.value)
+    assert "'limit_points: 0'" in str(caught.value)
 
 
 # A thick sphere, compressible: how large was it, before a pressure made it as large as the balloon?
@@ -463,7 +465,7 @@ def test_a_compressible_sphere_at_rest(comm: MPI.Intracomm) -> None:
     A = radius_before(p)
     print(f"inner radius at rest {result.quantities['radius']:.6f}, by quadrature {A:.6f}")
     assert result.quantities["radius"] == pytest.approx(A, rel=1e-4)
-    assert len(result.legs[0].solves) > 2
+    assert len(result.solutions[0].solves) > 2
 
 
 # The rest
@@ -491,17 +493,20 @@ def test_load_cases_and_prescribed_displacements(comm: MPI.Intracomm) -> None:
         )
 
     arc = pushed(strategy="arc-length", initial_step=0.4)
-    assert {1 / 3, 2 / 3} < {s.load for s in arc.legs[0].solves}
+    assert {1 / 3, 2 / 3} < {s.load for s in arc.solutions[0].solves}
     assert np.abs(arc.shape - pushed().shape).max() < 1e-10
 
 
 @pytest.mark.parametrize(
     ("solver", "complaint"),
     [
-        ({"folds": 1}, "solver.folds: has no use with 'strategy: adaptive'; remove it, or take 'strategy: arc-length'"),
+        (
+            {"limit_points": 1},
+            "solver.limit_points: has no use with 'strategy: adaptive'; remove it, or take 'strategy: arc-length'",
+        ),
         ({"strategy": "fixed", "rescue": []}, "solver.rescue: has no use with 'strategy: fixed'"),
         ({"strategy": "arc-length", "steps": 3}, "solver.steps: has no use with 'strategy: arc-length'"),
-        ({"strategy": "arc-length", "folds": -1}, "solver.folds: "),
+        ({"strategy": "arc-length", "limit_points": -1}, "solver.limit_points: "),
         ({"rescue": ["prayer"]}, "solver.rescue"),
     ],
 )

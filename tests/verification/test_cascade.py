@@ -51,18 +51,18 @@ def carried(a: float) -> float:
 
 
 def winners(result: Result) -> list[str]:
-    return [attempt.strategy for attempt in attempts(result.legs[0].solves)]
+    return [attempt.strategy for attempt in attempts(result.solutions[0].solves)]
 
 
 def test_arc_length_reaches_a_load_of_which_the_smallest_step_is_too_large(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(sphere(30.0, radial=4, minimum_step=0.02), comm)
     found, exact = result.quantities["radius"], root(lambda a: carried(a) - 30.0, 1.01, 2.0)
-    failed, won = attempts(result.legs[0].solves)
+    failed, won = attempts(result.solutions[0].solves)
     print(f"inner radius {found:.5f}, closed form {exact:.5f}; {failed}, {won}")
     assert found == pytest.approx(exact, rel=1e-3)
     assert (failed.strategy, failed.load, won.strategy, won.load) == ("load steps", None, "arc-length", 1.0)
     assert won.outcome.accepted
-    assert failed.factorizations + won.factorizations == result.legs[0].factorizations
+    assert failed.factorizations + won.factorizations == result.solutions[0].factorizations
     assert won.factorizations < fallbacks.EFFORT["arc-length"]
 
 
@@ -98,9 +98,9 @@ def test_a_bulk_modulus_that_grows_reaches_a_load_that_steps_do_not(comm: MPI.In
     assert (winners(small), winners(grown)) == (["load steps"], ["load steps", "bulk-modulus"])
     assert np.abs(grown.shape - small.shape).max() < 1e-9
     stiff = bent(1e4, minimum_step=0.9)
-    print(attempts(stiff.legs[0].solves))
+    print(attempts(stiff.solutions[0].solves))
     assert winners(stiff) == ["load steps", "bulk-modulus"]
-    assert np.abs(stiff.legs[0].J.x.array - 1).max() < 1e-3  # the material is as stiff as it was given
+    assert np.abs(stiff.solutions[0].J.x.array - 1).max() < 1e-3  # the material is as stiff as it was given
 
 
 def failing(*_: Any, **__: Any) -> Iterator[Solve]:
@@ -114,7 +114,7 @@ def test_a_fixed_point_leads_to_the_direct_solution(comm: MPI.Intracomm, monkeyp
     result = hpcinv.run(sphere(0.2, "inverse", rescue=["anderson"], petsc=options), comm)
     assert winners(result) == ["load steps", "anderson"]
     assert np.abs(result.shape - direct.shape).max() < 1e-9
-    assert np.abs(result.legs[0].displacement.x.array - direct.legs[0].displacement.x.array).max() < 1e-9
+    assert np.abs(result.solutions[0].displacement.x.array - direct.solutions[0].displacement.x.array).max() < 1e-9
 
 
 def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
@@ -129,7 +129,7 @@ def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
 
 
 def test_nothing_is_tried_in_vain(comm: MPI.Intracomm) -> None:
-    """Beyond a fold, where no body can be in the state, and where the first tangent is singular."""
+    """Beyond a limit point, where no body can be in the state, and where the first tangent is singular."""
     beyond_fold = attempts(tried(cube(1.25), comm))
     no_shape = job(
         mesh=SPHERE,
@@ -146,7 +146,7 @@ def test_nothing_is_tried_in_vain(comm: MPI.Intracomm) -> None:
     print(beyond_fold)
     assert [attempt.strategy for attempt in beyond_fold] == ["arc-length"]
     assert {solve.strategy for solve in tried(nowhere_to_go, comm)} == {"load steps"}
-    # The limit load of a body that keeps no volume beyond it looks like a fold from below: that alone is looked for.
+    # The limit load of a body that keeps no volume beyond it looks like a limit point from below.
     solves = tried(no_shape, comm)
     assert {solve.strategy for solve in solves} <= {"load steps", "arc-length"}
     assert solves[-1].outcome is Outcome.VOLUME_CHANGED

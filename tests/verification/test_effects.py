@@ -104,7 +104,7 @@ def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:
         for first in DIRECTIONS:
             given = case(*names_with_a_load(name), hexahedra=hexahedra, analysis="round_trip", first=first)
             result = hpcinv.run(given, comm)
-            largest = comm.allreduce(float(np.linalg.norm(result.legs[0].u, axis=1).max()), op=MPI.MAX)
+            largest = comm.allreduce(float(np.linalg.norm(result.solutions[0].u, axis=1).max()), op=MPI.MAX)
             gap = result.errors["round_trip"]["max"] / largest
             cells = "hexahedra" if hexahedra else "tetrahedra"
             what = f"{name}, {cells}, {first} first: largest displacement {largest:.4f} m, closes to {gap:.1e} of it"

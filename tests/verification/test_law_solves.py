@@ -55,7 +55,7 @@ def linear(h: np.ndarray) -> list[str]:
 
 
 def there_and_back(law: str, hexahedra: bool, first: str, comm: MPI.Intracomm) -> tuple[float, float]:
-    """Size of the displacement, and of what the second leg does not bring back, relative to it."""
+    """Size of the displacement, and of what the second solution does not bring back, relative to it."""
     solved = Solved(case(law, hexahedra, analysis="round_trip", first=first), comm)
     there = solved.model.unknowns.at_nodes(solved.model.unknowns.displacement())
     back = solved.again()

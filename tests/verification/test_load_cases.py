@@ -41,7 +41,7 @@ BODY: dict[str, Any] = {
 
 @dataclass
 class LoadPath:
-    """Every accepted state (m) of a job's first leg by its load factor, and all solves."""
+    """Every accepted state (m) of a job's first solution by its load factor, and all solves."""
 
     states: dict[float, np.ndarray]
     solves: list[Solve]
@@ -51,7 +51,7 @@ class LoadPath:
         given = job(**BODY | {"analysis": "forward"} | data)
         body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
         model = Model(given, body, Timings())
-        equilibrium = model.equilibrium(model.scene(given.legs[0]))
+        equilibrium = model.equilibrium(model.scene(given.directions[0]))
         path = cls({}, [])
         for solve in follow(equilibrium, model.steps, given.solver.tolerance):
             path.solves.append(solve)
@@ -168,7 +168,7 @@ def test_a_run_stopped_between_cases_goes_on_with_the_next(tmp_path: Path) -> No
         )
     newest = max((tmp_path / "run" / "checkpoints").iterdir())
     position = json.loads((newest / "state.json").read_text())["position"]
-    assert (position["leg"], position["load"]) == (0, 0.5)
+    assert (position["direction"], position["load"]) == (0, 0.5)
 
     other = package.load(write_job(tmp_path / "other.yaml", base, load_cases=["push", "weight"]))
     with pytest.raises(CheckpointError, match=r"load_cases\[0\]: weight -> push"):
@@ -178,7 +178,7 @@ def test_a_run_stopped_between_cases_goes_on_with_the_next(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     assert "load 0.5:" not in done.stdout.partition("forward:")[0]
     summaries = [json.loads((tmp_path / name / "summary.json").read_text()) for name in ("whole", "run")]
-    loads = [[[s["load"] for s in leg["solves"]] for leg in found["legs"]] for found in summaries]
+    loads = [[[s["load"] for s in solution["solves"]] for solution in found["solutions"]] for found in summaries]
     assert loads[0] == loads[1]
     shapes = [
         read_source(spec(file), file).points for file in (tmp_path / name / "shape.msh" for name in ("whole", "run"))

@@ -81,14 +81,14 @@ def largest(comm: MPI.Intracomm, error: Any) -> float:
 
 def displacement_error(result: Result, exact: Callable[[np.ndarray], np.ndarray]) -> float:
     """Largest error (m) at the degrees of freedom."""
-    u, body = result.legs[0].displacement, result.body
+    u, body = result.solutions[0].displacement, result.body
     points = u.function_space.tabulate_dof_coordinates() * body.length_scale
     return largest(body.mesh.comm, u.x.array.reshape(-1, 3) - exact(points))
 
 
 def stress_error(result: Result, lower: np.ndarray, upper: np.ndarray) -> float:
     """Largest error (Pa) of the Cauchy stress in cells of the two layers."""
-    stress = result.legs[0].cauchy_stress
+    stress = result.solutions[0].cauchy_stress
     dofs = stress.function_space.dofmap.list[:, 0]
     is_lower = np.zeros(len(dofs), dtype=bool)
     is_lower[result.body.cells("lower")] = True
@@ -184,7 +184,7 @@ def test_sheared_layers_of_two_laws_one_of_them_incompressible(comm: MPI.Intraco
         along = g1 * np.minimum(z, HEIGHT) + g2 * np.maximum(z - HEIGHT, 0.0)
         return np.stack([along, 0 * z, 0 * z], axis=1)
 
-    pressure = result.legs[0].pressure
+    pressure = result.solutions[0].pressure
     assert pressure is not None
     errors = {
         "displacement": displacement_error(result, exact),

@@ -42,20 +42,20 @@ def test_one_symbolic_analysis_serves_the_run(solver: dict[str, Any], comm: MPI.
     symbolic, numeric = times_logged("MatLUFactorSym"), times_logged("MatLUFactorNum")
     result = beam(comm, direction="inverse", **solver)
     assert times_logged("MatLUFactorSym") - symbolic == 1
-    assert times_logged("MatLUFactorNum") - numeric == result.legs[0].factorizations
+    assert times_logged("MatLUFactorNum") - numeric == result.solutions[0].factorizations
 
 
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_reuse_and_steps_do_not_change_the_answer(direction: str, comm: MPI.Intracomm) -> None:
     default = beam(comm, direction=direction)
     careful = beam(comm, direction=direction, strategy="fixed", steps=10, reuse_tangent=False)
-    assert default.legs[0].factorizations * 3 < careful.legs[0].factorizations
+    assert default.solutions[0].factorizations * 3 < careful.solutions[0].factorizations
     assert np.abs(default.shape - careful.shape).max() < 1e-10 * 0.182
 
 
 def test_step_that_would_turn_too_far_is_shortened_beforehand(comm: MPI.Intracomm) -> None:
     result = beam(comm, load=2.0)
-    solves = result.legs[0].solves
+    solves = result.solutions[0].solves
     assert solves[0].load < 1.0
     assert all(s.outcome.accepted for s in solves)
     small_steps = beam(comm, load=2.0, initial_step=0.05)
@@ -80,7 +80,7 @@ def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.
         )
         for solver in ({}, {"initial_step": 0.1})
     )
-    outcomes = [s.outcome for s in sheared.legs[0].solves]
+    outcomes = [s.outcome for s in sheared.solutions[0].solves]
     assert not outcomes[0].accepted
     assert outcomes[-1].accepted
     assert np.abs(sheared.shape - small_steps.shape).max() < 1e-10
@@ -88,7 +88,7 @@ def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.
 
 @pytest.mark.parametrize(("load", "most"), [(1.0, 8), (2.0, 14), (4.0, 18), (8.0, 20)])
 def test_forward_beam_takes_few_factorizations(load: float, most: int, comm: MPI.Intracomm) -> None:
-    assert beam(comm, load=load).legs[0].factorizations <= most
+    assert beam(comm, load=load).solutions[0].factorizations <= most
 
 
 def test_slender_beam_of_stiff_volume_needs_no_rescue(comm: MPI.Intracomm) -> None:
@@ -104,8 +104,8 @@ def test_slender_beam_of_stiff_volume_needs_no_rescue(comm: MPI.Intracomm) -> No
         ),
         comm,
     )
-    assert {s.strategy for s in result.legs[0].solves} == {"load steps"}
-    assert result.legs[0].factorizations <= 25
+    assert {s.strategy for s in result.solutions[0].solves} == {"load steps"}
+    assert result.solutions[0].factorizations <= 25
 
 
 def test_a_correction_that_would_invert_an_element_is_backed_off_from(comm: MPI.Intracomm) -> None:
@@ -122,8 +122,8 @@ def test_a_correction_that_would_invert_an_element_is_backed_off_from(comm: MPI.
         ),
         comm,
     )
-    assert squeezed.legs[0].solves[-1].outcome.accepted
-    assert squeezed.legs[0].J_range[0] > 0
+    assert squeezed.solutions[0].solves[-1].outcome.accepted
+    assert squeezed.solutions[0].J_range[0] > 0
 
 
 def test_a_load_that_cannot_be_reached_ends_with_a_diagnosis(comm: MPI.Intracomm) -> None:

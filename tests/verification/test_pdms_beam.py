@@ -71,8 +71,8 @@ def test_beam_comes_back_straight_and_every_number_of_ranks_agrees(comm: MPI.Int
     result = beam("3 mm", comm, analysis="round_trip", first="forward")
     print(f"{comm.size} rank(s): round trip closes to {result.errors['round_trip']['max']:.1e} m")
     assert result.errors["round_trip"]["max"] < 1e-9 * LENGTH
-    assert result.legs[0].factorizations <= 9
-    assert result.legs[1].factorizations <= 6
+    assert result.solutions[0].factorizations <= 9
+    assert result.solutions[1].factorizations <= 6
     # The same shape from one rank alone, computed on every rank by itself.
     alone = beam("3 mm", MPI.COMM_SELF)
     nodes = in_source_order(result.body, result.shape)

@@ -78,7 +78,7 @@ def check_squeezed(analysis: str, comm: MPI.Intracomm) -> None:
     result = package.run(squeezed(analysis=analysis, sensitivities=asked), comm)
     found, exact, s = of(result), slopes_of_stretch(), stretch()
     assert comm.allgather(found.as_data()) == [found.as_data()] * comm.size
-    given = result.legs[0].mesh_nodes
+    given = result.solutions[0].mesh_nodes
     pressure = sum(found.nodes[f"effects[{i}].pressure"] for i in range(3))
     per_stretch = 1.0 if analysis == "forward" else -1 / s**2
     by_name = {"mu": found.nodes["material.mu"], "lam": found.nodes["material.lam"], "pressure": pressure}
@@ -158,7 +158,7 @@ def test_a_shear_that_its_boundary_prescribes(comm: MPI.Intracomm) -> None:
     data = {"mesh": box(), "effects": [], "supports": [shear], "sensitivities": {key: 0.01}}
     result = package.run(squeezed(analysis="inverse", **data), comm)
     found, exact = of(result), np.zeros((27, 3))
-    exact[:, 0] = result.legs[0].mesh_nodes[:, 1]  # of X = x - u
+    exact[:, 0] = result.solutions[0].mesh_nodes[:, 1]  # of X = x - u
     np.testing.assert_allclose(found.nodes[key], exact, rtol=0, atol=1e-12)
     assert found.slopes["energy"][key] == pytest.approx(MU * 0.3, rel=1e-10)
     assert found.deviations["corner"] == pytest.approx([0.01, 0, 0], abs=1e-12)
@@ -297,7 +297,7 @@ def test_young_and_poisson_are_the_same_law_by_other_numbers(comm: MPI.Intracomm
         np.testing.assert_allclose(nodes[f"material.{name}"], expected, rtol=0, atol=1e-12 * size)
 
 
-def test_of_a_round_trip_it_is_the_first_leg(comm: MPI.Intracomm) -> None:
+def test_of_a_round_trip_it_is_the_first_solution(comm: MPI.Intracomm) -> None:
     keys = {"material.mu": 100.0}
     alone = of(package.run(squeezed(analysis="inverse", sensitivities=keys), comm))
     result = package.run(squeezed(analysis="round_trip", sensitivities=keys), comm)

@@ -40,7 +40,7 @@ def test_there_and_back(first: str, law: str, density_in: str, comm: MPI.Intraco
             ),
             comm,
         )
-        there, back = result.legs
+        there, back = result.solutions
         assert (there.direction, back.direction)[0] == first
         assert np.abs(there.u).max() > 1e-2  # not a test of nothing
         error = np.linalg.norm(back.u - there.u)

@@ -220,8 +220,10 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     moved = np.abs(found.x.array - u.x.array).max() / np.abs(u.x.array).max()
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
     nodes = body.mesh.geometry.x * length
-    leg: Any = SimpleNamespace(solution=(found, p), displacement=found, pressure=p, reference_nodes=nodes, solves=())
-    line, _ = stability(model, leg)
+    solution: Any = SimpleNamespace(
+        solution=(found, p), displacement=found, pressure=p, reference_nodes=nodes, solves=()
+    )
+    line, _ = stability(model, solution)
     print(line)
     assert (line.value, line.verdict) == (unstable, Verdict.FAIL if unstable else Verdict.PASS)
     model.destroy()
@@ -330,7 +332,10 @@ def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Pat
     found = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
     assert found["verdict"] == "not decided"
     undecided = [line["name"] for line in found["lines"] if line["verdict"] == "not decided"]
-    assert undecided == ["stability", "fold of the path"]  # the spurious mode changes the determinant's sign too
+    assert undecided == [
+        "stability",
+        "limit points of the path",
+    ]  # the spurious mode changes the determinant's sign too
 
 
 @pytest.mark.parametrize(("verdict", "strict"), [("pass", 0), ("not decided", 7), ("warning", 7), ("fail", 6)])

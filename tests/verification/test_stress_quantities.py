@@ -22,8 +22,8 @@ from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.leg import leg_of
 from hpcinv.results.quantities_of_interest import check_points, evaluate
+from hpcinv.results.solution import solution_of
 from hpcinv.solver.problem import Model
 
 GOOD = {"mesh": box(), "material": NEO_HOOKEAN, "supports": [{"region": "x0", "fix": ["x", "y", "z"]}]}
@@ -54,10 +54,10 @@ def values(
     u, length = model.unknowns.displacement(), body.length_scale
     u.interpolate(lambda x: displacement(x * length) / length)
     model.unknowns.set_displacement(u)
-    leg = leg_of(model, its.legs[0], model.scene(its.legs[0]), ())
+    solution = solution_of(model, its.directions[0], model.scene(its.directions[0]), ())
     model.unknowns.state.x.array[:] = 0.0
-    body.mesh.geometry.x[:] *= 1.1  # moved on, to another leg
-    found = evaluate(quantities, body, leg, model)
+    body.mesh.geometry.x[:] *= 1.1  # moved on, to another solution
+    found = evaluate(quantities, body, solution, model)
     assert comm.allgather(found) == [found] * comm.size
     return [found[q.name] for q in quantities]
 
@@ -203,8 +203,8 @@ def test_stresses_in_a_thick_sphere_at_a_point_and_on_its_boundary(comm: MPI.Int
             ),
             comm,
         )
-        leg = leg_of(solved.model, "inverse", solved.scene, tuple(solved.solves))
-        found = evaluate([q for q, _ in asked], solved.body, leg, solved.model)
+        solution = solution_of(solved.model, "inverse", solved.scene, tuple(solved.solves))
+        found = evaluate([q for q, _ in asked], solved.body, solution, solved.model)
         return np.abs([found[q.name] / value - 1 for q, value in asked])
 
     coarse, fine = errors(4), errors(8)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hpcinv.mesh import Body
     from hpcinv.output.result import Result
     from hpcinv.parallel.timings import Timings
-    from hpcinv.results.leg import Leg
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.equilibrium import Solve
 
 
@@ -55,7 +55,7 @@ def statistics(
         "mesh": _mesh(body) | {"file": job.mesh.file, "unknowns": unknowns},
         "body": result.totals and result.totals.as_data(),
         "partition": _partition(body),
-        "legs": [_leg(leg, job.discretisation.displacement) for leg in result.legs],
+        "solutions": [_solution(solution, job.discretisation.displacement) for solution in result.solutions],
         "unused_petsc_options": list(unused_options),
         "quantities": dict(result.quantities),
         "sensitivities": result.sensitivities and result.sensitivities.as_data(),
@@ -106,28 +106,28 @@ def _partition(body: Body) -> dict[str, Any]:
     }
 
 
-def _leg(leg: Leg, displacement: int) -> dict[str, Any]:
-    pressure = None if leg.pressure is None else leg.pressure.function_space.ufl_element().degree
+def _solution(solution: Solution, displacement: int) -> dict[str, Any]:
+    pressure = None if solution.pressure is None else solution.pressure.function_space.ufl_element().degree
     return {
-        "direction": leg.direction,
+        "direction": solution.direction,
         "formulation": "displacement" if pressure is None else "mixed",
         "degrees": {"displacement": displacement, "pressure": pressure},
-        "load": leg.load,
-        "factorizations": leg.factorizations,
-        "iterations": sum(s.gap is not None for s in leg.solves),
-        "newton_iterations": sum(len(s.iterations) for s in leg.solves),
-        "linear": leg.linear
+        "load": solution.load,
+        "factorizations": solution.factorizations,
+        "iterations": sum(s.position_residual is not None for s in solution.solves),
+        "newton_iterations": sum(len(s.iterations) for s in solution.solves),
+        "linear": solution.linear
         and {
-            "preset": leg.linear.preset,
-            "why": leg.linear.why,
-            "iterations": sum(s.linear_iterations for s in leg.solves),
-            "fallback": leg.linear.fallback,
-            "note": leg.linear.note,
+            "configuration": solution.linear.configuration,
+            "why": solution.linear.why,
+            "iterations": sum(s.linear_iterations for s in solution.solves),
+            "fallback": solution.linear.fallback,
+            "note": solution.linear.note,
         },
-        "largest_displacement": leg.largest_displacement,
-        "J": {"min": leg.J_range[0], "max": leg.J_range[1]},
-        "strain_energy": leg.strain_energy,
-        "solves": [_solve(s) for s in leg.solves],
+        "largest_displacement": solution.largest_displacement,
+        "J": {"min": solution.J_range[0], "max": solution.J_range[1]},
+        "strain_energy": solution.strain_energy,
+        "solves": [_solve(s) for s in solution.solves],
     }
 
 
@@ -140,7 +140,7 @@ def _solve(solve: Solve) -> dict[str, Any]:
         "factorizations": solve.factorizations,
         "signs": list(solve.signs),
         "linear_iterations": solve.linear_iterations,
-        "gap": solve.gap,
+        "position_residual": solve.position_residual,
         "iterations": [{name: getattr(i, name) for name in names} for i in solve.iterations],
     }
 

@@ -1,1 +1,1 @@
-"""Linear solvers: two presets, and the rule that chooses between them."""
+"""Linear solvers: two configurations, and the rule that chooses between them."""

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from hpcinv.solver.petsc_options import Value
 
 
-class Preset(ABC):
+class Configuration(ABC):
     """A linear solver for the tangent: PETSc options, and what options cannot say.
 
     Attributes:

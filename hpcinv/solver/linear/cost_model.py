@@ -21,7 +21,7 @@ from hpcinv.parallel.runtime import MPI
 if TYPE_CHECKING:
     from hpcinv.model.spaces import Unknowns
 
-FACTORIZATIONS, CORRECTIONS = 4, 8  # of a typical leg
+FACTORIZATIONS, CORRECTIONS = 4, 8  # of a typical solution
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What the tangents of a leg cost with either solver, in seconds of one core, and memory in bytes.
+    """Cost of the tangents of one solution with either solver, in seconds of one core, and memory in bytes.
 
     Args:
         unknowns: their number.

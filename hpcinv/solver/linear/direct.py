@@ -15,14 +15,14 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.solver.linear.configuration import Preset
+from hpcinv.solver.linear.configuration import Configuration
 from hpcinv.solver.petsc_options import Value
 
 _ASYMMETRY = 1e-13  # of rounding errors in the assembly; that of a load without potential is larger by far
 _NO_MEMORY = frozenset({-8, -9, -11, -13, -14, -15, -17, -18, -19, -20})  # INFOG(1), MUMPS users' guide, ch. 8
 
 
-class Direct(Preset):
+class Direct(Configuration):
     """MUMPS.
 
     Args:
@@ -42,7 +42,7 @@ class Direct(Preset):
             "ksp_type": "preonly",
             "pc_type": "lu",
             "pc_factor_mat_solver_type": "mumps",
-            "mat_mumps_icntl_33": 1,  # the determinant, whose sign tells whether a path crossed a fold
+            "mat_mumps_icntl_33": 1,  # the determinant, whose sign tells whether a path passed a limit point
             "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
         }
 

@@ -35,7 +35,7 @@ from hpcinv.model.rigid_motions import Frame
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.linear.configuration import Preset
+from hpcinv.solver.linear.configuration import Configuration
 from hpcinv.solver.linear.convergence_test import Settling
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ _RESIDUAL = 1e-5  # relative, at which a correction is taken at the latest
 _SAME = 0.05
 
 
-class Iterative(Preset):
+class Iterative(Configuration):
     """FGMRES, preconditioned by multigrid for the displacements and a scaled mass matrix for the pressures.
 
     Args:

@@ -1,4 +1,4 @@
-"""Which preset a linear solver has: the one that the job names, or what size, shape and memory speak for."""
+"""Which configuration a linear solver has: the one that the job names, or what size, shape and memory speak for."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ if TYPE_CHECKING:
     from hpcinv.model.spaces import Unknowns
 
 _WORTH = 1.5  # a factorization tells more than a solution: signs along the path, and a failure at once
-_PATIENCE = 3  # times the Krylov iterations that are forecast for all corrections of a leg, in one solve of Newton's
+_PATIENCE = (
+    3  # times the Krylov iterations that are forecast for all corrections of a solution, in one solve of Newton's
+)
 _ROOM = 0.8  # share of the memory that factors may take
 _OWN = frozenset({"ksp_type", "pc_type"})
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A preset, and why it was taken.
+    """A configuration, and why it was taken.
 
     Attributes:
         other: what is tried where it fails, ``None`` for nothing.
@@ -29,7 +31,7 @@ class Choice:
         budget: Krylov iterations after which one solve of Newton's method is given up with the iterative solver.
     """
 
-    preset: str
+    configuration: str
     why: str
     other: str | None = None
     is_own: bool = False
@@ -38,13 +40,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class Used:
-    """The linear solver of a leg: its preset at the end, why that was chosen, and why another one had been left.
+    """The linear solver of a solution: its last configuration, why that was chosen, and why another one was left.
 
     Attributes:
         note: what is unusual in how the tangent is assembled; empty if nothing is.
     """
 
-    preset: str
+    configuration: str
     why: str
     fallback: str | None
     note: str = ""
@@ -78,9 +80,9 @@ class Chooser:
 
     def choose(self, solver: Solver) -> Choice:
         """What ``solver.linear`` asks for, or the faster one that there is memory for."""
-        if own := _OWN & set(solver.petsc):  # which would take the place of what another preset needs
-            preset = "iterative" if solver.linear == "iterative" else "direct"
-            return Choice(preset, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
+        if own := _OWN & set(solver.petsc):  # which would take the place of what another configuration needs
+            configuration = "iterative" if solver.linear == "iterative" else "direct"
+            return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         fallback = "direct" if self.can_factorize else None
         if solver.linear == "iterative":
             return Choice("iterative", "the job asks for it", fallback, budget=self._budget)

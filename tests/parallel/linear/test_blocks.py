@@ -28,7 +28,7 @@ def free(material: dict[str, Any], analysis: str, comm: MPI.Intracomm) -> tuple[
     given = job(mesh=box((2, 2, 2)), material=material, supports=supports, analysis=analysis)
     model = Model(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
     model.supports.conditions = []
-    assembly = System(model.scene(given.legs[0]), model.supports, Timings())
+    assembly = System(model.scene(given.directions[0]), model.supports, Timings())
     x = model.unknowns.state.x.array
     x[:] = 0.01 * np.random.default_rng(0).standard_normal(len(x))
     assembly.residual(assembly.rhs)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.verification import Solved, job
 from petsc4py import PETSc
-from test_presets import BEAM, MATERIALS, SHELF
+from test_configurations import BEAM, MATERIALS, SHELF
 
 from hpcinv import run
 from hpcinv.parallel.petsc_vectors import norm
@@ -69,8 +69,8 @@ def test_the_solvers_own_limits_hold(comm: MPI.Intracomm) -> None:
 def test_the_jobs_own_tolerance_wins(comm: MPI.Intracomm) -> None:
     def iterations(**petsc: Any) -> int:
         solver = {"linear": "iterative", "petsc": petsc}
-        (leg,) = run(job(**SHELF, material=MATERIALS["incompressible"], solver=solver), comm).legs
-        return sum(s.linear_iterations for s in leg.solves)
+        (solution,) = run(job(**SHELF, material=MATERIALS["incompressible"], solver=solver), comm).solutions
+        return sum(s.linear_iterations for s in solution.solves)
 
     usual = iterations()
     assert usual < iterations(ksp_rtol=1e-5) < iterations(ksp_rtol=1e-8)
@@ -79,7 +79,7 @@ def test_the_jobs_own_tolerance_wins(comm: MPI.Intracomm) -> None:
 def correction(equilibrium: Equilibrium, *, precise: bool) -> tuple[PETSc.Vec, int]:
     """The first one from the unloaded body, and the Krylov iterations it took."""
     x = equilibrium.system.rhs.duplicate()
-    equilibrium.linear.preset.set_accuracy(precise=precise)
+    equilibrium.linear.configuration.set_accuracy(precise=precise)
     assert equilibrium.linear.back_substitute(equilibrium.system.rhs, x)
     return x, equilibrium.linear.take_iterations()
 

@@ -35,11 +35,11 @@ def submit_slowly(batch: Batch, *words: object, **env: str) -> str:
 def assert_finished(run: Path) -> list[float]:
     """The result is that of a run which nothing stopped, and no step was taken twice; gives all loads."""
     summary: dict[str, Any] = json.loads((run / "summary.json").read_text())
-    (leg,) = summary["legs"]
-    loads = [solve["load"] for solve in leg["solves"]]
+    (solution,) = summary["solutions"]
+    loads = [solve["load"] for solve in solution["solves"]]
     assert summary["status"] == "converged"
     assert summary["machine"]["ranks"] == 2
-    assert leg["strain_energy"] == pytest.approx(STRAIN_ENERGY, rel=1e-12)
+    assert solution["strain_energy"] == pytest.approx(STRAIN_ENERGY, rel=1e-12)
     assert all(earlier < later for earlier, later in pairwise(loads))
     assert loads[:2] == [1e-4, 2e-4]
     assert loads[-1] == 1.0

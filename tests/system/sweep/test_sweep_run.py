@@ -125,7 +125,7 @@ def test_a_signal_saves_the_case_at_hand_and_the_next_run_goes_on_with_it(tmp_pa
     assert ended.returncode == 0
     for record in records_of(sweep).values():
         assert record is not None
-        assert [s["load"] for s in record.statistics["legs"][0]["solves"]] == pytest.approx(
+        assert [s["load"] for s in record.statistics["solutions"][0]["solves"]] == pytest.approx(
             [(i + 1) / 400 for i in range(400)]
         )
 

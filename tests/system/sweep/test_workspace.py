@@ -64,9 +64,9 @@ PAIRS = {
 
 def differs(one: Result, other: Result) -> float:
     """Largest difference of shapes, relative to the displacement."""
-    leg = one.legs[-1]
-    gap = float(np.abs(leg.other_nodes - other.legs[-1].other_nodes).max(initial=0.0))
-    return leg.displacement.function_space.mesh.comm.allreduce(gap, op=MPI.MAX) / leg.largest_displacement
+    solution = one.solutions[-1]
+    gap = float(np.abs(solution.other_nodes - other.solutions[-1].other_nodes).max(initial=0.0))
+    return solution.displacement.function_space.mesh.comm.allreduce(gap, op=MPI.MAX) / solution.largest_displacement
 
 
 @pytest.mark.parallel([1, 2])
@@ -80,11 +80,11 @@ def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intr
         again = run(before, comm, workspace=workspace)
     assert differs(alone, found) < 1e-11
     assert differs(run(before, comm), again) < 1e-11
-    assert found.legs[0].strain_energy == pytest.approx(alone.legs[0].strain_energy, rel=1e-10)
+    assert found.solutions[0].strain_energy == pytest.approx(alone.solutions[0].strain_energy, rel=1e-10)
     assert found.quantities == pytest.approx(alone.quantities, rel=1e-10)
-    assert np.abs(found.legs[0].cauchy_stress.x.array - alone.legs[0].cauchy_stress.x.array).max() < 1e-8 * np.abs(
-        alone.legs[0].cauchy_stress.x.array
-    ).max(initial=1.0)
+    assert np.abs(
+        found.solutions[0].cauchy_stress.x.array - alone.solutions[0].cauchy_stress.x.array
+    ).max() < 1e-8 * np.abs(alone.solutions[0].cauchy_stress.x.array).max(initial=1.0)
 
 
 def test_what_two_runs_share_is_made_once(comm: MPI.Intracomm) -> None:
@@ -141,14 +141,14 @@ def test_only_numbers_may_differ_within_a_reuse_group() -> None:
 @pytest.mark.parallel([1, 2])
 def test_a_run_from_a_guess_ends_where_it_ends_without(comm: MPI.Intracomm) -> None:
     near, wanted = block(9.8e3), block()
-    alone, there = run(wanted, comm), run(near, comm).legs[0]
+    alone, there = run(wanted, comm), run(near, comm).solutions[0]
     u = there.displacement.x.array
     warm = run(wanted, comm, guess=Guess(u, None))
-    assert [s.strategy for s in warm.legs[0].solves] == ["guess"]
+    assert [s.strategy for s in warm.solutions[0].solves] == ["guess"]
     assert differs(alone, warm) < 1e-11
     # Far from any solution it is given up, and the run begins with the unloaded body; so where the sign is another.
     for guess in (Guess(-40 * u, None), Guess(u, None, sign=-there.solves[-1].signs[-1])):
         cold = run(wanted, comm, guess=guess)
-        assert [s.strategy for s in cold.legs[0].solves][:2] == ["guess", "load steps"]
-        assert not cold.legs[0].solves[0].outcome.accepted
+        assert [s.strategy for s in cold.solutions[0].solves][:2] == ["guess", "load steps"]
+        assert not cold.solutions[0].solves[0].outcome.accepted
         assert differs(alone, cold) < 1e-13  # on two ranks MUMPS adds up in the order in which messages arrive

@@ -78,13 +78,13 @@ def test_chunky_bodies_are_solved_iteratively_and_slender_ones_directly(
     chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
     chooser.forecast = Forecast(unknowns, 2, shape)
     chosen = chooser.choose(job(**SOFT, mesh=box()).solver)
-    assert chosen.preset == expected
+    assert chosen.configuration == expected
     assert "times as long" in chosen.why
     assert chosen.other is not None
 
 
 @pytest.mark.parametrize(
-    ("ratio", "preset", "why"),
+    ("ratio", "configuration", "why"),
     [
         (1.6, "iterative", "factorizations would take about 1.6 times as long as multigrid"),
         (
@@ -96,22 +96,22 @@ def test_chunky_bodies_are_solved_iteratively_and_slender_ones_directly(
     ],
 )
 def test_the_reason_that_is_told_is_the_one_that_decided(
-    ratio: float, preset: str, why: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+    ratio: float, configuration: str, why: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
     monkeypatch.setattr(Forecast, "direct", property(lambda forecast: ratio * forecast.iterative))
     chosen = chooser.choose(job(**SOFT, mesh=box()).solver)
-    assert chosen.preset == preset
+    assert chosen.configuration == configuration
     assert chosen.why.split(" of them in a cut across, ")[1].startswith(why)
-    assert ("it is taken" in chosen.why) == (preset == "direct" and ratio > 1)
+    assert ("it is taken" in chosen.why) == (configuration == "direct" and ratio > 1)
 
 
 @pytest.mark.parallel([1, 2])
 def test_without_memory_for_factors_nothing_is_factorized(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hpcinv.solver.linear.selection, "available", lambda comm: 1e5)
     result = run(job(**SOFT, mesh=box((3, 3, 3)), certificate={"round_trip": "near"}), comm)
-    used = result.statistics["legs"][0]["linear"]
-    assert used["preset"] == "iterative"
+    used = result.statistics["solutions"][0]["linear"]
+    assert used["configuration"] == "iterative"
     assert used["why"].startswith("factors would take 0.0")
     lines = {line.name: line for line in result.certificate.lines}
     for name in ("stability", "discretisation error of the shape, relative to the displacement"):

@@ -28,7 +28,7 @@ from hpcinv.parallel.processes import Identity
 
 KEY, OTHER = "ab" + 18 * "0", "ab" + 18 * "1"
 DONE = CaseRecord("converged", "", {"quantities": {"length": 0.1}}, 1.5, 1)
-FAILED = CaseRecord("a fold of the path", "more steps", {}, 0.1, 1, OTHER)
+FAILED = CaseRecord("a limit points of the path", "more steps", {}, 0.1, 1, OTHER)
 
 
 @pytest.fixture

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from hpcinv.methods.initial_guess import Guess
-from hpcinv.sweep.neighbours import Neighbours, Solution, Space
+from hpcinv.sweep.neighbours import Neighbour, Neighbours, Space
 
 
 def known(points: np.ndarray, field: object, signs: list[int] | None = None) -> Neighbours:
     neighbours = Neighbours()
     for i, point in enumerate(points):
         values = Guess(field(point), field(point)[:1], signs[i] if signs else 1)  # type: ignore[operator]
-        neighbours.add(Solution(str(i), point, values), largest=16)
+        neighbours.add(Neighbour(str(i), point, values), largest=16)
     return neighbours
 
 
@@ -67,7 +67,7 @@ def test_solutions_beyond_a_branching_point_are_left_out() -> None:
 def test_memory_is_bounded() -> None:
     neighbours = Neighbours()
     for i in range(10):
-        neighbours.add(Solution(str(i), np.array([i / 10]), Guess(np.zeros(2), None)), largest=100_000_000)
+        neighbours.add(Neighbour(str(i), np.array([i / 10]), Guess(np.zeros(2), None)), largest=100_000_000)
         assert len(neighbours) <= 2
     _, key = neighbours.guess(np.array([1.0])) or pytest.fail("nothing is known")
     assert key == "9"

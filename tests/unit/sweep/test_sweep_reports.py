@@ -32,7 +32,7 @@ from hpcinv.sweep.status import Status, follow, lines, status
 from hpcinv.sweep.table import as_hdf5, columns, units
 
 MU, DENSITY = "material.mu", "effects[0].density"
-FOLD = "no equilibrium"
+NO_EQUILIBRIUM = "no equilibrium"
 
 
 def plan(directory: Path, *axes: dict[str, Any], **more: Any) -> SweepPlan:
@@ -41,11 +41,11 @@ def plan(directory: Path, *axes: dict[str, Any], **more: Any) -> SweepPlan:
 
 def statistics(**changes: Any) -> dict[str, Any]:
     """The parts of a summary that are looked at."""
-    legs = [{"factorizations": 3, "newton_iterations": 7}, {"factorizations": 2, "newton_iterations": 5}]
+    solutions = [{"factorizations": 3, "newton_iterations": 7}, {"factorizations": 2, "newton_iterations": 5}]
     whole: dict[str, Any] = {
         "mesh": {"unknowns": 375},
         "machine": {"ranks": 2},
-        "legs": legs,
+        "solutions": solutions,
         "quantities": {"top": -0.25},
         "certificate": {"verdict": "pass", "lines": [], "estimate": None},
         "peak_memory": {"ranks": [100, 300], "phases": {}},
@@ -57,7 +57,7 @@ def good(seconds: float = 1.0, **changes: Any) -> CaseRecord:
     return CaseRecord("converged", "", statistics(**changes), seconds, 1)
 
 
-def bad(status: str = FOLD, seconds: float = 1.0) -> CaseRecord:
+def bad(status: str = NO_EQUILIBRIUM, seconds: float = 1.0) -> CaseRecord:
     return CaseRecord(status, "Lower the load.", {}, seconds, 1)
 
 
@@ -168,7 +168,7 @@ def test_the_status_counts_cases_by_where_they_stand(
         now = look(found)
         who = str(holder.identity)
     assert (now.converged, now.open, now.done, now.total) == (2, 1, 5, 7)
-    assert now.failed == {FOLD: ("case 3, mu 30000", "case 5, mu 50000"), "too slow": ("case 4, mu 40000",)}
+    assert now.failed == {NO_EQUILIBRIUM: ("case 3, mu 30000", "case 5, mu 50000"), "too slow": ("case 4, mu 40000",)}
     assert now.running == {who: 1}
     assert now.seconds == 2 * 2.0  # two are left, of which one is running; the median of 2, 4, 3, 1 and 1 s
     assert lines(now) == [
@@ -254,7 +254,7 @@ def test_the_table_has_a_row_for_each_case_in_si(tmp_path: Path) -> None:
     assert table[DENSITY] == [case.parameters[DENSITY] for case in found.cases]
     assert table["method"] == ["direct"] * 6
     assert table["parameters.certificate"] == ["False"] * 6  # 'certificate' is the verdict
-    assert table["status"] == ["converged", "open", "open", FOLD, "converged", "open"]
+    assert table["status"] == ["converged", "open", "open", NO_EQUILIBRIUM, "converged", "open"]
     assert table["certificate"] == ["warning", "", "", "", "pass", ""]
     assert table["top"] == [-0.25, None, None, None, -0.125, None]
     assert table["top estimated error"] == [1e-6, None, None, None, None, None]
@@ -353,7 +353,7 @@ def test_samples_are_points_over_two_parameters(tmp_path: Path) -> None:
     files = plot(found, records, "failures", [MU, DENSITY]).files
     assert groups(files) == ["outcome-0", "outcome-1"]
     assert [drawn(files, name) for name in groups(files)] == [16, 16]
-    assert f">{FOLD} (16)<" in files["svg"].decode()
+    assert f">{NO_EQUILIBRIUM} (16)<" in files["svg"].decode()
 
 
 def test_a_diagram_tells_which_cases_it_leaves_out(

@@ -182,7 +182,7 @@ def test_the_command_line_tells_it_once_and_ends_with_2(tmp_path: Path) -> None:
 def test_a_load_on_a_held_face_moves_nothing_and_is_warned_of(comm: MPI.Intracomm) -> None:
     result = solve("load-on-a-held-face", comm)
     assert result.quantities["largest-displacement"] == 0.0
-    assert result.legs[0].solves[-1].outcome.accepted
+    assert result.solutions[0].solves[-1].outcome.accepted
     case = job("load-on-a-held-face")
     (line,) = idle_loads(Model(case, build_body(case.mesh, case.regions, comm, resolve=case.resolve), Timings()))
     print(line)

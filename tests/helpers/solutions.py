@@ -1,4 +1,4 @@
-"""Legs that no solver made: displacement and pressure given by formulas, for tests of what is made of a leg."""
+"""Solutions given by formulas for displacement and pressure, for tests of what is computed from a solution."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dolfinx import fem
 
 from hpcinv.mesh import Body
 from hpcinv.model.outcome import Outcome
-from hpcinv.results.leg import Leg
+from hpcinv.results.solution import Solution
 from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.newton import NewtonIteration
 
@@ -25,8 +25,8 @@ SOLVES = (
 
 def made_up(
     body: Body, direction: Any, u: Field, *, degree: int = 2, pressure: Field | None = None, **other: Any
-) -> Leg:
-    """A leg on the body's mesh with these fields; the values in cells are those of `in_cells`."""
+) -> Solution:
+    """A solution on the body's mesh with these fields; the values in cells are those of `in_cells`."""
     nodes = body.mesh.geometry.x * body.length_scale
     cells = {name: fem.Function(fem.functionspace(body.mesh, ("DG", 0, shape))) for name, shape in CELLS.items()}
     for name, function in cells.items():
@@ -44,7 +44,7 @@ def made_up(
         "strain_energy": 1.5,
         "solves": SOLVES,
     }
-    return Leg(**(made | other))
+    return Solution(**(made | other))
 
 
 CELLS: dict[str, tuple[int, ...]] = {"J": (), "cauchy_stress": (3, 3)}

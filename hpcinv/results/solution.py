@@ -23,7 +23,7 @@ type Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Leg:
+class Solution:
     """One direction of an analysis, solved.
 
     Attributes:
@@ -64,7 +64,7 @@ class Leg:
         return self.mesh_nodes + self.sign * self.u
 
     @property
-    def solution(self) -> tuple[Function, Function | None]:
+    def fields(self) -> tuple[Function, Function | None]:
         """Displacement (m) and pressure (Pa)."""
         return self.displacement, self.pressure
 
@@ -87,14 +87,14 @@ class Leg:
         return sum(s.factorizations for s in self.solves)
 
 
-def leg_of(
+def solution_of(
     model: Model,
     direction: Direction,
     scene: Scene,
     solves: tuple[Solve, ...],
     load: float = 1.0,
     linear: Used | None = None,
-) -> Leg:
+) -> Solution:
     """The model's present state, a solution at a load factor, and what follows from it, in SI units; collective."""
     body, length, stress = model.body, model.scales.length, model.scales.stress
     with model.timings("compile"):
@@ -104,7 +104,7 @@ def leg_of(
         u, p = model.solution()
         sigma = means.cauchy_stress()
         sigma.x.array[:] *= stress
-        return Leg(
+        return Solution(
             direction=direction,
             mesh_nodes=body.mesh.geometry.x * length,
             u=model.unknowns.at_nodes(u),

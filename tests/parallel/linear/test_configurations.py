@@ -46,9 +46,9 @@ BEAM: dict[str, Any] = {
 def both(comm: MPI.Intracomm, **data: Any) -> tuple[Result, Result]:
     """The same job with either solver, and no other strategy to help."""
     direct, iterative = (run(job(**data, solver={"linear": name, "rescue": []}), comm) for name in PRESETS)
-    assert direct.statistics["legs"][0]["linear"]["iterations"] == 0
-    used = iterative.statistics["legs"][0]["linear"]
-    assert used["preset"] == "iterative"
+    assert direct.statistics["solutions"][0]["linear"]["iterations"] == 0
+    used = iterative.statistics["solutions"][0]["linear"]
+    assert used["configuration"] == "iterative"
     assert used["fallback"] is None
     return direct, iterative
 
@@ -69,28 +69,28 @@ def test_they_do_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
 
 def agree_on(material: str, analysis: str, comm: MPI.Intracomm) -> None:
     direct, iterative = both(comm, **SHELF, material=MATERIALS[material], analysis=analysis)
-    size = direct.legs[0].largest_displacement
+    size = direct.solutions[0].largest_displacement
     assert size > 0.05
     difference = np.abs(direct.shape - iterative.shape).max(initial=0.0)
     assert comm.allreduce(difference, op=MPI.MAX) < 1e-10 * size
-    leg = iterative.legs[0]
-    corrections = sum(len(s.iterations) for s in leg.solves)
-    assert sum(s.linear_iterations for s in leg.solves) < 45 * corrections  # whatever the ratio of the moduli is
+    solution = iterative.solutions[0]
+    corrections = sum(len(s.iterations) for s in solution.solves)
+    assert sum(s.linear_iterations for s in solution.solves) < 45 * corrections  # whatever the ratio of the moduli is
 
 
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_a_slender_body_that_turns_far_is_solved_iteratively(analysis: str, comm: MPI.Intracomm) -> None:
     direct, iterative = both(comm, **BEAM, analysis=analysis)
     assert np.abs(direct.shape - iterative.shape).max() < 1e-9 * 0.182
-    assert [s.load for s in iterative.legs[0].solves] == [1.0]
+    assert [s.load for s in iterative.solutions[0].solves] == [1.0]
 
 
 @pytest.mark.parallel([1, 2])
 def test_a_preset_that_fails_gives_way_and_the_summary_says_so(comm: MPI.Intracomm) -> None:
     hurried = {"linear": "iterative", "petsc": {"ksp_max_it": 3}}
     result = run(job(**SHELF, material=MATERIALS["incompressible"], solver=hurried), comm)
-    used = result.statistics["legs"][0]["linear"]
-    assert used["preset"] == "direct"
+    used = result.statistics["solutions"][0]["linear"]
+    assert used["configuration"] == "direct"
     assert used["fallback"] == "the iterative solver did not converge: direct from there on"
     right = run(job(**SHELF, material=MATERIALS["incompressible"]), comm)
     assert np.abs(result.shape - right.shape).max(initial=0.0) < 1e-10
@@ -151,7 +151,7 @@ def test_krylov_iterations_of_a_solve_are_bounded_and_the_direct_solver_takes_ov
     monkeypatch.setattr(hpcinv.solver.linear.selection, "_PATIENCE", 0.2)
     scene = SHELF | {"material": MATERIALS["incompressible"]}
     result = run(job(**scene, solver={"linear": "iterative"}), comm)
-    used = result.statistics["legs"][0]["linear"]
+    used = result.statistics["solutions"][0]["linear"]
     assert used["fallback"] == "the iterative solver did not converge: direct from there on"
     assert 0 < used["iterations"] < 100
     right = run(job(**scene, solver={"linear": "direct"}), comm)
@@ -166,10 +166,10 @@ def test_without_memory_for_another_solver_it_ends_with_a_diagnosis(
     listener = Listener(comm)
     with pytest.raises(SolveError, match=r"iterative linear solver did not converge .* not enough memory"):
         run(job(**SHELF, material=MATERIALS["incompressible"]), comm, progress=listener)
-    (leg,) = listener.statistics["legs"]
-    assert {solve["outcome"] for solve in leg["solves"]} == {"KRYLOV_LIMIT"}
-    assert leg["linear"]["iterations"] < 300
-    assert {solve["strategy"] for solve in leg["solves"]} == {"load steps"}  # others would do no better
+    (solution,) = listener.statistics["solutions"]
+    assert {solve["outcome"] for solve in solution["solves"]} == {"KRYLOV_LIMIT"}
+    assert solution["linear"]["iterations"] < 300
+    assert {solve["strategy"] for solve in solution["solves"]} == {"load steps"}  # others would do no better
 
 
 def factor_type(comm: MPI.Intracomm, **data: Any) -> str:
