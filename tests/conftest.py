@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.batches import IN_BATCH, Batches, RankOfBatch
 
 from hpcinv.parallel.runtime import MPI
 
@@ -22,6 +23,14 @@ if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
     os.environ["PYTHONPYCACHEPREFIX"] = str(ROOT / ".pytest_cache" / "bytecode")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Start mpiexec once for several tests on the same number of ranks."""
+    if IN_BATCH in os.environ:
+        config.pluginmanager.register(RankOfBatch())
+    elif MPI.COMM_WORLD.size == 1:
+        config.pluginmanager.register(Batches())
+
+
 def pytest_xdist_auto_num_workers() -> int:
     """Two tests at a time, so that kernels compile side by side; the ranks of a parallel test share its one process."""
     return 0 if "_PYTEST_MPI_CHILD_PROCESS" in os.environ else min(2, os.cpu_count() or 1)
@@ -32,6 +41,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if UNIT in item.path.parents and not any(item.iter_markers("slow")) and not any(item.iter_markers("parallel")):
             item.add_marker("fast")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_by_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A temporary directory that is the same for all workers of pytest-xdist."""
+    directory = tmp_path_factory.getbasetemp()
+    return directory.parent if "PYTEST_XDIST_WORKER" in os.environ else directory
 
 
 @pytest.fixture

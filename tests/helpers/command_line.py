@@ -17,7 +17,7 @@ import yaml
 ROOT = Path(__file__).parents[2]
 MPIRUN = Path(sys.executable).parent / "mpirun"
 # A test of its own never takes this long; a run that hangs is ended by mpirun.
-PATIENCE = 120
+PATIENCE = 300
 
 # Without what costs a solve.
 NO_CERTIFICATE: dict[str, Any] = {"round_trip": "off", "stability": False, "estimate": False, "overlap": False}

@@ -1,0 +1,93 @@
+"""One start of mpiexec for several tests on the same number of ranks.
+
+mpi-pytest starts mpiexec for each test on more than one rank, and each rank loads DOLFINx: two to three seconds of
+processor time before the test begins. Here the first test of a batch runs the whole batch in one start, and the
+others of the batch have passed if all of it has. If not, each is run alone, as mpi-pytest does, and shows its failure.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import subprocess
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+from pytest_mpi.plugin import CHILD_PROCESS_FLAG
+
+from hpcinv.parallel.runtime import MPI
+
+LARGEST = 16
+"""Tests in a batch: in one process, with all kernels to be compiled, they end within some minutes."""
+IN_BATCH = "HPCINV_TESTS_IN_BATCH"
+"""Environment variable that the ranks of a batch have."""
+QUIET = ("--tb=no", "--no-summary", "--no-header", "--disable-warnings", "--show-capture=no")
+
+
+def ranks_of(item: pytest.Item) -> int:
+    """Number of ranks that a test runs on, which mpi-pytest has attached as a marker."""
+    return next((n for n in range(2, 17) if any(item.iter_markers(f"parallel[{n}]"))), 1)
+
+
+class Batch:
+    """Tests that run on ``ranks`` ranks in one start of mpiexec."""
+
+    def __init__(self, name: str, ranks: int, tests: list[str], root: Path) -> None:
+        self.name, self.ranks, self.tests, self.root = name, ranks, tests, root
+
+    def has_passed(self, directory: Path) -> bool:
+        """Run the batch, unless another worker of pytest-xdist did; ``directory`` is the one that all workers share."""
+        with (directory / f"{self.name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            result = directory / self.name
+            if not result.exists():
+                result.write_text("passed" if self._run() == 0 else "failed")
+            return result.read_text() == "passed"
+
+    def _run(self) -> int:
+        common = [sys.executable, "-m", "pytest", "--runxfail", "-s", "-q"]
+        command = ["mpiexec", "-n", "1", *common, *self.tests, ":"]
+        command += ["-n", str(self.ranks - 1), *common, *QUIET, *self.tests]
+        limit = str(300 + 20 * len(self.tests))
+        environment = os.environ | {CHILD_PROCESS_FLAG: "1", IN_BATCH: "1", "MPIEXEC_TIMEOUT": limit}
+        return subprocess.run(command, cwd=self.root, env=environment, check=False).returncode
+
+
+class RankOfBatch:
+    """Plugin of pytest on a rank of a batch: a test that fails ends all ranks, since the others may wait for it."""
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """End the batch."""
+        if report.failed:
+            MPI.COMM_WORLD.Abort(1)
+
+
+class Batches:
+    """Plugin of pytest that makes batches of the selected tests and runs them."""
+
+    def __init__(self) -> None:
+        self.batch_of: dict[str, Batch] = {}
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        """Put batches first: they take longest, and one worker gets most of them, so that few run at the same time."""
+        of_ranks: dict[int, list[str]] = defaultdict(list)
+        for item in items:
+            of_ranks[ranks_of(item)].append(item.nodeid)
+        of_ranks.pop(1, None)
+        for ranks, tests in sorted(of_ranks.items()):
+            for start in range(0, len(tests), LARGEST):
+                batch = Batch(f"{ranks}-ranks-{start}", ranks, tests[start : start + LARGEST], config.rootpath)
+                self.batch_of |= dict.fromkeys(batch.tests, batch)
+        items.sort(key=lambda item: -ranks_of(item))
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_pyfunc_call(self, pyfuncitem: pytest.Function) -> bool | None:
+        """Pass with the batch, or leave the test to mpi-pytest."""
+        batch = self.batch_of.get(pyfuncitem.nodeid)
+        if batch is None or len(batch.tests) == 1:
+            return None
+        directory: Path = pyfuncitem.funcargs["shared_by_workers"]
+        return batch.has_passed(directory) or None
