@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
+from functools import partial
 from math import pi, tanh
 from pathlib import Path
 from typing import Any
@@ -140,7 +141,7 @@ def counts(job: Job) -> str:
         for penalty in PENALTIES:
             # A constant of the form: one kernel serves all penalties.
             confirmation.PENALTY = fem.Constant(result.body.mesh, penalty)
-            found = confirmation.confirm(model, None)
+            found = confirmation.confirm(model, solution)
             texts.append("-" if found is None else str(found.directions))
     return " | ".join(texts)
 
@@ -154,7 +155,7 @@ def price(job: Job) -> str:
         result, model, solution = at_the_solution(job)
         seconds = [time.perf_counter() - begin]
         with placed(result.body.mesh, solution.reference_nodes / result.body.length_scale):
-            for count in (negative, lambda model: confirmation.confirm(model, None)):
+            for count in (negative, partial(confirmation.confirm, solution=solution)):
                 begin = time.perf_counter()
                 count(model)
                 seconds.append(time.perf_counter() - begin)

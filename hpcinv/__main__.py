@@ -5,7 +5,7 @@ from __future__ import annotations
 from hpcinv.parallel.signals import note_while_starting, starting_is_over
 
 if __name__ == "__main__":
-    note_while_starting()  # the imports below take a while
+    note_while_starting()  # before the slow imports below
 
 import argparse
 import io
@@ -29,7 +29,7 @@ from hpcinv.version import __version__
 EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
 4 no usable checkpoint, 5 a system part is missing, 6 the certificate fails, 7 it has warnings or is
 not decided (--strict), 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C,
-141 nobody reads the output any more"""
+141 the output was closed"""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
         discard_output()
         return CLOSED_OUTPUT
     except OSError as error:
-        print(f"{error.filename or 'what is printed'}: cannot be written or read: {error.strerror}", file=sys.stderr)
+        print(f"{error.filename or 'standard output'}: cannot be written or read: {error.strerror}", file=sys.stderr)
         return OutputError.exit_code
     except KeyboardInterrupt:
         return 130
@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _is_other_rank() -> bool:
-    """Whether a launcher started this process beside another that says the same, as far as it is known without MPI."""
+    """Return whether this process is a rank other than 0, from the launcher's environment (MPI is not imported)."""
     return any(os.environ.get(name, "0") != "0" for name in ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK"))
 
 

@@ -1,4 +1,4 @@
-"""The exceptions a user can meet; each carries what to do about it and the exit code of the command line."""
+"""Exceptions with a message, a remedy and the exit code of the command line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import ClassVar
 
 
 class HpcinvError(Exception):
-    """Base of every error that is told to the user as one message, without a traceback."""
+    """Base of all errors that are shown to the user as one message, without a traceback."""
 
     exit_code: ClassVar[int] = 1
 
@@ -41,8 +41,8 @@ class MeshError(HpcinvError):
 
 
 @contextmanager
-def told_with(field: str) -> Iterator[None]:
-    """Let a ``MeshError`` name the field of the job that it is about."""
+def naming_field(field: str) -> Iterator[None]:
+    """Add the name of a job field to a ``MeshError``."""
     try:
         yield
     except MeshError as error:

@@ -1,4 +1,4 @@
-"""The certificate: what a run's answer is worth, found by checks that its solve did not need."""
+"""Certificate of a run: checks of its result that are independent of the solve."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of many boxes meet, by balanced trees of bounding boxes that are walked for all pairs at once."""
+"""Pairs of intersecting boxes, by balanced trees of bounding boxes traversed for all pairs at once."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 from hpcinv.mesh.source import Floats, Ints
 
-_CHUNK = 200_000  # pairs at a time, so that many of them take little memory
+_CHUNK = 200_000  # pairs at a time, to bound the memory
 
 
 class BoxTrees:
-    """Boxes in groups of equal size, each group the leaves of a balanced tree.
+    """Groups of boxes, each group the leaves of a balanced tree.
 
     Args:
         low, high: corners of the boxes, (groups, boxes of a group, 3).
@@ -23,7 +23,7 @@ class BoxTrees:
         leaves = 1 << max(count - 1, 0).bit_length()
         order = _tree_order((low + high) / 2, leaves)
         group = np.arange(groups)[:, None]
-        filling = np.full((groups, leaves - count, 3), np.inf)  # boxes that meet none
+        filling = np.full((groups, leaves - count, 3), np.inf)  # boxes that intersect none
         self._place = (group * count + order).reshape(-1)
         low = np.concatenate([low, filling], axis=1)[group, order]
         high = np.concatenate([high, -filling], axis=1)[group, order]
@@ -33,7 +33,7 @@ class BoxTrees:
             self._levels.insert(0, (below.reshape(-1, 2, 3).min(axis=1), above.reshape(-1, 2, 3).max(axis=1)))
 
     def meeting(self, first: Ints, second: Ints) -> Iterator[tuple[Ints, Ints]]:
-        """Pairs ``i < j`` of boxes, counted through all groups, that have a point in common, some pairs at a time.
+        """Yield arrays of pairs ``i < j`` of boxes, numbered over all groups, that intersect.
 
         Args:
             first, second: the pairs of groups, ``first <= second``, whose boxes are compared.
@@ -50,7 +50,7 @@ class BoxTrees:
             waiting += [(level + 1, a[s : s + _CHUNK], b[s : s + _CHUNK]) for s in range(0, len(a), _CHUNK)]
 
     def _that_meet(self, level: int, a: Ints, b: Ints) -> tuple[Ints, Ints]:
-        """Of pairs of nodes of one level those with ``a <= b`` whose boxes meet."""
+        """Return the pairs of nodes of one level with ``a <= b`` whose boxes intersect."""
         low, high = self._levels[level]
         once = a <= b  # the children of one node are compared with each other
         a, b = a[once], b[once]
@@ -61,7 +61,7 @@ class BoxTrees:
 
 
 def _tree_order(centres: Floats, leaves: int) -> Ints:
-    """Places of each group's boxes as leaves of its tree, whose nodes are halved across their longest side."""
+    """Return the order of each group's boxes as leaves of its tree; nodes are bisected across their longest side."""
     groups, count, _ = centres.shape
     centres = np.concatenate([centres, np.repeat(centres[:, -1:], leaves - count, axis=1)], axis=1)
     order, group = np.tile(np.arange(leaves), (groups, 1)), np.arange(groups)

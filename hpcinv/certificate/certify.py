@@ -1,17 +1,18 @@
-"""All checks of a certificate, in order, each in a module of its own."""
+"""All checks of a certificate, in order."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
-from hpcinv.certificate.equilibrium_residual import balance
+from hpcinv.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.certificate.estimate import Estimate, estimate
-from hpcinv.certificate.ineffective_loads import idle_loads
-from hpcinv.certificate.round_trip import closure_error, round_trip, stability
+from hpcinv.certificate.ineffective_loads import ineffective_loads
+from hpcinv.certificate.round_trip import closure_error, round_trip
 from hpcinv.certificate.shape import shape
+from hpcinv.certificate.stability import stability
 from hpcinv.certificate.volume import volume
 from hpcinv.solver.observer import SILENT, Observer
 
@@ -29,7 +30,7 @@ def certify(
     solutions: Sequence[Solution],
     computed: Mapping[str, Value],
     known: Estimate | None = None,
-    told: Callable[[str], None] = lambda _: None,
+    begins: Callable[[str], None] = lambda _: None,
     observer: Observer = SILENT,
 ) -> tuple[Certificate, Estimate | None]:
     """Check the solutions of a run; collective.
@@ -38,42 +39,34 @@ def certify(
         solutions: one, or both of a round trip; the certificate is on the body that the first one found.
         computed: values of the job's quantities of interest.
         known: the estimate of the first solution, if it has been made before.
-        told: called with the name of each check when it begins.
+        begins: called with the name of each check when it begins.
         observer: of the solve back.
     """
     solution, lines, found = solutions[0], list[Line](), known
     with model.timings.as_one("certificate"):
-        with model.at(solution.mesh_nodes, *solution.fields):
-            told("equilibrium")
-            lines += _of_the_solution(model, solution)
-            if found is None and model.job.certificate.estimate and _can_estimate(model):
-                told("discretisation error")
-                found = estimate(model, solution, computed)
-            lines += _discretisation(model, solution, found)
-        told("cells and overlap")
+        begins("equilibrium")
+        lines += [*equilibrium_residual(model, solution), *volume(model, solution)]
+        if found is None and model.job.certificate.estimate and _can_estimate(model):
+            begins("discretisation error")
+            found = estimate(model, solution, computed)
+        lines.append(_discretisation(model, solution, found))
+        begins("cells and overlap")
         lines += shape(model, solution)
-        told("round trip")
+        begins("round trip")
         lines += (
             round_trip(model, solution, observer)
             if len(solutions) == 1
             else [closure_error(model, solution, solutions[1].u)]
         )
-        told("stability")
+        begins("stability")
         lines += stability(model, solution)
-        told("ineffective loads")
-        lines += idle_loads(model)
+        begins("ineffective loads")
+        lines += ineffective_loads(model)
     return Certificate(tuple(lines)), found
 
 
-def _of_the_solution(model: Model, solution: Solution) -> Iterator[Line]:
-    equilibrium = model.equilibrium(model.scene(solution.direction))
-    yield from balance(model, equilibrium)
-    model.release(equilibrium)
-    yield from volume(model, solution)
-
-
 def _can_estimate(model: Model) -> bool:
-    """Whether there is memory for the spaces of one degree more."""
+    """Return whether there is memory for spaces of one degree more."""
     return _finer(model).least <= model.chooser.room
 
 
@@ -82,17 +75,15 @@ def _finer(model: Model) -> Forecast:
     return forecast.of_degree(forecast.degree + 1)
 
 
-def _discretisation(model: Model, solution: Solution, found: Estimate | None) -> Iterator[Line]:
+def _discretisation(model: Model, solution: Solution, found: Estimate | None) -> Line:
     if found is None:
         needed = f"there is no memory for {_finer(model).least / 1e9:.2g} GB"
-        yield skipped(
+        return skipped(
             DISCRETISATION, needed if model.job.certificate.estimate else "switched off: certificate.estimate"
         )
-        return
     size = solution.largest_displacement
     if not isfinite(found.shape):
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
-        yield Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
-        return
+        return Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
     note = f"{found.shape:.3g} m{found.left_out}"
-    yield at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, 0.5, note=note)
+    return at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, 0.5, note=note)

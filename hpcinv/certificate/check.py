@@ -1,4 +1,4 @@
-"""What a certificate consists of: lines, each a finding with its thresholds, and a verdict over all of them."""
+"""Parts of a certificate: lines, each with its thresholds and verdict, and the verdict on the run."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import Any
 
 
 class Verdict(enum.Enum):
-    """Of one finding, or of all, in the order of their severity.
+    """Verdict of a line or of a certificate, in order of severity.
 
-    SKIPPED says that it was switched off or could not be found, UNDECIDED that what was found may be a fault of the
-    body or of its discretisation.
+    SKIPPED: switched off, or could not be computed. UNDECIDED: the cause may be the body or its discretisation.
     """
 
     PASS = "pass"
@@ -22,7 +21,7 @@ class Verdict(enum.Enum):
     FAIL = "fail"
 
     def exit_code(self, *, strict: bool = False) -> int:
-        """What the command line ends with: 0, 6 for a failed certificate; if ``strict``, 7 for what is in between."""
+        """Return the exit code: 6 for a failed certificate; if ``strict``, 7 for a warning or undecided; else 0."""
         if self is Verdict.FAIL:
             return 6
         return 7 if strict and self in (Verdict.WARN, Verdict.UNDECIDED) else 0
@@ -33,13 +32,13 @@ _SEVERITY = {verdict: i for i, verdict in enumerate(Verdict)}
 
 @dataclass(frozen=True)
 class Line:
-    """One finding.
+    """One check and its result.
 
     Attributes:
-        name: what was looked at.
-        value: what was found, in ``unit`` (SI; empty for ratios and counts); ``None`` if nothing was.
+        name: what was checked.
+        value: the result, in ``unit`` (SI; empty for ratios and counts); ``None`` if there is none.
         rule: the thresholds in words.
-        note: what else a reader should know, or what to do about it.
+        note: an explanation, or a remedy.
     """
 
     name: str
@@ -51,31 +50,31 @@ class Line:
 
 
 def at_most(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
-    """A finding that should be small; one that is not finite fails."""
+    """Return the line of a value that should be small; a value that is not finite fails."""
     verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
     return Line(name, value, unit, f"warning above {warn:g}, fail above {fail:g}", verdict, note)
 
 
 def at_least(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
-    """A finding that should be large; it must be more than ``fail``, and one that is not finite fails."""
+    """Return the line of a value that must exceed ``fail``; a value that is not finite fails."""
     verdict = Verdict.PASS if value >= warn else Verdict.WARN if value > fail else Verdict.FAIL
     return Line(name, value, unit, f"warning below {warn:g}, fail at {fail:g} and below", verdict, note)
 
 
 def skipped(name: str, note: str) -> Line:
-    """A finding that there is none of, and why."""
+    """Return the line of a check that was not made, with the reason."""
     return Line(name, None, "", "", Verdict.SKIPPED, note)
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """All findings on one run."""
+    """All checks of one run."""
 
     lines: tuple[Line, ...]
 
     @property
     def verdict(self) -> Verdict:
-        """Fail if a finding fails, else a warning if there is one, else not decided if one is not, else pass."""
+        """The most severe verdict of the lines."""
         return worst(line.verdict for line in self.lines)
 
     def as_data(self) -> dict[str, Any]:
@@ -95,6 +94,6 @@ class Certificate:
 
 
 def worst(verdicts: Iterable[Verdict]) -> Verdict:
-    """The most severe of some verdicts; what was not checked does not count."""
+    """Return the most severe verdict; `Verdict.SKIPPED` does not count."""
     found = max(verdicts, key=_SEVERITY.__getitem__, default=Verdict.PASS)
     return Verdict.PASS if found is Verdict.SKIPPED else found

@@ -7,8 +7,9 @@ Taylor–Hood elements, hexahedra above all, have spurious negative eigenvalues 
 Veiga, Lovadina & Reali, Comput. Methods Appl. Mech. Eng. 194, 1075–1092, 2005, doi:10.1016/j.cma.2004.06.014;
 ibid. 199, 314–323, 2010, doi:10.1016/j.cma.2008.06.004).
 
-They are gone in the same spaces once the part of the change of volume that the discrete pressures do not see costs
-energy too. With ``Π`` the projection on the discrete pressures, ``Λ`` the stiffness against ``θ``, and ``p`` frozen,
+They vanish in the same spaces once the part of the change of volume that is orthogonal to the discrete pressures
+costs energy too. With ``Π`` the projection on the discrete pressures, ``Λ`` the stiffness against ``θ``, and constant
+``p``,
 
     a(v, v) = D²[W - pθ](v, v) + Λ ‖Π θ'[v]‖² + α ‖(1 - Π) θ'[v]‖² - loads,      α = min(10 (μ + |τ| + |p|), Λ),
 
@@ -33,26 +34,30 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.certificate.inertia import inertia
+from hpcinv.job.sections import AXES
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.quantity.spatial_fields import ByFormula
 from hpcinv.solver.problem import default_quadrature
 
 if TYPE_CHECKING:
+    from hpcinv.job.job import Job
     from hpcinv.model.scene import Part, Scene
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 MARGIN = 0.01
 """Share of the linear elastic energy of a direction that is added before it counts as unstable."""
-PENALTY = 10.0  # docs/stability.md has what other values do
-_OVERLAP = 0.01  # share of α that stays in Λ too: what is left of Λ must not vanish
+PENALTY = 10.0  # other values: docs/stability.md
+_OVERLAP = 0.01  # share of α that stays in Λ too: what is left of Λ stays positive definite
 
 
 def second_variation(model: Model, known: fem.Function | None) -> fem.Form:
-    """The form whose negative eigenvalues, less one for each pressure, are confirmed instabilities; collective.
+    """Return the form whose negative eigenvalues, less one for each pressure, are confirmed instabilities; collective.
 
     Args:
-        model: at the state, its mesh at the reference body when the form is assembled.
-        known: as `Scene` has it.
+        model: its mesh must be the reference body, and its state the solution, when the form is assembled.
+        known: as in `Scene`.
     """
     spaces = model.job.discretisation
     degree = max(model.quadrature_degree, default_quadrature(model.body.source.kind, spaces.displacement)) + 2
@@ -69,21 +74,37 @@ def second_variation(model: Model, known: fem.Function | None) -> fem.Form:
 
 @dataclass(frozen=True)
 class Confirmed:
-    """Number of confirmed unstable directions; ``asymmetry`` as `Inertia` has it, of loads without a potential."""
+    """Number of confirmed unstable directions; ``asymmetry`` as in `Inertia`."""
 
     directions: int
     asymmetry: float
 
 
-def confirm(model: Model, known: fem.Function | None) -> Confirmed | None:
-    """Count the unstable directions at the model's state; ``None`` if the form cannot be factorized; collective.
+def known_displacement(model: Model) -> fem.Function | None:
+    """Return the state's displacement if fibres or parameters of laws are given on the loaded body, else ``None``.
 
-    The mesh must lie as the reference body.
+    The forward scene needs it, to keep them attached to the material.
     """
-    form = second_variation(model, known)
-    with model.timings("tangent"):
-        matrix = fem_petsc.assemble_matrix(form, bcs=model.supports.conditions)
-        matrix.assemble()
+    return model.unknowns.displacement() if _seen_on_the_current_body(model.job) else None
+
+
+def _seen_on_the_current_body(job: Job) -> bool:
+    """Return whether fibres or parameters of laws are given on the current body."""
+    if any(family.given_on == "current" for family in job.families.values()):
+        return True
+    parts = (*job.laws.values(), *job.families.values())
+    values = [value for part in parts for value, _ in part.quantities().values()]
+    flat = [v for value in values for v in (value if isinstance(value, tuple) else (value,))]
+    return any(isinstance(v, ByFormula) and not v.formula.names.isdisjoint(AXES) for v in flat)
+
+
+def confirm(model: Model, solution: Solution) -> Confirmed | None:
+    """Count the unstable directions of a solution; ``None`` if the form cannot be factorized; collective."""
+    with model.at(solution.reference_nodes, *solution.fields):
+        form = second_variation(model, known_displacement(model))
+        with model.timings("tangent"):
+            matrix = fem_petsc.assemble_matrix(form, bcs=model.supports.conditions)
+            matrix.assemble()
     with model.timings("factorization"):
         found = inertia(matrix)
     matrix.destroy()
@@ -94,7 +115,7 @@ def confirm(model: Model, known: fem.Function | None) -> Confirmed | None:
 
 
 def _added(scene: Scene, part: Part, trial: Any) -> Any:
-    """What `second_variation` has beside the tangent, per reference volume."""
+    """Return the terms that `second_variation` adds to the tangent, per reference volume."""
     kin, unknowns = scene.kinematics, scene.unknowns
     mu, volume = part.shear_modulus, without_stages(ufl.as_ufl(part.inelastic_volume))
     w, dp = (trial, None) if unknowns.p is None else ufl.split(trial)

@@ -1,4 +1,4 @@
-"""Whether the forces of a solution balance: the equilibrium residual relative to the load."""
+"""Equilibrium residual of a solution, relative to the load."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from hpcinv.certificate.check import Line, Verdict, at_most
 from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
-    from hpcinv.solver.equilibrium import Equilibrium
+    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 NAME = "equilibrium residual, relative to the load"
 
 
-def balance(model: Model, equilibrium: Equilibrium) -> Iterator[Line]:
-    """Compare ``‖R‖`` at the displacements that are free with the nodal loads and reactions; collective.
+def equilibrium_residual(model: Model, solution: Solution) -> Iterator[Line]:
+    """Compare ``‖R‖`` at the free displacements with the nodal loads and reactions; collective.
 
     The load is the difference that the load factor makes to ``R``, or the reactions of the supports where those are
     larger (prescribed motion is no force).
@@ -34,7 +34,10 @@ def balance(model: Model, equilibrium: Equilibrium) -> Iterator[Line]:
     def norm(forces: np.ndarray, where: np.ndarray) -> float:
         return float(np.sqrt(comm.allreduce(float(np.sum(forces[where] ** 2)), op=MPI.SUM)))
 
-    none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
+    with model.at(solution.mesh_nodes, *solution.fields):
+        equilibrium = model.equilibrium(model.scene(solution.direction))
+        none, full = equilibrium.system.forces(0.0), equilibrium.system.forces(1.0)
+        model.release(equilibrium)
     load = max(norm(full - none, dofs), norm(full, dofs))
     left = norm(full, free)
     if load == 0.0:

@@ -1,4 +1,4 @@
-"""How wrong a discrete solution may be: the correction that spaces of one degree more make to it.
+"""Estimate of the discretisation error: the correction of a solution in spaces of one degree more.
 
 A two-level estimate: ``u_h`` is put in the spaces of degree ``k + 1`` on the same mesh, and one Newton correction
 ``K δ = -R(u_h)`` there gives ``u_h + δ``, whose own error is of higher order. Then ``Q(u_h + δ) - Q(u_h)`` estimates
@@ -30,6 +30,7 @@ from dolfinx import fem
 
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.location import locate
+from hpcinv.mesh.moved import placed
 from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
@@ -67,7 +68,7 @@ class Estimate:
 
     @property
     def left_out(self) -> str:
-        """What a note on the estimate has to add."""
+        """Text for a note: which errors the estimate leaves out."""
         return f", without the error of the geometry: {self.without_geometry}" if self.without_geometry else ""
 
     def as_data(self) -> dict[str, Any]:
@@ -83,48 +84,51 @@ class Estimate:
 
 
 def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) -> Estimate:
-    """Estimate the errors of a solution, with the mesh where it was solved; collective.
+    """Estimate the discretisation errors of a solution; collective.
 
     Args:
-        model: that of the solution.
+        model: the model that the solution was computed with.
         computed: values of the job's quantities of interest.
     """
-    with model.timings("mesh"):
-        curved, without_geometry = model.body.with_finer_geometry
-    body = curved or model.body
-    finer = Model(one_degree_more(model.job), body, model.timings)
-    u, p = finer.solution()
-    u.interpolate(on_mesh(body.mesh, solution.displacement))
-    if p is not None:
-        assert solution.pressure is not None
-        p.interpolate(on_mesh(body.mesh, solution.pressure))
-    scene = finer.scene(solution.direction)
-    with finer.at(body.mesh.geometry.x * body.length_scale, u, p):
-        finer.unknowns.state.x.scatter_forward()
-        equilibrium = finer.equilibrium(scene)
-        equilibrium.correct(1.0)
-        equilibrium.destroy()
-        better = solution_of(finer, solution.direction, scene, ())
-    at_nodes = better if body is model.body else _at_given_nodes(model, better)
-    corrected = _corrected(model, at_nodes, better, finer)
-    comm = body.mesh.comm
-    largest = float(np.linalg.norm(at_nodes.u - solution.u, axis=1).max(initial=0.0))
-    delta = better.displacement
-    delta.x.array[:] -= u.x.array
-    return Estimate(
-        quantities={name: _difference(corrected[name], value) for name, value in computed.items() if name in corrected},
-        corrected=corrected,
-        shape=comm.allreduce(largest, op=MPI.MAX),
-        cells=_by_cell(delta, body.length_scale),
-        unknowns=finer.unknowns.size,
-        without_geometry=without_geometry,
-    )
+    with placed(model.body.mesh, solution.mesh_nodes / model.body.length_scale):
+        with model.timings("mesh"):
+            curved, without_geometry = model.body.with_finer_geometry
+        body = curved or model.body
+        finer = Model(one_degree_more(model.job), body, model.timings)
+        u, p = finer.solution()
+        u.interpolate(on_mesh(body.mesh, solution.displacement))
+        if p is not None:
+            assert solution.pressure is not None
+            p.interpolate(on_mesh(body.mesh, solution.pressure))
+        scene = finer.scene(solution.direction)
+        with finer.at(body.mesh.geometry.x * body.length_scale, u, p):
+            finer.unknowns.state.x.scatter_forward()
+            equilibrium = finer.equilibrium(scene)
+            equilibrium.correct(1.0)
+            equilibrium.destroy()
+            better = solution_of(finer, solution.direction, scene, ())
+        at_nodes = better if body is model.body else _at_given_nodes(model, better)
+        corrected = _corrected(model, at_nodes, better, finer)
+        comm = body.mesh.comm
+        largest = float(np.linalg.norm(at_nodes.u - solution.u, axis=1).max(initial=0.0))
+        delta = better.displacement
+        delta.x.array[:] -= u.x.array
+        return Estimate(
+            quantities={
+                name: _difference(corrected[name], value) for name, value in computed.items() if name in corrected
+            },
+            corrected=corrected,
+            shape=comm.allreduce(largest, op=MPI.MAX),
+            cells=_by_cell(delta, body.length_scale),
+            unknowns=finer.unknowns.size,
+            without_geometry=without_geometry,
+        )
 
 
 def _at_given_nodes(model: Model, better: Solution) -> Solution:
-    """The solution ``better`` of a body of the same cells, at the geometry nodes of the model's own.
+    """Evaluate ``better``, a solution on a body of the same cells, at the geometry nodes of the model's body.
 
-    These lie on the body's true surface, and what is reduced over nodes is to be compared at the same ones.
+    These lie on the true surface of the body, and reductions over nodes must be compared at the same nodes.
     """
     geometry = model.body.mesh.geometry
     dofmap = geometry.dofmaps[0]
@@ -135,7 +139,7 @@ def _at_given_nodes(model: Model, better: Solution) -> Solution:
 
 
 def _corrected(model: Model, at_nodes: Solution, better: Solution, finer: Model) -> dict[str, Value]:
-    """The quantities of interest but reactions of the corrected solution in the order of the job."""
+    """Return the quantities of interest of the corrected solution, without reactions, in the order of the job."""
     body, quantities = finer.body, [q for q in model.job.quantities if not q.is_reaction]
     of_nodes = [q for q in quantities if q.on is not None and not q.by_quadrature]
     others = [_on(q, model.body, body) for q in quantities if q not in of_nodes]
@@ -144,7 +148,7 @@ def _corrected(model: Model, at_nodes: Solution, better: Solution, finer: Model)
 
 
 def _on(quantity: QuantityOfInterest, given: Body, body: Body) -> QuantityOfInterest:
-    """The quantity; if its point is too far outside of a ``body`` of the same cells, at the same point of its cell."""
+    """Return the quantity; a point that is outside ``body``, which has the same cells, is moved with its cell."""
     if quantity.at is None or locate(body, np.array(quantity.at)) is not None:
         return quantity
     place = locate(given, np.array(quantity.at))
@@ -157,7 +161,7 @@ def _on(quantity: QuantityOfInterest, given: Body, body: Body) -> QuantityOfInte
 
 
 def one_degree_more(job: Job) -> Job:
-    """The same job in spaces of one degree more, with the quadrature that these need."""
+    """Return the job in spaces of one degree more, with the quadrature that they need."""
     spaces = job.discretisation
     finer: dict[str, int] = {"displacement": spaces.displacement + 1}
     if spaces.pressure is not None:

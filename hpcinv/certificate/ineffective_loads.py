@@ -1,4 +1,4 @@
-"""Loads that do nothing: on parts of the boundary that supports hold altogether."""
+"""Loads on parts of the boundary that supports hold completely, where they have no effect."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 NAME = "loads on parts that are held altogether"
 
 
-def idle_loads(model: Model) -> Iterator[Line]:
-    """A warning if supports take some load before it reaches the body, else nothing; collective."""
+def ineffective_loads(model: Model) -> Iterator[Line]:
+    """Yield a warning if some load acts only where supports prescribe every displacement; collective."""
     found = [
         f"{where} {getattr(effect, 'effect', '')} on '{region}'"
         for where, effect in model.job.named_effects
@@ -36,7 +36,7 @@ def idle_loads(model: Model) -> Iterator[Line]:
 
 
 def _is_held(model: Model, region: str) -> bool:
-    """Whether every displacement on a region of the boundary is prescribed."""
+    """Return whether every displacement on a region of the boundary is prescribed."""
     facets = model.body.boundary_facets(region)
     held = np.concatenate([np.zeros(0, dtype=np.int32), *(one.dofs for one in model.supports.prescribed)])
     free = 0

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 @dataclass(frozen=True)
 class Inertia:
-    """Numbers of eigenvalues of the symmetric part by sign; ``asymmetry`` is ``‖K - Kᵀ‖/2‖K‖`` (Frobenius)."""
+    """Numbers of eigenvalues of the symmetric part, by sign; ``asymmetry`` is ``‖K - Kᵀ‖/2‖K‖`` (Frobenius)."""
 
     negative: int
     zero: int
@@ -24,7 +24,7 @@ class Inertia:
 
 _OPTIONS = {
     "mat_mumps_icntl_13": 1,  # no ScaLAPACK on the root, where negative pivots are not counted
-    "mat_mumps_icntl_24": 1,  # null pivots are found instead of divided by
+    "mat_mumps_icntl_24": 1,  # detect null pivots
     "mat_mumps_icntl_14": 50,
 }
 
@@ -42,7 +42,7 @@ def inertia(matrix: PETSc.Mat) -> Inertia | None:
         return None
     symmetric.axpy(-2.0, matrix)  # -(K + Kᵀ)
     symmetric.scale(-0.5)
-    option: Any = PETSc.Mat.Option.SYMMETRIC  # whatever its stub says
+    option: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
     symmetric.setOption(option, True)
     database, prefix = PETSc.Options("inertia_"), "inertia_"
     for name, value in _OPTIONS.items():

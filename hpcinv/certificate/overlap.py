@@ -1,4 +1,4 @@
-"""Whether a body passes through itself: ``det F > 0`` everywhere does not exclude it, two arms of it may cross.
+"""Self-overlap of a body: two parts of it may cross although ``det F > 0`` everywhere.
 
 A deformation with ``det F > 0`` that is one-to-one on the boundary is one-to-one on the whole body, so facets of the
 boundary that cross are all there is to look for.
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
     from hpcinv.mesh import Body
     from hpcinv.mesh.source import Floats, Ints
 
-MOST_FACETS = 500_000  # of a boundary that one rank can be asked to hold: about 2 GB
+MOST_FACETS = 500_000  # that are gathered on one rank: about 2 GB
 _TOUCH = 1e-9  # of the body's diagonal: depth up to which parts touch
 _OF_EDGE = 1e-3  # and of the shortest edge, so that thin walls and fine parts stay as they are
-_FLAT = 1e-6  # what keeps least squares regular where the surface is flat
-_FINER = 4  # cuts of each part of a curved facet, by which those that seem to cross must still do so
+_FLAT = 1e-6  # regularisation of least squares where the surface is flat
+_FINER = 4  # further subdivisions of curved facets, on which a crossing must persist
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """How many pairs of boundary facets cross, and where (m) one of them does; ``None`` if none do."""
+    """Number of pairs of boundary facets that cross, and a point (m) of one pair; ``None`` if none do."""
 
     pairs: int
     at: tuple[float, float, float] | None
@@ -61,7 +61,7 @@ def overlap(body: Body, nodes: Floats) -> Overlap:
 
 
 def find_overlap(surface: Surface) -> Overlap:
-    """As `overlap`, of a boundary on this process; not collective."""
+    """The same as `overlap` for a boundary on this process; not collective."""
     pairs, at = _crossing_facets(surface.cut(surface.degree, np.arange(len(surface.nodes))))
     if len(pairs) and not surface.is_flat:
         facets = np.unique(pairs)
@@ -80,7 +80,7 @@ def _crossing_facets(triangles: Triangles, among: Ints | None = None) -> tuple[I
         among: the pairs (m, 2) that are in question, by their places among the facets that were cut; all if ``None``.
     """
     shrunk = _shrunk(triangles)
-    # Each facet is a group of its own where it matters which they are.
+    # One group per facet if the pairs of facets are needed.
     boxes = shrunk[triangles.corners].reshape(1 if among is None else len(np.unique(triangles.facet)), -1, 3, 3)
     start = np.zeros((1, 2), dtype=np.int64) if among is None else among
     pairs, points = [np.zeros((0, 2), dtype=np.int64)], [np.zeros((0, 3))]
@@ -95,7 +95,7 @@ def _crossing_facets(triangles: Triangles, among: Ints | None = None) -> tuple[I
 
 
 def _shrunk(triangles: Triangles) -> Floats:
-    """The points of a surface moved into the body by a hair, a little differently each.
+    """Return the points of a surface, each moved into the body by a slightly different small distance.
 
     Parts that touch are apart then, those that overlap still do, and none of them lie edge on edge or face in face any
     more, where no edge goes through the inside of a triangle.

@@ -1,4 +1,4 @@
-"""How well shaped the cells of a moved body are: the worst one, and where it is.
+"""Cell quality of a moved body: the worst cell, and its position.
 
 ===================  ============================================================================
 tetrahedra           mean ratio ``12 (3V)^(2/3) / Σ lᵢⱼ²``: 1 of the regular one, 0 of a flat one
@@ -38,7 +38,7 @@ _CHUNK = 50_000  # cells at a time
 
 @dataclass(frozen=True)
 class Worst:
-    """The least value of a measure in any cell of the moved body, where its middle (m) is, and the least one before."""
+    """Least quality of a cell of the moved body, the centre (m) of that cell, and the least of the given body."""
 
     measure: str
     value: float
@@ -47,7 +47,7 @@ class Worst:
 
 
 def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int) -> tuple[Worst, ...]:
-    """The worst cell by its shape and, where cells are curved, by its curvature; collective.
+    """Find the worst cell by shape and, where cells are curved, by curvature; collective.
 
     Args:
         given, moved: local geometry nodes (n, 3) m of the body that the mesh was made for, and of the one to judge.
@@ -65,7 +65,7 @@ def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int
 
 
 def mean_ratio(nodes: Floats) -> Floats:
-    """Of tetrahedra by their nodes (cells, nodes, 3), corners first."""
+    """Return the quality of tetrahedra with nodes (cells, nodes, 3), corners first."""
     v = nodes[:, :4]
     six_volumes = np.linalg.det(v[:, 1:] - v[:, :1])
     squares = sum(((v[:, i] - v[:, j]) ** 2).sum(axis=1) for i, j in combinations(range(4), 2))
@@ -73,7 +73,7 @@ def mean_ratio(nodes: Floats) -> Floats:
 
 
 def scaled_jacobian(nodes: Floats) -> Floats:
-    """Of hexahedra by their nodes (cells, nodes, 3), corners first."""
+    """Return the quality of hexahedra with nodes (cells, nodes, 3), corners first."""
     corners: Floats = scalar_element("hexahedron", 1).points
     at = np.concatenate([corners, corners.mean(axis=0, keepdims=True)])
     gradients = jacobians("hexahedron", 1, nodes[:, : len(corners)], at)
@@ -84,7 +84,7 @@ def scaled_jacobian(nodes: Floats) -> Floats:
 
 
 def curvature(kind: str, degree: int, nodes: Floats, at: Floats) -> Floats:
-    """Of cells by their nodes (cells, nodes, 3): least over largest determinant at the reference points (n, 3)."""
+    """Return least over largest Jacobian determinant of cells (cells, nodes, 3) at reference points (n, 3)."""
     determinants = np.linalg.det(jacobians(kind, degree, nodes, at))
     least, largest = determinants.min(axis=1), np.abs(determinants).max(axis=1)
     ratios: Floats = np.divide(least, largest, out=np.zeros_like(least), where=largest > 0)
@@ -98,7 +98,7 @@ def _worst(measure: str, of: Callable[[Floats], Floats], body: Body, given: Floa
     before, here = (np.inf,), (np.inf, (np.nan,) * 3)
     for start in range(0, len(dofmap), _CHUNK):
         cells = dofmap[start : start + _CHUNK]
-        # A mesh may be numbered left-handed throughout: then cells are judged by their mirror images.
+        # In a mesh that is left-handed throughout, the mirror images of the cells are judged.
         middle = jacobians(kind, body.source.degree, given[cells], corners.mean(axis=0, keepdims=True))
         mirror = np.where(np.linalg.det(middle[:, 0]) < 0, -1.0, 1.0)[:, None, None] ** np.array([1, 0, 0])
         values = of(moved[cells] * mirror)

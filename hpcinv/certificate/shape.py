@@ -1,4 +1,4 @@
-"""Whether the body that was found can be one: by its cells, planes of symmetry, and that it does not overlap itself."""
+"""Checks of the body that was found: cells, planes of symmetry, self-overlap."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def shape(model: Model, solution: Solution) -> Iterator[Line]:
     """Check the body that a solution found; collective."""
     body, given, moved = model.body, solution.mesh_nodes, solution.other_nodes
     for worst in worst_cells(body, given, moved, model.quadrature_degree):
-        # Where the given mesh is poor already, the moved one need not be better.
+        # The moved mesh need not be better than the given one.
         enough = 0.1 * min(max(worst.before, 0.0), 1.0)
         note = f"{worst.before:.3g} in the given mesh; at ({_point(worst.at)}) m"
         yield at_least(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=0.0, note=note)

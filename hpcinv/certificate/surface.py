@@ -1,4 +1,4 @@
-"""The boundary of a whole body on one process, cut into triangles as finely as its curved facets ask for."""
+"""Triangulated boundary of a whole body on one process; curved facets are subdivided."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Triangles:
-    """Facets cut into triangles that share their corners, each turned so that its normal points out of the body.
+    """Triangles that share their corners and are oriented with their normals out of the body.
 
     Attributes:
         points: corners, (n, 3) in m.
@@ -55,11 +55,11 @@ class Surface:
 
     @property
     def is_flat(self) -> bool:
-        """Whether the facets are triangles already."""
+        """Return whether the facets are flat triangles."""
         return self.kind == "triangle" and self.degree == 1
 
     def cut(self, divisions: int, facets: Ints) -> Triangles:
-        """Cut each side of some facets into ``divisions`` parts, and the facets into triangles on these parts.
+        """Divide each side of some facets into ``divisions`` parts, and triangulate the facets.
 
         A triangle becomes ``divisions²`` of them, a quadrilateral four times as many, which meet in the middles of its
         parts: so the cut of a facet is the same whichever of its corners comes first.
@@ -68,7 +68,7 @@ class Surface:
         shapes = scalar_element(self.kind, self.degree).tabulate(0, lattice.reshape(-1, 2))[0, :, :, 0]
         shapes = shapes.reshape(*lattice.shape[:2], -1).mean(axis=1)
         points = (shapes @ self.nodes[facets]).reshape(-1, 3)
-        # A point is known by its weights on the corners of the facet: facets share those on a common side.
+        # Points are identified by their weights on the corners of the facet, which are shared along a common side.
         keys = self.tags[facets][:, None, : weights.shape[1]] * (int(weights.max()) + 1) + weights
         keys = np.sort(np.where(weights > 0, keys, -1), axis=2).reshape(len(points), -1)
         distinct, place = unique_rows(keys)
@@ -80,7 +80,7 @@ class Surface:
 
 
 def gather_surface(body: Body, nodes: Floats) -> Surface | None:
-    """The boundary of a body whose local geometry nodes are moved to ``nodes`` (n, 3) m, on rank 0; collective."""
+    """Gather on rank 0 the boundary of a body with its local geometry nodes at ``nodes`` (n, 3) m; collective."""
     mesh, kind, degree = body.mesh, body.source.kind, body.source.degree
     topology, geometry = mesh.topology, mesh.geometry
     topology.create_connectivity(2, 3)
@@ -95,7 +95,7 @@ def gather_surface(body: Body, nodes: Floats) -> Surface | None:
     local = geometry.dofmaps[0][cells[:, None], table[which]]
     middle = scalar_element(kind, 1).points.mean(axis=0)[None]
     determinants = np.linalg.det(jacobians(kind, degree, geometry.x[geometry.dofmaps[0][cells]], middle)[:, 0])
-    outward = turned[which] == (determinants > 0)  # in a mesh that is left-handed throughout the normals turn round
+    outward = turned[which] == (determinants > 0)  # normals are reversed in a mesh that is left-handed throughout
     order = np.stack([np.asarray(topology.original_cell_index)[cells], which], axis=1)
     tags = geometry.input_global_indices[local].astype(np.int64)
     gathered = mesh.comm.gather((order, tags, nodes[local], outward))
@@ -108,7 +108,7 @@ def gather_surface(body: Body, nodes: Floats) -> Surface | None:
 
 @cache
 def _facets_of_reference_cell(kind: str, degree: int) -> tuple[Ints, npt.NDArray[np.bool_]]:
-    """Nodes of each facet in the order of the reference facet, and whether that facet's normal points outwards."""
+    """Return the nodes of each facet in reference order, and whether its reference normal points outwards."""
     vertices: Floats = scalar_element(kind, 1).points
     of_cell: Floats = scalar_element(kind, degree).points
     on_facet = scalar_element(FACET_KIND[kind], 1).tabulate(0, scalar_element(FACET_KIND[kind], degree).points)
@@ -121,7 +121,7 @@ def _facets_of_reference_cell(kind: str, degree: int) -> tuple[Ints, npt.NDArray
 
 @cache
 def _pattern(kind: str, divisions: int) -> tuple[Floats, Ints, Ints]:
-    """How a facet is cut.
+    """Subdivision of a facet.
 
     Returns:
         The points, each as the mean of k points of the reference facet (n, k, 2); the triangles between them; integer
@@ -133,7 +133,7 @@ def _pattern(kind: str, divisions: int) -> tuple[Floats, Ints, Ints]:
         hanging = [((i + 1, j), (i + 1, j + 1), (i, j + 1)) for i, j in points if i + j < divisions - 1]
         triangles, steps, around = upright + hanging, divisions, [(0, 0)]
     else:
-        # The middles are those of the corners, not of the facet: thin curved parts would be turned over else.
+        # Midpoints are those of the corners, not of the facet, which could invert thin curved parts.
         steps, around = 2 * divisions, [(-1, -1), (1, -1), (1, 1), (-1, 1)]
         points = [(i, j) for i in range(steps + 1) for j in range(steps + 1) if i % 2 == j % 2]
         sides = list(zip(around, around[1:] + around[:1], strict=True))

@@ -1,4 +1,4 @@
-"""Whether a part that stands for a whole by symmetry stays on its side of the planes where it was cut off."""
+"""Check that a body with planes of symmetry stays on its side of them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ROUND_OFF = 1e-9  # of the body's diagonal
 
 @dataclass(frozen=True)
 class SymmetryPlane:
-    """A plane ``axis = position`` (m) that a support makes one of symmetry, and how deep (m) the moved body crosses it.
+    """A plane of symmetry ``axis = position`` (m), and the depth (m) by which the moved body crosses it.
 
     What has crossed it lies inside of the body's mirror image.
     """
@@ -39,7 +39,7 @@ class SymmetryPlane:
 
 
 def symmetry_planes(job: Job, body: Body, given: Floats, moved: Floats) -> list[SymmetryPlane]:
-    """Every plane of symmetry among a job's supports; collective.
+    """Find the planes of symmetry among a job's supports; collective.
 
     A support makes one if it fixes one component alone, normal to the plane in which its region lies in the given body,
     if all of that body is on one side, and if all of the boundary in that plane is in the region: else it may be a rest
@@ -73,7 +73,7 @@ def _plane(body: Body, region: str, axis: Axis, given: Floats, moved: Floats) ->
 
 
 def _nodes(body: Body, facets: LocalIndices) -> LocalIndices:
-    """Geometry nodes of facets, one row each."""
+    """Return the geometry nodes of facets, one row for each."""
     if not len(facets):
         return np.zeros((0, 3), dtype=np.int32)
     return np.asarray(dolfinx.mesh.entities_to_geometry(body.mesh, 2, facets))

@@ -1,4 +1,4 @@
-"""Which pairs of triangles in space pass through each other."""
+"""Intersection of pairs of triangles in space."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _EDGES = ((0, 1), (1, 2), (2, 0))
 
 
 def crossing(points: Floats, first: Ints, second: Ints) -> tuple[npt.NDArray[np.bool_], Floats]:
-    """Whether an edge of one triangle goes through the inside of the other, pair by pair, and where it does.
+    """Return, pair by pair, whether an edge of one triangle passes through the interior of the other, and where.
 
     Two triangles in general position that meet do so on a segment, each end of which is such a point. What they have in
     common by being neighbours does not count: their shared corner, or their shared edge, on which all of it lies.
@@ -37,7 +37,7 @@ def crossing(points: Floats, first: Ints, second: Ints) -> tuple[npt.NDArray[np.
 
 
 def _straddles(points: Floats, one: Ints, other: Ints) -> npt.NDArray[np.bool_]:
-    """Whether there are corners of ``other`` on both sides of the plane of ``one``."""
+    """Return whether corners of ``other`` lie on both sides of the plane of ``one``."""
     a, b, c = (points[one[:, k]] for k in range(3))
     heights = np.stack([_volume(a, b, c, points[other[:, k]]) for k in range(3)], axis=1)
     heights[(other[:, :, None] == one[:, None, :]).any(axis=2)] = 0.0
@@ -45,7 +45,7 @@ def _straddles(points: Floats, one: Ints, other: Ints) -> npt.NDArray[np.bool_]:
 
 
 def _pierces(points: Floats, p: Ints, q: Ints, triangle: Ints) -> tuple[npt.NDArray[np.bool_], Floats]:
-    """Whether the edge from ``p`` to ``q`` goes through the inside of a triangle, and where."""
+    """Return whether the edge from ``p`` to ``q`` passes through the interior of a triangle, and where."""
     apart = ((p[:, None] != triangle) & (q[:, None] != triangle)).all(axis=1)
     a, b, c = (points[triangle[:, k]] for k in range(3))
     start, end = points[p], points[q]
@@ -58,6 +58,6 @@ def _pierces(points: Floats, p: Ints, q: Ints, triangle: Ints) -> tuple[npt.NDAr
 
 
 def _volume(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
-    """Six times the signed volume of tetrahedra, from differences, which are nearly exact where these are small."""
+    """Return six times the signed volume of tetrahedra, from differences of coordinates to limit cancellation."""
     volume: Floats = np.einsum("ni,ni->n", np.cross(b - a, c - a), d - a)
     return volume

@@ -1,13 +1,13 @@
-"""Whether the volume changes as the material lets it: the volume ratio, and what the pressure does not account for.
+"""Checks of the volume ratio, and of the part of it that the pressure does not explain.
 
 The volumetric strain ``θ`` of a law follows its pressure, ``θ = -p/Λ``, and is zero where the law is incompressible. A
-discrete solution with a pressure of its own has this in the mean only: ``|θ + p/Λ|`` is what it misses at a point.
-Without that unknown the pressure follows the displacement, and oscillates where nearly incompressible cells lock; there
-``|θ - θ̄|`` is taken, with the mean ``θ̄`` over the cells around each vertex, interpolated between the vertices.
+discrete solution in the mixed form has this in the mean only: ``|θ + p/Λ|`` is its local error.
+In the displacement form the pressure follows from the displacement, and oscillates where nearly incompressible cells
+lock; there ``|θ - θ̄|`` is used, with means ``θ̄`` over the cells around each vertex, interpolated between vertices.
 
-Elastic strains alone count: growth and heat may change a volume as they like. What is exceeded in 1 % of the volume is
-judged, since the greatest value at any point has no limit on fine meshes where stress is singular, as at the edge of a
-clamped face, while the share of the volume with large values vanishes.
+Only elastic strains count; growth and thermal expansion may change the volume. The value judged is the one exceeded in
+1 % of the volume: where stress is singular, as at the edge of a clamped face, the largest value has no limit on fine
+meshes, but the share of the volume with large values vanishes.
 
 Source: Hughes, *The Finite Element Method*, 1987, ch. 4 (locking, and pressures that oscillate).
 """
@@ -39,18 +39,19 @@ if TYPE_CHECKING:
 
 type Floats = npt.NDArray[np.floating[Any]]
 
-UNACCOUNTED = "volume ratio beyond what the pressure accounts for, exceeded in 1 % of the volume"
+UNACCOUNTED = "volume ratio not explained by the pressure, exceeded in 1 % of the volume"
 SHARE = 0.01
 WARN = 0.05  # as the discretisation error of the shape
 STIFF = 10.0  # bulk over shear modulus (Poisson's ratio 0.45) from which linear displacements lock noticeably
 
 
 def volume(model: Model, solution: Solution) -> Iterator[Line]:
-    """The lines on a solution that is the model's present state, with the mesh where it was solved; collective."""
+    """Yield the lines on the volume ratio of a solution; collective."""
     smallest, largest = solution.J_range
     yield at_least("smallest volume ratio J", smallest, warn=0.1, fail=0.0)
     yield at_most("largest volume ratio J", largest, warn=10.0, fail=float("inf"))
-    found = _unaccounted(model, model.scene(solution.direction))
+    with model.at(solution.mesh_nodes, *solution.fields):
+        found = _unaccounted(model, model.scene(solution.direction))
     if found is None:  # compressible: any volume ratio may be right
         return
     rule = f"warning above {WARN:g}"
@@ -66,7 +67,7 @@ def volume(model: Model, solution: Solution) -> Iterator[Line]:
 
 
 def _unaccounted(model: Model, scene: Scene) -> float | None:
-    """What is exceeded in `SHARE` of the volume of nearly incompressible material; ``None`` if there is none."""
+    """Return the strain exceeded in `SHARE` of the nearly incompressible volume; ``None`` if there is none."""
     laws, mesh = list(model.job.laws.values()), model.body.mesh
     ratios = [law.stiffness_ratio for law in laws]
     if all(ratio is not None and ratio < STIFF for ratio in ratios):
@@ -99,7 +100,7 @@ def _unaccounted(model: Model, scene: Scene) -> float | None:
 
 
 def _smoothed(model: Model, scene: Scene, cells: npt.NDArray[np.int32], strains: Floats, volumes: Floats) -> Floats:
-    """Means of the strains (cells, points) over the volume around each vertex, interpolated to the points."""
+    """Return means of the strains (cells, points) over the volume around each vertex, interpolated to the points."""
     mesh = model.body.mesh
     dofmap = fem.functionspace(mesh, ("Lagrange", 1)).dofmap
     dofs = dofmap.list[cells]
@@ -115,7 +116,7 @@ def _smoothed(model: Model, scene: Scene, cells: npt.NDArray[np.int32], strains:
 
 
 def _exceeded(comm: MPI.Intracomm, values: Floats, volumes: Floats) -> float:
-    """The value that is exceeded in `SHARE` of the volume; not finite if some value is not; collective."""
+    """Return the value exceeded in `SHARE` of the volume; not finite if any value is not; collective."""
     if not comm.allreduce(bool(np.isfinite(values).all()), op=MPI.LAND):
         return float("inf")
     limit = SHARE * comm.allreduce(float(volumes.sum()))

@@ -1,7 +1,7 @@
-"""``hpcinv bench``: is this machine set up well, which linear solver suits it, and how many ranks are worth while?
+"""``hpcinv bench``: measure the set-up of a machine, direct and iterative linear solvers, and the gain of more ranks.
 
-Two bodies of silicone are measured, which it makes itself: a cube that stands on its clamped bottom, and a rod 20 times
-as long as wide, clamped at one end; both under their own weight, inverse, in the mixed form.
+Two bodies of silicone are solved: a cube on its clamped bottom face, and a rod 20 times as long as wide, clamped at one
+end; both under their own weight, inverse, in the mixed form.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Physical Surface("clamp") = {{1}};
 
 
 def add_bench(commands: Any) -> None:
-    """Add the command ``bench`` to a parser's."""
+    """Add the command ``bench``."""
     bench = commands.add_parser("bench", help="measure this machine: set-up, linear solvers, ranks (without mpirun)")
     bench.add_argument("sections", nargs="*", metavar="section", help=f"{', '.join(SECTIONS)} (default: all)")
     bench.add_argument(
@@ -96,7 +96,7 @@ def _up_to_the_cores() -> list[int]:
 
 
 def bodies(bench: Bench) -> Mapping[str, Callable[[int], JobData]]:
-    """A cube and a rod, as jobs of about a number of unknowns; their geometry is written to the bench's directory."""
+    """Return functions that make a job of about a number of unknowns, with its geometry in the bench's directory."""
     return {
         "cube": lambda unknowns: _body(bench, unknowns, 1.0, 1, [-9.81, 0, 0]),
         "rod": lambda unknowns: _body(bench, unknowns, 0.01, 20, [0, -9.81, 0]),
@@ -104,7 +104,7 @@ def bodies(bench: Bench) -> Mapping[str, Callable[[int], JobData]]:
 
 
 def _body(bench: Bench, unknowns: int, width: float, slenderness: int, acceleration: Sequence[float]) -> JobData:
-    """A box of quadratic tetrahedra, whose cells are up to twice as long as wide."""
+    """Return a job of a box of quadratic tetrahedra, with cells up to twice as long as wide."""
 
     def along(n: int) -> int:
         return math.ceil(slenderness / 2) * n
@@ -129,7 +129,7 @@ def _body(bench: Bench, unknowns: int, width: float, slenderness: int, accelerat
 
 
 def setup(bench: Bench, counts: Sequence[int]) -> Findings:
-    """Whether the launcher's ranks find each other, how long imports take, and what memory bandwidth ranks share."""
+    """Check that the launcher's ranks form one communicator; measure the time of imports and the memory bandwidth."""
     from hpcinv.cli.bench_runs import Findings
 
     bench.note("set-up: warming up")
@@ -140,7 +140,7 @@ def setup(bench: Bench, counts: Sequence[int]) -> Findings:
         text = bench.output("hpcinv.cli.bench_runs", ranks=count)
         try:
             found[count] = json.loads(text)
-        except ValueError:  # each of them is alone, and prints
+        except ValueError:  # every process prints
             raise SolveError(
                 f"the launcher starts {count} separate processes, not {count} ranks of one run",
                 "Set HPCINV_LAUNCHER to the one of the MPI that mpi4py was built with, such as 'srun --mpi=pmi2'.",
@@ -170,7 +170,7 @@ def setup(bench: Bench, counts: Sequence[int]) -> Findings:
 def linear(
     bench: Bench, measured: Mapping[str, Callable[[int], JobData]], sizes: Sequence[int], repeat: int
 ) -> Findings:
-    """Direct against iterative linear solver over size, on one rank: seconds, memory, and where they cross."""
+    """Compare direct and iterative linear solver over size on one rank: seconds, memory, and the crossover."""
     from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings
 
     rows: list[tuple[str, ...]] = []
@@ -201,7 +201,7 @@ def linear(
 
 
 def _figures(runs: Mapping[str, Sequence[MeasuredRun]]) -> dict[str, float]:
-    """Medians over the runs of each linear solver, without those that did not always solve."""
+    """Return medians over the runs of each linear solver that solved all of them."""
     from hpcinv.cli.bench_runs import median
 
     found = dict[str, float]()
@@ -216,7 +216,7 @@ def _figures(runs: Mapping[str, Sequence[MeasuredRun]]) -> dict[str, float]:
 
 
 def crossover(sizes: Sequence[float], one: Sequence[float], other: Sequence[float]) -> float | None:
-    """Size at which ``other`` becomes less than ``one``, interpolated in logarithms; ``None`` if it does nowhere."""
+    """Return the size from which ``other`` is less than ``one``, interpolated in logarithms, or ``None``."""
     points = [(math.log(n), math.log(a / b)) for n, a, b in zip(sizes, one, other, strict=True)]
     for (x, f), (y, g) in pairwise(sorted(points)):
         if f <= 0 < g:
@@ -256,7 +256,7 @@ def ranks(
     counts: Sequence[int],
     repeat: int,
 ) -> Findings:
-    """How many times as fast more ranks are, with the linear solver that hpcinv selects."""
+    """Measure the speed-up of more ranks, with the linear solver that hpcinv selects."""
     from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings, median
 
     bodies = {

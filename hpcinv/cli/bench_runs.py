@@ -1,4 +1,4 @@
-"""Measured runs of jobs: each in processes of its own, as a user starts it, with its times and memory.
+"""Measured runs of jobs, each started from the command line, with times and memory.
 
 ``mpirun -n 2 python -m hpcinv.cli.bench_runs`` prints the number of ranks, the seconds until they were ready, and the
 bytes per second that all ranks together read and write.
@@ -70,7 +70,7 @@ class MeasuredRun:
         return int(self.found["mesh"]["unknowns"])
 
     def count(self, name: str) -> int:
-        """``factorizations`` or ``newton_iterations``, of all solutions together."""
+        """Return ``factorizations`` or ``newton_iterations``, summed over solutions."""
         return sum(solution[name] for solution in self.found["solutions"])
 
     @property
@@ -138,15 +138,17 @@ class Bench:
         )
 
     def must_run(self, name: str, job: JobData, ranks: int = 1, *, log: bool = False) -> MeasuredRun:
-        """The same; raises ``SolveError`` if it is not solved."""
+        """Run a job as `run` does; raises ``SolveError`` if it is not solved."""
         found = self.run(name, job, ranks, log=log)
         if not found.solved:
             raise SolveError(f"{name}: {found.summary['status'] if found.summary else found.ending}")
         return found
 
     def alternating(self, jobs: Mapping[str, tuple[JobData, int]], repeat: int) -> dict[str, list[MeasuredRun]]:
-        """Runs of each job and number of ranks, ``repeat`` rounds of all, so that a change of the machine's speed
-        affects all alike; their kernels are compiled first."""
+        """Run each job in turn, ``repeat`` times, so that a change of the machine's speed affects all alike.
+
+        Kernels are compiled first.
+        """
         for name, (job, _) in jobs.items():
             self.compile(name, job)
         runs: dict[str, list[MeasuredRun]] = {name: [] for name in jobs}
@@ -163,7 +165,7 @@ class Bench:
         self.output("hpcinv", "compile", file)
 
     def output(self, module: str, *arguments: object, ranks: int = 1) -> str:
-        """The standard output of ``python -m module``; raises ``SolveError`` if it fails."""
+        """Return the standard output of ``python -m module``; raises ``SolveError`` if it fails."""
         done = self._start((module, *arguments), ranks, dict(os.environ))
         if done.returncode:
             raise SolveError(f"{' '.join(map(str, (module, *arguments)))}: {done.stderr[-1000:]}")
@@ -187,7 +189,7 @@ class Findings:
     data: Mapping[str, Any] = field(default_factory=dict)
 
     def show(self) -> None:
-        """Print it; plain where it goes to a file or a pipe."""
+        """Print the table; without styles to a file or a pipe."""
         console = Console(highlight=False, markup=False)
         if not console.is_terminal:
             console.width = 160  # a file has no width of its own
@@ -208,7 +210,7 @@ def median(runs: Sequence[MeasuredRun], figure: Callable[[MeasuredRun], float]) 
 
 
 def events_in(log: Path) -> dict[str, list[dict[str, float]]]:
-    """Events of PETSc's log (``-log_view :FILE:ascii_csv``), on each rank; stages are added up."""
+    """Read the events of PETSc's log (``-log_view :FILE:ascii_csv``) by rank, summed over stages."""
     found: dict[str, dict[int, dict[str, float]]] = {}
     if log.exists():
         with log.open(newline="") as file:
@@ -220,7 +222,7 @@ def events_in(log: Path) -> dict[str, list[dict[str, float]]]:
 
 
 def _launcher() -> list[str]:
-    """The command that starts ranks: HPCINV_LAUNCHER, or the mpirun that belongs to this Python.
+    """Return the command that starts ranks: HPCINV_LAUNCHER, or the mpirun beside this Python.
 
     Raises:
         OutputError: this process is itself one of several ranks.

@@ -1,4 +1,4 @@
-"""What there is to choose from: the laws and effects, their parameters, sources and examples, as text."""
+"""Text on the laws and effects: parameters, sources and examples."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def overview(members: Mapping[str, type[Ingredient]]) -> None:
-    """Print the names with a line about each."""
+    """Print the names with one line on each."""
     table = Table(box=None, show_header=False, pad_edge=False)
     for name, kind in members.items():
         table.add_row(name, _paragraphs(kind)[0])
@@ -35,10 +35,10 @@ def overview(members: Mapping[str, type[Ingredient]]) -> None:
 
 
 def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> None:
-    """Print all about one law or effect.
+    """Print the description of one law or effect.
 
     Raises:
-        JobError: there is none of that name.
+        JobError: there is no law or effect of that name.
     """
     if name not in members:
         raise JobError([f"unknown {tag} '{name}'.{did_you_mean(name, members)}"])
@@ -52,7 +52,7 @@ def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> No
         console.print(f"energy: {formula}")
         console.print()
     table = Table("key", "unit", "default", "meaning", box=None, pad_edge=False, header_style="")
-    for key in sorted(kind.model_fields, key=lambda key: key not in kind.__annotations__):  # its own come first
+    for key in sorted(kind.model_fields, key=lambda key: key not in kind.__annotations__):  # inherited ones last
         if key != tag:
             info = kind.model_fields[key]
             table.add_row(key, _unit(info), _default(info), _meaning(info, meanings(kind).get(key, "")))
@@ -66,7 +66,7 @@ def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> No
 
 
 def _describe_moduli(console: Console, law: type[MaterialLaw]) -> None:
-    """Which elastic moduli a job may give in place of the law's own parameters."""
+    """Print the elastic moduli that a job may give in place of the law's parameters."""
     match law.replaceable:
         case (str(shear), bulk):
             offered, text = list(Moduli.model_fields), f"In place of {shear} and {bulk} a job may give any two of:"
@@ -124,6 +124,6 @@ def _meaning(info: FieldInfo, text: str) -> str:
 
 
 def _choices(annotation: Any) -> tuple[str, ...]:
-    """Values of a literal type, also where it has a name of its own."""
+    """Return the values of a literal type or of an alias of one."""
     annotation = getattr(annotation, "__value__", annotation)
     return get_args(annotation) if get_origin(annotation) is Literal else ()

@@ -1,4 +1,4 @@
-"""``hpcinv compile``: every kernel that jobs, studies and sweeps will need, before they run."""
+"""``hpcinv compile``: compile all kernels of jobs, studies and sweeps before they run."""
 
 from __future__ import annotations
 
@@ -19,22 +19,27 @@ if TYPE_CHECKING:
     from hpcinv.job.job import Job
 
 _COMPUTED = {"method", "certificate", "quantities", "sensitivities"}
-"""Sections of a job that have kernels, beside its reuse group."""
+"""Sections of a job that need kernels, besides its reuse group."""
 
 
 def add_compile(commands: Any) -> None:
-    """Add the command ``compile`` to a parser's."""
-    command = commands.add_parser("compile", help="compile what runs will need, without solving (mpirun: side by side)")
+    """Add the command ``compile``."""
+    command = commands.add_parser(
+        "compile", help="compile the kernels of jobs without solving (in parallel under mpirun)"
+    )
     command.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
     command.add_argument(
-        "--cache", type=Path, metavar="DIR", help="where kernels go, for runs with HPCINV_KERNELS=DIR (default: that)"
+        "--cache",
+        type=Path,
+        metavar="DIR",
+        help="directory of the kernels, for runs with HPCINV_KERNELS=DIR (default: $HPCINV_KERNELS)",
     )
     add_option(command)
     command.set_defaults(command=_compile)
 
 
 def _compile(options: argparse.Namespace) -> int:
-    """The jobs are dealt out to the ranks; those that need the same kernel wait for each other."""
+    """Compile the kernels of the jobs, distributed over the ranks."""
     if options.cache is not None:
         os.environ["HPCINV_KERNELS"] = str(options.cache)
 
@@ -64,7 +69,7 @@ def _compile(options: argparse.Namespace) -> int:
 
 
 def _distinct(paths: list[Path]) -> Iterator[Job]:
-    """The jobs of these files, one for all that need the same kernels; of a sweep one for each reuse group."""
+    """Yield the jobs of these files, one for each set of kernels; of a sweep one for each reuse group."""
     known = set[tuple[str, str]]()
     for path in paths:
         if is_sweep(path):

@@ -1,4 +1,4 @@
-"""Command ``explain``: what a scene contains and what each part costs, as a table."""
+"""``hpcinv explain``: table of the parts of a scene and their costs."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 def add_explain(commands: Any) -> None:
-    """Add the command to those of the command line."""
-    explain = commands.add_parser("explain", help="show what a job's scene contains, and measure what each part costs")
+    """Add the command ``explain``."""
+    explain = commands.add_parser("explain", help="show the parts of a job's scene, and measure their costs")
     explain.add_argument("job", type=Path, help="job file (YAML)")
     add_option(explain)
     explain.set_defaults(command=_explain)
@@ -44,7 +44,7 @@ def _explain(options: argparse.Namespace) -> int:
 
 
 def show(job: Job, found: Explanation) -> None:
-    """Print it."""
+    """Print the table."""
     from rich.table import Table
 
     from hpcinv.output.console import Console

@@ -1,4 +1,4 @@
-"""What formulas may hold, as text: their functions, and the names that each place of a job knows."""
+"""Text on formulas: functions, and the names that may be used at each place of a job."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ PLACES = (
 
 
 def varying(members: Mapping[str, type[Ingredient]]) -> Iterator[tuple[str, list[str]]]:
-    """Laws or effects, and those of their fields that take a formula of position."""
+    """Return laws or effects with their fields that accept a formula of position."""
     for name, kind in members.items():
         fields = [
             field
@@ -64,7 +64,7 @@ def varying(members: Mapping[str, type[Ingredient]]) -> Iterator[tuple[str, list
 
 
 def show() -> None:
-    """Print all of it."""
+    """Print the guide."""
     console = Console(highlight=False, markup=False)
     console.print(f"operators: {OPERATORS}")
     console.print("numbers: SI, or with one unit each, such as 4.25 mm")

@@ -1,4 +1,4 @@
-"""Commands ``laws``, ``effects`` and ``formulas``: what a job may contain."""
+"""Commands ``laws``, ``effects`` and ``formulas``: catalogues of what a job may contain."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def add_laws(commands: Any) -> None:
-    """Add the three commands to those of the command line."""
+    """Add the three commands."""
     for name, command in (("laws", _laws), ("effects", _effects)):
         catalogue = commands.add_parser(name, help=f"list the {name}, or show all about one")
         catalogue.add_argument("name", nargs="?", help="its name in job files")

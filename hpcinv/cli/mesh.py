@@ -1,4 +1,4 @@
-"""``hpcinv mesh partition | gather``: a mesh cut into parts beforehand, and put together again; on one process."""
+"""``hpcinv mesh partition | gather``: partition a mesh before runs, and gather a partitioned one; on one process."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OF_JOBS = (".yaml", ".yml")
 
 
 def add_mesh(commands: Any) -> None:
-    """Add the command and its subcommands to those of the command line."""
+    """Add the command ``mesh`` and its subcommands."""
     mesh = commands.add_parser("mesh", help="cut a mesh into parts that many ranks read, and put one together again")
     actions = mesh.add_subparsers(required=True, metavar="action")
 
@@ -92,7 +92,7 @@ def _gather(options: argparse.Namespace) -> int:
 
 
 def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
-    """The mesh section of a job, or one made of the options; and the file it names."""
+    """Return the mesh section of a job, or one from the options, and the file that it names."""
     given = {
         "parameters": dict(_parameter(text) for text in options.parameter),
         "unit": options.unit,
@@ -112,7 +112,7 @@ def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
 
 
 def _parameter(text: str) -> tuple[str, Any]:
-    """``nx=8`` as a job file would have it."""
+    """Parse ``nx=8`` as in a job file."""
     name, equals, value = text.partition("=")
     if not equals:
         raise JobError([f"--parameter {text}: is written NAME=VALUE"])

@@ -1,4 +1,4 @@
-"""A run without its solves, on a few cells: it compiles every kernel that the run itself will ask for.
+"""Run of a job without its solves, on a few cells, which compiles every kernel that the job needs.
 
 Kernels depend on the kind and degree of cells and spaces, on laws, effects and what is computed from them, and not on
 the mesh. So the functions of a run are called as the run calls them, with a body that does not move, where each cell is
@@ -16,8 +16,7 @@ import numpy as np
 
 from hpcinv.assembly.tangent import as_for
 from hpcinv.certificate import certify
-from hpcinv.certificate.confirmation import second_variation
-from hpcinv.certificate.round_trip import known_displacement
+from hpcinv.certificate.confirmation import known_displacement, second_variation
 from hpcinv.job.sections import Support
 from hpcinv.mesh.body import read_anywhere, read_finer_geometry
 from hpcinv.mesh.sample_mesh import HELD, specimen
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def rehearse(job: Job) -> None:
-    """Compile what a run of the job needs, on this process alone.
+    """Compile the kernels of a job on this process.
 
     Not known beforehand are the degrees that a search for an accuracy may go on to, and where in its cell a point lies
     at which a quantity asks for stress, energy or volume ratio, if that is on the border of two.
@@ -67,12 +66,12 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     sensitivities(model, solutions[0])
     certify(model, solutions, quantities)
     if job.certificate.stability:
-        second_variation(model, known_displacement(model))  # which a run needs if its body is not stable
+        second_variation(model, known_displacement(model))  # needed where the body is not stable
     model.destroy()
 
 
 def _held(job: Job) -> Job:
-    """The job with each cell held by itself, which takes no kernels, and the linear solver that takes most."""
+    """Return the job with supports on all cells, which need no kernels, and the linear solver with most kernels."""
     supports = (Support(region=HELD, fix=("x", "y", "z")),)
     keys = {key: sd for key, sd in job.sensitivities.items() if not key.startswith("supports[")}
     solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})

@@ -1,4 +1,4 @@
-"""Commands that solve, under mpirun for more than one rank: ``run``, ``resume`` and ``study``."""
+"""Commands ``run``, ``resume`` and ``study``; under mpirun for more than one rank."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hpcinv.study.plan import load_study
 
 
 def add_run(commands: Any) -> None:
-    """Add the three commands to those of the command line."""
+    """Add the three commands."""
     run = commands.add_parser("run", help="solve a job (under mpirun for more than one rank)")
     run.add_argument("job", type=Path, help="job file (YAML)")
     run.add_argument(
@@ -38,9 +38,11 @@ def add_run(commands: Any) -> None:
     study.set_defaults(command=_study)
 
     for parallel in (run, resume):
-        told = parallel.add_mutually_exclusive_group()
-        told.add_argument("-v", "--verbose", action="store_true", help="print every iteration of Newton's method")
-        told.add_argument("-q", "--quiet", action="store_true", help="print warnings, what fails, and how it ended")
+        verbosity = parallel.add_mutually_exclusive_group()
+        verbosity.add_argument("-v", "--verbose", action="store_true", help="print every iteration of Newton's method")
+        verbosity.add_argument(
+            "-q", "--quiet", action="store_true", help="print only warnings, failures and the end of the run"
+        )
         parallel.add_argument(
             "--strict",
             action="store_true",

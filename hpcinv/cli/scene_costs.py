@@ -1,4 +1,4 @@
-"""What a scene is made of and what each part of it costs, measured on the job's own mesh.
+"""Parts of a scene and their costs, measured on the job's mesh.
 
 The cost of an effect is that of the whole scene less that of the scene without it, so that it holds for effects that
 add an integral as well as for those that change the law's.
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.model.scene import Scene
 
-_ROUNDS = 7  # of which the fastest counts: what disturbs a measurement only ever lengthens it
+_ROUNDS = 7  # the fastest counts, since disturbances only lengthen a measurement
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class PartCosts:
-    """One part of the scene: its name, what it brings, and what it costs."""
+    """One part of the scene: its name, its contributions to the forms, and its costs."""
 
     name: str
     integrals: dict[str, int]
@@ -64,7 +64,7 @@ class PartCosts:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What `explain` found; ``rows`` are the laws and then each effect, ``total`` is the whole scene.
+    """Result of `explain`; ``rows`` are the laws and then each effect, ``total`` is the whole scene.
 
     ``factorization`` (or preconditioner) and ``solution`` are the seconds that the linear solver takes in one Newton
     iteration.
@@ -91,7 +91,7 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     """Measure a job's scene in the direction that is solved first; collective.
 
     Args:
-        note: told what is being compiled, which takes most of the time.
+        note: receives the name of what is being compiled.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks what the job names.
@@ -138,7 +138,7 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
 
 
 class _Compiled:
-    """Residual and tangent of a scene, compiled as on a machine that has never seen them."""
+    """Residual and tangent of a scene, compiled without a cache."""
 
     def __init__(self, scene: Scene, conditions: Sequence[fem.DirichletBC]) -> None:
         space, comm = scene.unknowns.space, scene.unknowns.mesh.comm
@@ -147,7 +147,7 @@ class _Compiled:
         comm.Barrier()
         start = _processor_seconds()
         self.residual, self.tangent = fem.form(scene.residual, jit_options=options), tangent_of(scene, options)
-        self.seconds = comm.bcast(_processor_seconds() - start)  # rank 0 compiles, the others wait
+        self.seconds = comm.bcast(_processor_seconds() - start)  # rank 0 compiles
         directory.cleanup()  # the kernels are loaded
         self.vector = fem_petsc.create_vector(space)
         self.tangent.create_matrix(conditions)
@@ -159,13 +159,13 @@ class _Compiled:
 
 
 def _processor_seconds() -> float:
-    """Processor time of this process and of the compilers that it has started."""
+    """Return the processor time of this process and of its child processes."""
     used = os.times()
     return used.user + used.system + used.children_user + used.children_system
 
 
 def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, Cost]:
-    """The rounds go through all scenes in turn, so that a disturbance meets all of them alike."""
+    """Measure assembly times, all scenes in turn, so that a disturbance affects all of them."""
     best = {scene: [np.inf, np.inf] for scene in compiled}
     for _ in range(_ROUNDS):
         for scene, forms in compiled.items():
@@ -175,13 +175,13 @@ def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, Cost]:
 
 
 def _linear_solver(model: Model, scene: Scene) -> tuple[str, float, float]:
-    """The one that a run would use, and its seconds for one factorization or preconditioner and for one correction."""
+    """Return the name of the linear solver, and its seconds for one factorization (preconditioner) and one solution."""
     equilibrium = model.equilibrium(scene)
     system, linear = equilibrium.system, equilibrium.linear
     comm, b = system.comm, system.rhs
     x = b.duplicate()
     times = []
-    for _ in range(3):  # the symbolic analysis is done in the first, and serves the whole run
+    for _ in range(3):  # the first includes the symbolic analysis
         system.linearise(1.0)
         system.residual(b)
         factorization = _seconds(comm, linear.factorize)
@@ -201,7 +201,7 @@ def _seconds(comm: MPI.Intracomm, work: Callable[[], object]) -> float:
 
 
 def _row(name: str, scene: Scene, without: Scene | None, cost: Cost, cost_without: Cost | None) -> PartCosts:
-    """What a scene contains, or what it contains more than another."""
+    """Return the costs of a scene, or the difference from another scene."""
     integrals, constants, fields = _contents(scene)
     if without is not None:
         others = _contents(without)
@@ -210,7 +210,7 @@ def _row(name: str, scene: Scene, without: Scene | None, cost: Cost, cost_withou
 
 
 def _contents(scene: Scene) -> tuple[Counter[str], int, int]:
-    """Integrals by kind, entries of the constant, fields beside the state."""
+    """Return the number of integrals by kind, of constants, and of fields without the state."""
     form = scene.residual
     kinds = {(i.integral_type(), i.subdomain_id()) for i in form.integrals()}
     integrals = Counter(_KINDS[kind] for kind, _ in kinds)

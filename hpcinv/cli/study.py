@@ -1,4 +1,4 @@
-"""A study from its file to its tables and diagrams."""
+"""Run of a study: executions, tables and diagrams."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def run_study(
     retry_failed: bool,
     stop: StopRequest,
 ) -> None:
-    """Run what the study in ``directory`` still lacks, and write and show what it has found; collective.
+    """Run the open executions of the study in ``directory``, then write and show its results; collective.
 
-    Other allocations may do so at the same time; each ends when all runs are done, by whomever.
+    Several allocations may do so at the same time; each ends when all runs are done.
 
     Args:
         retry_failed: whether runs that have failed before are tried again.
@@ -109,7 +109,7 @@ def conclude(executions: Executions, directory: StudyDirectory) -> None:
 
 
 def _files(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: int) -> dict[str, str | bytes]:
-    """Contents by name."""
+    """Return the contents of the files by name."""
     files: dict[str, str | bytes] = {
         "table.csv": as_csv(run_columns(plan, rows, found), run_units(found)),
         "table.h5": as_hdf5(plan, rows, found, ranks),

@@ -1,4 +1,4 @@
-"""Command line of sweeps, ``python -m hpcinv sweep …``: plan, run, status, retry, table, statistics, plot, submit."""
+"""``hpcinv sweep``: plan, run, status, retry, table, statistics, plot, submit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from hpcinv.sweep.tally import Tally
 
 
 def add_sweep(commands: Any) -> None:
-    """Add the command ``sweep`` and its own commands to a parser's."""
+    """Add the command ``sweep`` and its subcommands."""
     sweep = commands.add_parser("sweep", help="many cases of a job: over laws, parameters, loads, meshes")
     actions = sweep.add_subparsers(required=True, metavar="command")
 
@@ -31,8 +31,8 @@ def add_sweep(commands: Any) -> None:
         parser.set_defaults(command=command)
         return parser
 
-    plan = action("plan", _plan, "how many cases of what size, and how long they will take")
-    plan.add_argument("--groups", type=_positive, default=1, metavar="N", help="groups of ranks to reckon with")
+    plan = action("plan", _plan, "number and size of the cases, and a forecast of their time")
+    plan.add_argument("--groups", type=_positive, default=1, metavar="N", help="groups of ranks for the forecast")
 
     run = action("run", _run, "solve the cases that are open (under mpirun; several may run at once)")
     run.add_argument(
@@ -40,7 +40,11 @@ def add_sweep(commands: Any) -> None:
     )
     run.add_argument("--ranks", type=int, metavar="N", help="refuse to run on another number of ranks")
     run.add_argument(
-        "--shard", type=_shard, default=(1, 1), metavar="I/N", help="begin with this share, then help with the rest"
+        "--shard",
+        type=_shard,
+        default=(1, 1),
+        metavar="I/N",
+        help="begin with this share of the cases, then go on with the others",
     )
     run.add_argument("--first", type=_positive, metavar="N", help="only the first N cases: of a sample, a smaller one")
     run.add_argument(
@@ -72,14 +76,14 @@ def _positive(text: str) -> int:
 
 def _lease(text: str) -> float:
     if (seconds := float(text)) < 3 * BEAT:
-        raise argparse.ArgumentTypeError(f"must be {3 * BEAT:g} or more: a sign of life is given every {BEAT:g} s")
+        raise argparse.ArgumentTypeError(f"must be {3 * BEAT:g} or more: a heartbeat is written every {BEAT:g} s")
     return seconds
 
 
 def _shard(text: str) -> tuple[int, int]:
     number, _, of = text.partition("/")
     if not (number.isdigit() and of.isdigit() and 1 <= int(number) <= int(of)):
-        raise argparse.ArgumentTypeError(f"'{text}' is no share such as 2/8")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a share such as 2/8")
     return int(number), int(of)
 
 

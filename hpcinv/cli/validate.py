@@ -1,4 +1,4 @@
-"""Commands ``validate`` and ``schema``; they need neither MPI nor DOLFINx, so that they are instant on a login node."""
+"""Commands ``validate`` and ``schema``, which need neither MPI nor DOLFINx."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hpcinv.sweep.plan import is_sweep, load_sweep
 
 
 def add_validate(commands: Any) -> None:
-    """Add the two commands to those of the command line."""
+    """Add the two commands."""
     validate = commands.add_parser("validate", help="check job, study and sweep files without running them")
     validate.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
     add_option(validate)

@@ -12,7 +12,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 # isort: split
 import numpy as np
 
-from hpcinv.errors import MeshError, told_with
+from hpcinv.errors import MeshError, naming_field
 from hpcinv.model.fields import law_cells
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.quantity import quantities_of, quantity_of
@@ -34,7 +34,7 @@ def check_fields(job: Job, fields: BodyFields) -> None:
     law_cells(fields.body, job.laws)
     for where, effect in job.named_effects:
         for region, field in effect.surfaces.items():
-            with told_with(f"{where}.{field}"):
+            with naming_field(f"{where}.{field}"):
                 fields.body.boundary_facets(region)
     for where, ingredient in [*job.laws.items(), *job.named_effects]:
         for name in quantities_of(type(ingredient)):

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from hpcinv.errors import MeshError, told_with
+from hpcinv.errors import MeshError, naming_field
 from hpcinv.mesh.data import as_function, distribute
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion
@@ -137,7 +137,7 @@ def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> n
     groups: dict[str, list[tuple[int, str]]] = {"physical": [], "geometric": []}
     for i, name in enumerate(names):
         if name != ELSEWHERE:
-            with told_with(where):
+            with naming_field(where):
                 body.cells(name)  # there is such a region, and it has cells
             groups[body.regions[name].origin].append((i, name))
     for origin, members in groups.items():

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from hpcinv.errors import MeshError, told_with
+from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.sections import AXES
 from hpcinv.model.parameters import load_factor
 from hpcinv.parallel.runtime import MPI
@@ -70,7 +70,7 @@ class Supports:
         self.prescribed: list[Prescribed] = []
         self._case_count, self._length, self._comm = job.case_count, body.length_scale, body.mesh.comm
         for number, spec in enumerate(job.supports):
-            with told_with(f"supports[{number}].region"):
+            with naming_field(f"supports[{number}].region"):
                 facets = body.facets(spec.region)
             for axis, name in enumerate(AXES):
                 if name not in spec.held:

@@ -1,4 +1,4 @@
-"""What the fields of a solved scene are at points of the body: stress, stored energy, volume ratio, position."""
+"""Evaluation of a scene's fields at points of the body: stress, stored energy, volume ratio, position."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _EXACT = {"table_rtol": 1e-15, "table_atol": 1e-15}
 
 @dataclass(frozen=True)
 class Samples:
-    """Values (SI) by name at the points of a quadrature on this rank, and what each point stands for.
+    """Values (SI) by name at the quadrature points of this rank, and the weights of these points.
 
     ``reference`` and ``current`` are volumes (m³) of cells or areas (m²) of facets in the two bodies, (n,).
     """
@@ -48,13 +48,13 @@ class Samples:
 
 
 class SceneFields:
-    """The fields of a scene in its present state, on the mesh as it now lies.
+    """Fields of a scene at the present state and position of the mesh.
 
     These are ``X Y Z x y z ux uy uz`` (m), ``J``, the Cauchy stress ``sxx syy szz sxy syz sxz`` and its measures (Pa),
     and ``energy``, stored per reference volume (J/m³).
 
     Args:
-        names: those of them that will be asked for; others are not compiled.
+        names: the fields to compile.
     """
 
     def __init__(self, body: Body, scene: Scene, scales: Scales, names: Collection[str]) -> None:
@@ -65,18 +65,18 @@ class SceneFields:
         self._compiled: dict[tuple[str, int], fem.Expression] = {}
 
     def in_cells(self, cells: LocalIndices) -> Samples:
-        """At quadrature points in a region's cells; collective."""
+        """Return values at quadrature points in a region's cells; collective."""
         owned = cells[cells < self._body.mesh.topology.index_map(3).size_local]
         return self._samples("cells", self._body.source.kind, owned, owned)
 
     def on_facets(self, facets: LocalIndices) -> Samples:
-        """At quadrature points on a region's facets, all on the boundary; collective."""
+        """Return values at quadrature points on a region's boundary facets; collective."""
         topology = self._body.mesh.topology
         entities = fem.compute_integration_domains(fem.IntegralType.exterior_facet, topology, facets).reshape(-1, 2)
         return self._samples("facets", FACET_KIND[self._body.source.kind], entities, entities[:, 0])
 
     def at_points(self, places: Sequence[Location]) -> list[dict[str, float]]:
-        """At single points, the same on all ranks; collective."""
+        """Return values at single points, the same on all ranks; collective."""
         if not places:
             return []
         comm = self._body.mesh.comm
@@ -90,7 +90,7 @@ class SceneFields:
 
     @cached_property
     def quadrature_degree(self) -> int:
-        """That of the scene, or what has the volumes of both bodies exactly, if that is more."""
+        """Quadrature degree of the scene, or the degree that integrates both volumes exactly, if that is higher."""
         element, kind = self._scene.unknowns.displacement_space.ufl_element(), self._body.source.kind
         degree = max(self._body.source.degree, int(element.degree))
         exact = 3 * degree - 1 if kind == "hexahedron" else 3 * (degree - 1)
@@ -104,13 +104,13 @@ class SceneFields:
         return Samples(self._named(flat[:, :-2]), flat[:, -2], flat[:, -1])
 
     def _values(self, kind: str, points: Floats, entities: LocalIndices, cells: LocalIndices) -> Floats:
-        """The fields and, of cells and facets, their sizes at reference points, (entities, points, …); collective."""
+        """Return the fields and the volume or area ratios at reference points, (entities, points, …); collective."""
         parts = [part.cells for part in self._scene.parts] if self._of_laws else [None]
         comm, values = self._body.mesh.comm, np.zeros((len(cells), len(points), 0))
         for number, of_part in enumerate(parts):
             here = np.ones(len(cells), dtype=bool) if of_part is None else np.isin(cells, of_part)
             if not comm.allreduce(bool(here.any()), op=MPI.LOR):
-                continue  # the law is nowhere here
+                continue  # no cell of this law among the entities
             if (kind, number) not in self._compiled:
                 expressions = [field for field, _ in self._fields(number).values()] + self._sizes(kind)
                 self._compiled[kind, number] = fem.Expression(
@@ -127,7 +127,7 @@ class SceneFields:
         return values
 
     def _sizes(self, kind: str) -> list[Any]:
-        """Sizes of the reference and of the current body per size of the reference cell or facet; none of points."""
+        """Return volumes or areas in both bodies per unit of the reference cell or facet; none for points."""
         kin, mesh = self._scene.kinematics, self._body.mesh
         if kind == "points":
             return []
@@ -136,7 +136,7 @@ class SceneFields:
         return [abs(ufl.JacobianDeterminant(mesh)) * ratio for ratio in kin.volumes]
 
     def _fields(self, part: int) -> dict[str, tuple[Any, float]]:
-        """UFL scalar and SI value of its unit, by name, of what is asked for."""
+        """Return the UFL scalar and the SI value of its unit, by field name."""
         scene, kin, scales = self._scene, self._scene.kinematics, self._scales
         found = dict(zip(_POSITIONS, ((c, scales.length) for v in (kin.X, kin.x, kin.u) for c in v), strict=True))
         found["J"] = (scene.J, 1.0)
@@ -147,6 +147,6 @@ class SceneFields:
         return {name: field for name, field in found.items() if name in self._names}
 
     def _named(self, values: Floats) -> dict[str, Floats]:
-        """Fields (points, components) in SI by name."""
+        """Return fields (points, components) in SI by name."""
         named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self._fields(0).items())}
         return named | {m: MEASURES[m](*(named[c] for c in components_of(m))) for m in self._measures}

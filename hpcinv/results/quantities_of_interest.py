@@ -17,7 +17,7 @@ import numpy.typing as npt
 from dolfinx import la
 from dolfinx.mesh import entities_to_geometry
 
-from hpcinv.errors import JobError, MeshError, told_with
+from hpcinv.errors import JobError, MeshError, naming_field
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.location import Location, locate
 from hpcinv.mesh.moved import placed
@@ -39,15 +39,15 @@ type Value = float | list[float]
 
 
 def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
-    """Check before the solve that the body has the quantities' points and regions, as these must be; collective.
+    """Check before the solve that the quantities' points and regions exist on the body; collective.
 
     Raises:
-        MeshError: on every rank, with all that is wrong.
+        MeshError: on every rank, with all problems.
     """
     problems = []
     for quantity in quantities:
         if quantity.on is not None:
-            with told_with(f"quantities: {quantity.name}"):
+            with naming_field(f"quantities: {quantity.name}"):
                 region = find(body.regions, quantity.on, body.source)
                 if quantity.by_quadrature and not region.cell_count:
                     body.boundary_facets(quantity.on)
@@ -64,10 +64,10 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
 def evaluate(
     quantities: Iterable[QuantityOfInterest], body: Body, solution: Solution, model: Model | None = None
 ) -> dict[str, Value]:
-    """Values of the quantities in SI by name, displacements and reactions as lists of 3; collective.
+    """Evaluate the quantities in SI by name, displacements and reactions as lists of 3; collective.
 
     Args:
-        model: that of the solution, which must have reached the full load.
+        model: the model of the solution, which must have reached the full load.
             Without it there are no quantities of stress, energy and volume ratio, none by quadrature, and no reactions.
 
     Raises:
@@ -125,7 +125,7 @@ def _fields(
 def fields_for(
     quantities: Iterable[QuantityOfInterest], body: Body, scene: Scene, scales: Scales
 ) -> SceneFields | None:
-    """What the quantities ask of a scene, ``None`` if nothing."""
+    """Return the fields of a scene that the quantities need, ``None`` if there are none."""
     names = [q.of.names for q in quantities if q.fields or q.by_quadrature]
     return SceneFields(body, scene, scales, frozenset().union(*names)) if names else None
 
@@ -146,7 +146,7 @@ def _at_point(
 
 
 def _at_nodes(quantity: QuantityOfInterest, body: Body, solution: Solution) -> float:
-    """Reduced over the nodes of a region, all of one weight."""
+    """Reduce a quantity over the nodes of a region, with equal weights."""
     assert quantity.on is not None
     nodes = _owned_nodes(body, quantity.on)
     known = _positions(solution.reference_nodes[nodes], solution.current_nodes[nodes], solution.u[nodes])
@@ -154,7 +154,7 @@ def _at_nodes(quantity: QuantityOfInterest, body: Body, solution: Solution) -> f
 
 
 def _by_quadrature(quantity: QuantityOfInterest, body: Body, fields: SceneFields | None) -> float:
-    """Reduced over the volume of a region, or over its area if it has no cells."""
+    """Reduce a quantity over the volume of a region, or over its area if it has no cells."""
     assert quantity.on is not None
     assert fields is not None
     region = find(body.regions, quantity.on, body.source)
@@ -165,13 +165,13 @@ def _by_quadrature(quantity: QuantityOfInterest, body: Body, fields: SceneFields
 
 
 def _positions(X: Floats, x: Floats, u: Floats) -> dict[str, Any]:
-    """Reference and current positions and displacements (n, 3) m by the names of their components."""
+    """Return reference and current positions and displacements (n, 3) m by the names of their components."""
     named = dict(zip("XYZ", X.T, strict=True)) | dict(zip("xyz", x.T, strict=True))
     return named | dict(zip(("ux", "uy", "uz"), u.T, strict=True))
 
 
 def _values(quantity: QuantityOfInterest, comm: MPI.Intracomm, known: Mapping[str, Any]) -> Floats:
-    """The quantity's formula at the points that ``known`` has the values of; collective."""
+    """Evaluate the quantity's formula at the points whose values are in ``known``; collective."""
     values: Floats = quantity.of.evaluate(**known)
     if bad := comm.allreduce(int(np.count_nonzero(~np.isfinite(values)))):
         what = f"quantities: {quantity.name}: '{quantity.of}' has no finite value"
@@ -209,14 +209,14 @@ _REDUCTIONS: Mapping[str, Callable[[MPI.Intracomm, Floats, Floats], float]] = {
 
 
 def _owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
-    """Geometry nodes of a region's facets and cells, each on the one rank that owns it."""
+    """Return the owned geometry nodes of a region's facets and cells."""
     region, nodes = find(body.regions, name, body.source), body.mesh.geometry.index_map()
     marks = la.vector(nodes, 1)
     for dim, entities in ((2, region.facets), (3, region.cells)):
         if len(entities):
             body.mesh.topology.create_connectivity(dim, 3)
             marks.array[entities_to_geometry(body.mesh, dim, entities)] = 1.0
-    # The owner of a node on the region's edge may have none of the region's facets itself.
+    # A rank may own a node on the region's edge without having a facet of the region.
     marks.scatter_reverse(la.InsertMode.add)
     return np.flatnonzero(marks.array[: nodes.size_local])
 

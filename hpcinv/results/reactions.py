@@ -33,7 +33,7 @@ def reactions(quantities: Iterable[QuantityOfInterest], solution: Solution, mode
 
 
 def _reactions(quantities: Sequence[QuantityOfInterest], solution: Solution, model: Model) -> dict[str, list[float]]:
-    """Of the solution at which the model is."""
+    """Return the reactions at the model's state."""
     equilibrium = model.equilibrium(model.scene(solution.direction))
     residual = equilibrium.system.forces(1.0)
     model.release(equilibrium)

@@ -1,4 +1,4 @@
-"""How far shapes are from each other: the recovered one from the expected one, a round trip's end from its beginning.
+"""Distances between shapes: recovered and expected, beginning and end of a round trip.
 
 Every distance is a dict of ``max`` and ``rms`` over the geometry nodes (m), and ``relative``, the first divided by the
 diagonal of the body's bounding box.
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def read_expected(job: Job, body: Body) -> Floats | None:
-    """Local geometry nodes (n, 3) m of the job's expected shape; ``None`` if it names none; collective.
+    """Read the local geometry nodes (n, 3) m of the job's expected shape; ``None`` if it names none; collective.
 
     Raises:
         MeshError: on every rank, if it cannot be read or is not the body's mesh at other coordinates.
@@ -52,7 +52,7 @@ def read_expected(job: Job, body: Body) -> Floats | None:
 
 
 def differences(body: Body, solutions: Sequence[Solution], expected: Floats | None) -> dict[str, dict[str, float]]:
-    """Distance of the first direction's shape from ``expected`` nodes, and what a round trip fails to close by."""
+    """Return the distance of the first solution's shape from ``expected`` nodes, and the round trip's closure error."""
     found = {}
     if expected is not None:
         found["expected_shape"] = distance(body, solutions[0], expected)
@@ -62,17 +62,17 @@ def differences(body: Body, solutions: Sequence[Solution], expected: Floats | No
 
 
 def distance(body: Body, solution: Solution, expected: Floats) -> dict[str, float]:
-    """Distance of the shape that was looked for from ``expected`` local nodes (n, 3) m; collective."""
+    """Return the distance of the computed shape from ``expected`` local nodes (n, 3) m; collective."""
     return _size(body.mesh, solution.other_nodes - expected, expected)
 
 
 def closure(there: Solution, back: Solution) -> dict[str, float]:
-    """Difference ``u₁ - u₀`` of the displacements ``u = x - X`` of the two solutions of a round trip; collective."""
+    """Return the difference ``u₁ - u₀`` of the displacements ``u = x - X`` of a round trip's solutions; collective."""
     return _size(there.displacement.function_space.mesh, back.u - there.u, there.mesh_nodes)
 
 
 def _size(mesh: Mesh, difference: Floats, nodes: Floats) -> dict[str, float]:
-    """Over the owned nodes of all ranks."""
+    """Norms of differences over the owned nodes of all ranks."""
     comm, owned = mesh.comm, mesh.geometry.index_map()
     squares = (difference[: owned.size_local] ** 2).sum(axis=1)
     largest = float(comm.allreduce(float(squares.max(initial=0.0)), op=MPI.MAX)) ** 0.5

@@ -1,4 +1,4 @@
-"""The solution in one direction, from the state that a solve has left in the model."""
+"""The solution in one direction, and its evaluation from the state of the model."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ type Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Solution:
-    """One direction of an analysis, solved.
+    """Solution of one direction of an analysis.
 
     Attributes:
         mesh_nodes: coordinates of the local geometry nodes of the mesh it was solved on, (n, 3) in m.
         u: displacement ``x - X`` at those nodes, (n, 3) in m.
-        displacement: the same as a finite-element function, in m.
+        displacement: ``x - X`` as a finite-element function, in m.
         pressure: pressure of the mixed form in Pa, else ``None``.
         J: mean volume ratio of each cell, piecewise constant.
         cauchy_stress: mean Cauchy stress of each cell in Pa, piecewise constant, (3, 3).
         J_range: smallest and largest volume ratio at any quadrature point.
         strain_energy: energy stored in the body, in J.
-        solves: every solve of the method, failed ones too.
-        load: load factor at which it is a solution, 1 if all went well.
-        linear: the linear solver, where one was asked.
+        solves: every solve of the method, failed ones included.
+        load: load factor that was reached, 1 at the end.
+        linear: the linear solver, ``None`` if none was used.
     """
 
     direction: Direction
@@ -55,12 +55,12 @@ class Solution:
 
     @property
     def sign(self) -> int:
-        """The other body is the mesh moved by ``sign * u``."""
+        """Sign with which ``u`` moves the mesh to the other body."""
         return 1 if self.direction == "forward" else -1
 
     @property
     def other_nodes(self) -> Floats:
-        """Coordinates of the nodes in the body that was looked for, (n, 3) in m."""
+        """Coordinates of the nodes of the computed body, (n, 3) in m."""
         return self.mesh_nodes + self.sign * self.u
 
     @property
@@ -78,7 +78,7 @@ class Solution:
 
     @property
     def largest_displacement(self) -> float:
-        """Over the nodes of all ranks, in m; collective."""
+        """Largest norm of ``u`` over the nodes of all ranks, in m; collective."""
         comm = self.displacement.function_space.mesh.comm
         return float(comm.allreduce(float(np.linalg.norm(self.u, axis=1).max(initial=0.0)), op=MPI.MAX))
 
@@ -95,7 +95,7 @@ def solution_of(
     load: float = 1.0,
     linear: Used | None = None,
 ) -> Solution:
-    """The model's present state, a solution at a load factor, and what follows from it, in SI units; collective."""
+    """Evaluate the model's present state, a solution at a load factor, in SI units; collective."""
     body, length, stress = model.body, model.scales.length, model.scales.stress
     with model.timings("compile"):
         means = scene.means

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from hpcinv.solver.problem import Model
 
 LENGTHS = 1e-3, 10.0
-"""m: specimens, organs and parts are within. Files in mm that are read as m, or the reverse, lead out of it."""
+"""Plausible lengths (m) of specimens, organs and parts; a file in mm that is read in m is outside, and vice versa."""
 DENSITIES = 10.0, 25_000.0
-"""kg/m³: from foams and aerogels to osmium. Densities in g/cm³ or t/mm³ lie below."""
+"""Plausible densities (kg/m³), from aerogels to osmium; numbers in g/cm³ or t/mm³ are below."""
 SELF_WEIGHT = 3.0
-"""Pressure of the weight over Young's modulus: the softest tissues and gels reach 1, in bodies of a decimetre."""
+"""Plausible pressure of the weight over Young's modulus: the softest tissues and gels reach 1 at a size of 0.1 m."""
 LEAST_STRAIN = 1e-6
 """Largest displacement over the body's size: below, a shape differs by less than any scan resolves.
 
@@ -51,7 +51,7 @@ _ROUNDING = 1e-9  # of the sum of nodal forces: a resultant below is zero
 
 @dataclass(frozen=True)
 class Totals:
-    """Of the meshed part of a body, in SI: half a body that is cut at a plane of symmetry has half the mass.
+    """Totals of the meshed part of a body, in SI: half a body with a plane of symmetry has half the mass.
 
     Attributes:
         size: sides of the bounding box of the given mesh.
@@ -71,11 +71,11 @@ class Totals:
     warnings: tuple[str, ...] = ()
 
     def as_data(self) -> dict[str, Any]:
-        """As JSON data."""
+        """Return JSON data."""
         return asdict(self)
 
     def after(self, largest_displacement: float) -> Totals:
-        """The same with what a solution adds to the warnings, by its largest displacement (m) at full load."""
+        """Return the totals with the warnings that follow from the largest displacement (m) at full load."""
         size = math.hypot(*self.size)
         if not largest_displacement < LEAST_STRAIN * size:
             return self
@@ -87,7 +87,7 @@ class Totals:
 
 
 def totals_of(model: Model, direction: Direction) -> Totals:
-    """Of a model's job in one direction, at rest on the mesh as it lies; collective, and leaves the state unloaded."""
+    """Return the totals of an unloaded model in one direction; collective; the state is unloaded afterwards."""
     job, body = model.job, model.body
     comm, length = body.mesh.comm, body.length_scale
     low, high = extent(comm, body.mesh.geometry.x)
@@ -132,12 +132,12 @@ def _warnings(
 
 
 def _has(effect: Effect, name: str, dimension: Dimension) -> bool:
-    """Whether an effect, perhaps of a plugin, has such a quantity."""
+    """Return whether an effect has a quantity of this name and dimension."""
     return quantities_of(type(effect)).get(name) == dimension
 
 
 def _pressure(model: Model, effect: Any, density: float) -> float:
-    """Weight (Pa) of a column as high as the body, along an effect's acceleration."""
+    """Return the weight (Pa) of a column as high as the body, along an effect's acceleration."""
     g = np.array(effect.acceleration, dtype=float)
     size = float(np.linalg.norm(g))
     if not size:
@@ -154,7 +154,7 @@ def _mass(model: Model, where: str, effect: Any, volumes: Floats) -> float:
 
 
 def _cell_volumes(body: Body) -> Floats:
-    """Of the owned cells (m³), exact for straight and curved ones."""
+    """Return the volumes (m³) of the owned cells, exact for straight and curved ones."""
     kind, degree = body.source.kind, body.source.degree
     points, weights = basix.make_quadrature(basix.CellType[kind], 3 * degree)
     cells = body.mesh.geometry.dofmaps[0][: body.mesh.topology.index_map(3).size_local]
@@ -166,7 +166,7 @@ def _cell_volumes(body: Body) -> Floats:
 
 
 def _resultant(model: Model, direction: Direction) -> tuple[float, float, float] | None:
-    """Sum (N) of the nodal forces of all loads: their virtual work along translations of the unloaded body."""
+    """Return the resultant (N) of all loads: their virtual work along translations of the unloaded body."""
     unknowns, comm = model.unknowns, model.body.mesh.comm
     state = unknowns.state.x.array
     before = state.copy()

@@ -1,1 +1,1 @@
-"""Sensitivities: how the body that was looked for, and what is asked about it, change with numbers of the job."""
+"""Sensitivities of the computed body and of its quantities of interest to parameters of the job."""

@@ -1,4 +1,4 @@
-"""Sensitivities of a solved solution: one linear solve with its tangent for each parameter.
+"""Sensitivities of a solution: one linear solve with its tangent for each parameter.
 
 The solution of ``R(x; θ) = 0`` follows a parameter as ``K dx/dθ = -∂R/∂θ``, with the tangent ``K = ∂R/∂x`` at the
 solution: exact derivatives of the discrete solution. Unknowns that supports prescribe follow their formulas. In an
@@ -62,7 +62,7 @@ class Sensitivities:
     deviation_at: list[float] | None
 
     def as_data(self) -> dict[str, Any]:
-        """As JSON data, without the fields."""
+        """Return JSON data, without the fields."""
         return {
             "parameters": {p.key: {"value": p.value, "sd": p.deviation} for p in self.parameters},
             "quantities": {
@@ -72,7 +72,7 @@ class Sensitivities:
         }
 
     def fields(self) -> list[fem.Function]:
-        """For ParaView: ``d displacement/d KEY``, and ``sd`` of the displacement in m if there is one."""
+        """Return fields for ParaView: ``d displacement/d KEY`` and, if known, the standard deviation ``sd`` in m."""
         found = []
         for key, function in self.displacement.items():
             named = function.copy()
@@ -89,10 +89,10 @@ class Sensitivities:
 
 
 def sensitivities(model: Model, solution: Solution) -> Sensitivities | None:
-    """Differentiate a solution at full load by what the job asks for, ``None`` if that is nothing; collective.
+    """Differentiate a solution at full load by the job's parameters; ``None`` if there are none; collective.
 
     Args:
-        model: that of the solution.
+        model: the model of the solution.
 
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
@@ -122,7 +122,7 @@ def sensitivities(model: Model, solution: Solution) -> Sensitivities | None:
 
 
 def _changes(model: Model, solution: Solution, parameters: Sequence[Parameter]) -> dict[str, Change]:
-    """How the solution and the scene's parameters change with each parameter, by its key."""
+    """Return the derivatives of the solution and of the scene's parameters, by the key of the job's parameter."""
     scene = model.scene(solution.direction)
     equilibrium = model.equilibrium(scene)
     system = equilibrium.system
@@ -162,13 +162,13 @@ def _changes(model: Model, solution: Solution, parameters: Sequence[Parameter]) 
 
 
 def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) -> Floats:
-    """Of the lengths of vectors (n, 3) with these derivatives, (n,)."""
+    """Return standard deviations (n,) of the lengths of vectors (n, 3) with these derivatives."""
     squares = [(vectors[p.key] ** 2).sum(axis=1) * p.deviation**2 for p in parameters if p.deviation is not None]
     return np.asarray(np.sqrt(sum(squares)))
 
 
 def _deviation(parameters: Sequence[Parameter], by_key: Mapping[str, Value]) -> Value | None:
-    """Of a quantity with these derivatives."""
+    """Return the standard deviation of a quantity with these derivatives."""
     parts = [np.array(by_key[p.key]) * p.deviation for p in parameters if p.deviation is not None]
     if not parts:
         return None
@@ -177,7 +177,7 @@ def _deviation(parameters: Sequence[Parameter], by_key: Mapping[str, Value]) -> 
 
 
 def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float, list[float]]:
-    """Largest value over all ranks, and the point (m) that has it."""
+    """Return the largest value over all ranks, and its point (m)."""
     here = int(values.argmax()) if len(values) else None
     mine = None if here is None else (float(values[here]), [float(c) for c in points[here]])
     everywhere: list[tuple[float, list[float]] | None] = comm.allgather(mine)

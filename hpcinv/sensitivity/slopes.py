@@ -50,7 +50,7 @@ class Change:
 def slopes(
     model: Model, solution: Solution, changes: Sequence[tuple[Parameter, Change]]
 ) -> dict[str, dict[str, Value]]:
-    """Derivatives (SI) of each of the job's quantities of interest but reactions by the parameters' keys.
+    """Return derivatives (SI) of each quantity of interest, without reactions, by the parameters' keys.
 
     Collective; the mesh must lie as the solution's.
     """
@@ -78,7 +78,7 @@ def slopes(
 
 
 def _step(model: Model, solution: Solution, parameter: Parameter, change: Change) -> float:
-    """Of the parameter (SI)."""
+    """Derivative by the parameter (SI)."""
     comm, diagonal = model.body.mesh.comm, model.body.length_scale
     u, du = _largest(comm, solution.displacement), _largest(comm, change.displacement)
     limits = [abs(parameter.value)] if parameter.value else []

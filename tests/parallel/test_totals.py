@@ -116,7 +116,7 @@ def test_a_body_that_hardly_moves_is_told_at_the_end(tmp_path: Path) -> None:
         (0.99999999, "kg", "1 kg"),
     ],
 )
-def test_values_are_told_with_a_prefix(value: float, unit: str, text: str) -> None:
+def test_values_are_shown_with_a_prefix(value: float, unit: str, text: str) -> None:
     assert readable(value, unit) == text
 
 

@@ -77,14 +77,14 @@ def test_an_output_directory_that_cannot_be_is_refused(
     "code",
     ["raise KeyboardInterrupt", "raise GeneratorExit('away')", "raise SystemExit(0)", "raise BaseException", "1/0"],
 )
-def test_whatever_a_plugin_raises_is_told_with_its_line(job: Path, code: str) -> None:
+def test_whatever_a_plugin_raises_is_reported_with_its_line(job: Path, code: str) -> None:
     (job.parent / "plugin.py").write_text(f"import sys\n{code}\n")
     message = refused(job, JOB + "plugins: [plugin.py]")
     assert f"{job}: plugins[0]: '{job.parent / 'plugin.py'}' cannot be imported: " in message
     assert "(line 2)" in message
 
 
-def test_what_a_law_of_a_plugin_raises_where_it_is_checked_is_told_with_its_line(job: Path) -> None:
+def test_what_a_law_of_a_plugin_raises_where_it_is_checked_is_reported_with_its_line(job: Path) -> None:
     (job.parent / "plugin.py").write_text(
         "from typing import ClassVar, Literal\n"
         "from hpcinv.effects.base import Effect\n"
@@ -120,7 +120,7 @@ def test_output_that_cannot_be_written_or_is_closed_is_no_traceback() -> None:
     with Path("/dev/full").open("wb") as full, start("schema", stdout=full) as process:
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert errors == b"what is printed: cannot be written or read: No space left on device\n"
+    assert errors == b"standard output: cannot be written or read: No space left on device\n"
     with start("schema", preexec_fn=lambda: os.close(1)) as process:
         _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (0, b"")

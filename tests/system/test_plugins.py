@@ -160,7 +160,7 @@ FAULTS: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_what_is_wrong_in_the_file_is_told_with_its_line(name: str, project: Path) -> None:
+def test_what_is_wrong_in_the_file_is_reported_with_its_line(name: str, project: Path) -> None:
     text, told = FAULTS[name]
     (project / "laws" / "gel.py").write_text(text)
     done = hpcinv(1, "validate", project / "jobs" / "gel.yaml", cwd=project)
@@ -190,7 +190,7 @@ def test_a_plugin_that_is_no_python_file_is_refused(plugin: str, told: str, proj
     assert done.stderr.startswith(f"{file}: {told}")
 
 
-def test_a_name_that_is_taken_is_told_with_both_files(project: Path) -> None:
+def test_a_name_that_is_taken_is_reported_with_both_files(project: Path) -> None:
     (project / "laws" / "gel.py").write_text(PLUGIN.replace('"gel"', '"neo-hookean"'))
     done = hpcinv(1, "validate", "jobs/gel.yaml", cwd=project)
     assert done.returncode == 2

@@ -155,5 +155,5 @@ def test_the_mesh_is_the_one_that_gmsh_makes_unwatched(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("number", "text"), [(3, "3"), (47, "47"), (6708.3, "6,700"), (3.24e9, "3.2e+09")])
-def test_numbers_of_cells_are_told_with_two_digits(number: float, text: str) -> None:
+def test_numbers_of_cells_are_shown_with_two_digits(number: float, text: str) -> None:
     assert rounded(number) == text

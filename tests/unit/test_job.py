@@ -256,7 +256,7 @@ def test_each_mistake_is_told_by_its_place(
 
 
 @pytest.mark.parametrize("key", ["mesh", "material"])
-def test_what_is_missing_is_told_with_its_meaning(problems: Callable[[Edit], list[str]], key: str) -> None:
+def test_what_is_missing_is_reported_with_its_meaning(problems: Callable[[Edit], list[str]], key: str) -> None:
     [problem] = problems(lambda job: job.pop(key))
     assert re.fullmatch(f"{key}: is needed: .{{20,}}", problem)
 

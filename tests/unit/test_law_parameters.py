@@ -132,7 +132,7 @@ def test_what_makes_no_sense_is_refused_where_it_stands(law: str, change: dict[s
 
 
 @pytest.mark.parametrize("law", [law for law in LAWS if families(law)])
-def test_an_unknown_family_of_fibres_is_told_with_its_field(law: str) -> None:
+def test_an_unknown_family_of_fibres_is_reported_with_its_field(law: str) -> None:
     fields = LAWS[law].model_validate(LAWS[law].example).families
     unknown = [f"material.{field}: there are no fibres '{f}'; define them in 'fibres'" for f, field in fields.items()]
     assert problems(LAWS[law].example, []) == unknown

@@ -75,7 +75,7 @@ def test_keys_are_text_whatever_they_look_like(tmp_path: Path) -> None:
         ("a: ['\\ud800']\nb: \"\\uD800\"", "job.yaml:2: "),
     ],
 )
-def test_what_is_no_job_file_is_told_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+def test_what_is_no_job_file_is_reported_with_its_place(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(JobError) as caught:
         read(tmp_path, text)
     assert f"{tmp_path}/{message}" in str(caught.value)

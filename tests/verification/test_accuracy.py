@@ -130,7 +130,7 @@ def test_refinement_in_places_pays_there(comm: MPI.Intracomm) -> None:
     assert smaller < error
 
 
-def test_a_demand_that_is_not_met_is_told_with_what_was_reached(tmp_path: Path) -> None:
+def test_a_demand_that_is_not_met_is_reported_with_what_was_reached(tmp_path: Path) -> None:
     data = clamped(1e-6, hexahedra=True, maximum_unknowns=600).model_dump(mode="json", exclude_unset=True)
     data["mesh"]["file"] = str(ROOT / "meshes" / "box.py")
     path = write_job(tmp_path / "tip.yaml", data, certificate=NO_CERTIFICATE)

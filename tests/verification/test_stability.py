@@ -20,7 +20,7 @@ import hpcinv
 from hpcinv.certificate import Line, Verdict
 from hpcinv.certificate.confirmation import Confirmed
 from hpcinv.certificate.inertia import inertia
-from hpcinv.certificate.round_trip import _unstable, stability
+from hpcinv.certificate.stability import _unstable, stability
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
@@ -220,9 +220,7 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     moved = np.abs(found.x.array - u.x.array).max() / np.abs(u.x.array).max()
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
     nodes = body.mesh.geometry.x * length
-    solution: Any = SimpleNamespace(
-        solution=(found, p), displacement=found, pressure=p, reference_nodes=nodes, solves=()
-    )
+    solution: Any = SimpleNamespace(fields=(found, p), displacement=found, pressure=p, reference_nodes=nodes, solves=())
     line, _ = stability(model, solution)
     print(line)
     assert (line.value, line.verdict) == (unstable, Verdict.FAIL if unstable else Verdict.PASS)

@@ -13,7 +13,7 @@ from helpers.hard_case import JOBS, job, solve
 from helpers.mesh_cases import write_msh22
 
 from hpcinv.certificate.check import Verdict
-from hpcinv.certificate.ineffective_loads import idle_loads
+from hpcinv.certificate.ineffective_loads import ineffective_loads
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body
 from hpcinv.model.rigid_motions import Frame, free_motions, names
@@ -137,7 +137,7 @@ def test_a_screw_is_called_one() -> None:
 
 
 @pytest.mark.parallel(3)
-def test_a_contradiction_is_told_with_its_supports_its_place_and_its_values(comm: MPI.Intracomm) -> None:
+def test_a_contradiction_is_reported_with_its_supports_its_place_and_its_values(comm: MPI.Intracomm) -> None:
     contradiction = job("contradicting-supports").supports
     found = refusal(comm, supports=[s.model_dump(exclude_none=True) for s in contradiction])
     assert re.fullmatch(
@@ -184,7 +184,7 @@ def test_a_load_on_a_held_face_moves_nothing_and_is_warned_of(comm: MPI.Intracom
     assert result.quantities["largest-displacement"] == 0.0
     assert result.solutions[0].solves[-1].outcome.accepted
     case = job("load-on-a-held-face")
-    (line,) = idle_loads(Model(case, build_body(case.mesh, case.regions, comm, resolve=case.resolve), Timings()))
+    (line,) = ineffective_loads(Model(case, build_body(case.mesh, case.regions, comm, resolve=case.resolve), Timings()))
     print(line)
     assert (line.value, line.verdict) == (1.0, Verdict.WARN)
     assert "effects[0] pressure on 'z0'" in line.note
@@ -194,7 +194,7 @@ def test_a_load_on_a_face_that_is_free_somewhere_is_not_warned_of(comm: MPI.Intr
     for region in ("x1", "boundary"):
         case = job("load-on-a-held-face", effects=[{"effect": "pressure", "region": region, "pressure": 1e3}])
         body = build_body(case.mesh, case.regions, comm, resolve=case.resolve)
-        assert not [*idle_loads(Model(case, body, Timings()))]
+        assert not [*ineffective_loads(Model(case, body, Timings()))]
 
 
 @pytest.mark.parametrize(

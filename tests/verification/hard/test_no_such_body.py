@@ -83,7 +83,7 @@ def test_each_of_two_undeformed_lengths_is_found(
     assert finding(result, "limit points").value == beyond
 
 
-def test_the_fold_is_told_with_the_load_it_carries(comm: MPI.Intracomm, run_directory: Path) -> None:
+def test_the_limit_point_is_reported_with_the_load_it_carries(comm: MPI.Intracomm, run_directory: Path) -> None:
     load = {"effect": "traction", "region": "x1", "traction": [400e3, 0, 0], "area_in": "current"}
     code, text = fail("two-undeformed-lengths", comm, run_directory, effects=[load], solver={"strategy": "arc-length"})
     print(f"closed form {traction(LIMIT_POINT) / 400e3:.7f}: {text}")
