@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
 from hpcinv.certificate.certify import certify
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_least, at_most, skipped
 from hpcinv.certificate.estimate import Estimate

@@ -26,9 +26,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import dolfinx.fem.petsc as fem_petsc
 import ufl
 from dolfinx import fem

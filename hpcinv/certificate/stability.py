@@ -6,9 +6,6 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.certificate.confirmation import MARGIN, Confirmed, confirm, known_displacement
 from hpcinv.certificate.inertia import inertia
