@@ -1,7 +1,8 @@
-"""The axes of a sweep: values that are combined, go side by side, are sampled, or are alternatives with their own."""
+"""The axes of a sweep: values that are combined, taken in parallel, sampled, or branches with axes of their own."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Self
 
@@ -19,12 +20,12 @@ type Sample = Mapping[JobKey, Annotated[Distribution, PlainValidator(read_distri
 
 
 class Branch(Spec):
-    """One of several alternatives: its values, and axes that only it has."""
+    """One of several alternatives, with its values and its axes."""
 
     set: Mapping[JobKey, Any] = {}
     """values that all its cases have"""
     axes: ListOf[Axis] = ()
-    """axes of its own"""
+    """axes of this branch alone"""
 
     @field_validator("axes")
     @classmethod
@@ -33,24 +34,24 @@ class Branch(Spec):
         return axes
 
     @model_validator(mode="after")
-    def _sets_nothing_twice(self) -> Self:
+    def _sets_each_key_once(self) -> Self:
         inside = [(i, key) for i, axis in enumerate(self.axes) for key in axis.keys]
-        raise_if_any((("axes", i), f"{key} stands in 'set' too") for i, key in inside if key in self.set)
+        raise_if_any((("axes", i), f"{key} is also in 'set'") for i, key in inside if key in self.set)
         return self
 
     @property
     def keys(self) -> frozenset[str]:
-        """All keys that it gives a value, and the names of branches in it."""
+        """All keys that have a value in the branch, and the names of branches in it."""
         return frozenset(self.set).union(*(axis.keys for axis in self.axes))
 
     @property
     def count(self) -> int:
-        """Number of its points."""
+        """Number of points."""
         return number_of(self.axes)
 
 
 class Axis(Spec):
-    """Values of one or several keys, of one kind: grid, zip, a sample, or branches."""
+    """Values of one or several keys, of one kind: grid, zip, sample, or branches."""
 
     grid: Mapping[JobKey, ListOf[Any]] | None = None
     """values by key: each combination is a point, the last key changing fastest"""
@@ -59,7 +60,7 @@ class Axis(Spec):
     random: Sample | None = None
     """distributions by key, from which values are drawn independently of each other"""
     latin_hypercube: Sample | None = None
-    """distributions by key: each of them in as many parts as there are points, with one point in each part"""
+    """distributions by key: each is divided into as many parts as there are points, with one point in each part"""
     sobol: Sample | None = None
     """distributions by key, covered evenly by a scrambled Sobol sequence"""
     count: Annotated[int, Field(ge=1)] | None = None
@@ -69,7 +70,7 @@ class Axis(Spec):
     branches: Mapping[str, Branch] | None = None
     """alternatives by label"""
     name: Name = "branch"
-    """what the labels of the branches are called in the table"""
+    """column of the branches' labels in the table"""
 
     @property
     def kind(self) -> str:
@@ -83,19 +84,19 @@ class Axis(Spec):
 
     @property
     def keys(self) -> frozenset[str]:
-        """All keys that it gives a value, and the names of branches."""
+        """All keys that have a value on the axis, and the names of branches."""
         if self.branches is not None:
             return frozenset([self.name]).union(*(branch.keys for branch in self.branches.values()))
         return frozenset(getattr(self, self.kind))
 
     @property
     def points(self) -> int:
-        """Number of its points."""
+        """Number of points."""
         match self.kind:
             case "branches":
                 return sum(branch.count for branch in (self.branches or {}).values())
             case "grid":
-                return _product(len(values) for values in (self.grid or {}).values())
+                return math.prod(len(values) for values in (self.grid or {}).values())
             case "zip":
                 return len(next(iter((self.zip or {}).values())))
         return self.count or 0
@@ -118,37 +119,30 @@ class Axis(Spec):
         if kind in LISTS:
             yield from (((kind, key), "must have at least one value") for key, values in content.items() if not values)
         if kind == "zip" and len(lengths := {len(values) for values in content.values()}) > 1:
-            yield ("zip",), f"needs as many values of each key, not {sorted(lengths)}"
+            yield ("zip",), f"needs the same number of values of each key, not {sorted(lengths)}"
         if kind in SAMPLES and self.count is None:
             yield ("count",), f"is needed: the number of points of '{kind}'"
         idle = ({"name"} if kind != "branches" else set()) | ({"count", "seed"} if kind not in SAMPLES else set())
         for key in sorted(idle & self.model_fields_set):
             use = "branches" if key == "name" else "a sample (random, latin_hypercube, sobol)"
-            yield (key,), f"has a use only with {use}"
+            yield (key,), f"is valid only with {use}"
         for label, branch in content.items() if kind == "branches" else ():
             if self.name in branch.keys:
-                yield ("branches", label), f"'{self.name}' is the name of these branches too; give them another 'name'"
+                yield ("branches", label), f"'{self.name}' is also the name of these branches; give them another 'name'"
 
 
 def faults_between(axes: Iterable[Axis]) -> Iterator[tuple[Location, str]]:
-    """Keys and names that two axes have, which are combined with each other."""
+    """Yield the keys and names that occur on more than one of the axes, which are combined with each other."""
     taken: set[str] = set()
     for i, axis in enumerate(axes):
         for key in sorted(axis.keys & taken):
-            yield (i,), f"{key} is on an earlier axis too"
+            yield (i,), f"{key} is also on an earlier axis"
         taken |= axis.keys
 
 
 def number_of(axes: Iterable[Axis]) -> int:
-    """Number of combinations of the points of axes."""
-    return _product(axis.points for axis in axes)
-
-
-def _product(numbers: Iterable[int]) -> int:
-    total = 1
-    for number in numbers:
-        total *= number
-    return total
+    """Return the number of combinations of the points of axes."""
+    return math.prod(axis.points for axis in axes)
 
 
 Branch.model_rebuild()

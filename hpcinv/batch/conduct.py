@@ -1,4 +1,4 @@
-"""Cases solved on all ranks of one allocation, by groups of ranks that take them from the ledger."""
+"""Execution of a batch on all ranks of one allocation, by groups of ranks that claim cases in the ledger."""
 
 from __future__ import annotations
 
@@ -27,18 +27,19 @@ def conduct(
     note: Callable[[str], None],
     stop: StopRequest | None = None,
 ) -> None:
-    """Solve the cases of a batch that are open; collective.
+    """Solve the open cases of a batch; collective.
 
     Args:
-        share: ``(i, n)``: begin with the i-th of n parts of the cases, then help others with theirs.
-        lease: seconds in which a holder on another machine must give a sign of life.
-        isolated: whether cases are solved in processes of their own, where that is possible.
+        share: ``(i, n)``: begin with the i-th of n parts of the cases, then continue with the other parts.
+        lease: seconds within which the heartbeat of a holder on another machine must change.
+        isolated: whether cases are solved in separate processes, where that is possible.
         note: called on the first rank of each group.
-        stop: whether a signal has asked to stop; without it signals are none of our business, nor is isolation.
+        stop: the request of a signal to stop; without it, signals are not handled and cases are not isolated.
 
     Raises:
-        OutputError: on every rank: the number of ranks does not suit, or the store cannot be used.
-        Interrupted: on every rank: a signal came, and cases are left.
+        OutputError: on every rank: the number of ranks is not a multiple of ``ranks_per_case``, or the store cannot be
+            used.
+        Interrupted: on every rank: a signal was received, and cases are left.
     """
     groups = groups_of(world, ranks_per_case)
     number = world.rank // ranks_per_case
@@ -53,8 +54,8 @@ def conduct(
             from hpcinv.batch.worker import work  # with PETSc and DOLFINx
 
             if stop is not None:
-                stop.ends_libraries_by(None)  # there are cases of other groups to save
-                stop.install()  # PETSc has put a handler of its own on SIGTERM
+                stop.ends_libraries_by(None)  # other groups still have to save their cases
+                stop.install()  # PETSc has replaced the handler of SIGTERM
             work(batch, group, begin, lease, note, stop or (lambda: False))
     except HpcinvError as met:
         error = met
@@ -66,7 +67,7 @@ def conduct(
 
 
 def groups_of(world: MPI.Intracomm, ranks_per_case: int) -> int:
-    """Number of groups of ranks; raises ``OutputError`` if the ranks cannot be divided into groups of that size."""
+    """Return the number of groups; raises ``OutputError`` if the ranks cannot be divided into groups of that size."""
     if world.size % ranks_per_case:
         raise OutputError(
             f"--ranks-per-case {ranks_per_case}: {world.size} ranks cannot be divided into groups of that size",
@@ -76,7 +77,7 @@ def groups_of(world: MPI.Intracomm, ranks_per_case: int) -> int:
 
 
 def wait_for_all(world: MPI.Intracomm) -> None:
-    """A barrier that leaves the cores to those who still work."""
+    """Wait for all ranks without using the cores of those that still work."""
     everyone = world.Ibarrier()
     while not everyone.Test():
         time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""What all diagrams have in common: sizes, colours, markers, and the formats that they are written in."""
+"""Style and file formats of all diagrams."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-# Told apart by colour-blind readers (Okabe & Ito, 2008), and in black and white by markers and dashes.
+# Distinguishable for colour-blind readers (Okabe & Ito, 2008); in black and white by markers and dashes.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (2, 1)))
@@ -25,20 +25,20 @@ FORMATS = ("png", "svg")
 
 
 def style(number: int) -> tuple[str, str, Any]:
-    """Colour, marker and dashes; where they begin again they do so in other combinations."""
+    """Return colour, marker and dashes of a series; after the last colour the combinations differ."""
     turn, i = divmod(number, len(COLOURS))
     return COLOURS[i], MARKERS[(i + turn) % len(MARKERS)], DASHES[(i + turn) % len(DASHES)]
 
 
 @contextmanager
 def new_figure(width: float, height: float) -> Iterator[Figure]:
-    """A figure of a size in inches, in the style of all diagrams for as long as the context lasts."""
+    """Yield a figure of a size in inches; the common style holds within the context."""
     with mpl.rc_context(STYLE):
         yield Figure(figsize=(width, height), layout="constrained")
 
 
 def as_files(figure: Figure) -> dict[str, bytes]:
-    """A figure as the contents of files by their format."""
+    """Return the contents of a figure's files by format."""
     files = {}
     for form in FORMATS:
         content = io.BytesIO()

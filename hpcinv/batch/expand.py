@@ -1,4 +1,4 @@
-"""From axes to the points that they combine to."""
+"""Expansion of axes to the points that they combine to."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from hpcinv.quantity.keys import parse_key
 
 
 class Point(NamedTuple):
-    """Of one axis, or of several that are combined.
+    """A point of one axis, or of several that are combined.
 
     Attributes:
-        parameters: what tells it from others: values by key, and labels of branches by the name of their axis.
+        parameters: what identifies the point: values by key, and labels of branches by the name of their axis.
         settings: values by key in the job.
     """
 
@@ -24,7 +24,7 @@ class Point(NamedTuple):
 
 
 def combined(axes: Sequence[Axis]) -> Iterator[Point]:
-    """Every combination of the points of axes, the last one changing fastest; without axes one point."""
+    """Yield every combination of the points of axes, the last axis changing fastest; without axes one point."""
     for points in itertools.product(*(list(_points(axis)) for axis in axes)):
         yield Point(
             {key: value for point in points for key, value in point.parameters.items()},
@@ -33,7 +33,7 @@ def combined(axes: Sequence[Axis]) -> Iterator[Point]:
 
 
 def sections_first(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings in the order in which they are to be set: whole sections before values in them."""
+    """Return settings in the order in which they must be set: whole sections before values in them."""
     return dict(sorted(settings.items(), key=lambda setting: len(parse_key(setting[0]))))
 
 
@@ -48,7 +48,7 @@ def _points(axis: Axis) -> Iterator[Point]:
 
 
 def _values(axis: Axis) -> Iterator[dict[str, Any]]:
-    """Values by key of each point of an axis that has no branches."""
+    """Yield the values by key of each point of an axis that has no branches."""
     if axis.grid is not None:
         for combination in itertools.product(*axis.grid.values()):
             yield dict(zip(axis.grid, combination, strict=True))

@@ -1,4 +1,4 @@
-"""How long the open cases of a sweep will take, from the times of those that are finished."""
+"""Time that the open cases of a batch will take, predicted from the times of those that are finished."""
 
 from __future__ import annotations
 
@@ -6,27 +6,51 @@ import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hpcinv.batch.ledger.record import CaseRecord
+
+
+def remaining_seconds(
+    reuse_groups: Mapping[str, str], records: Mapping[str, CaseRecord], unknowns: Mapping[str, int] | None = None
+) -> float | None:
+    """Return the seconds that the cases without a record take one after the other; ``None`` if nothing is known.
+
+    Args:
+        reuse_groups: of all cases, by key.
+        records: of finished cases, by key.
+        unknowns: number of unknowns by reuse group, where it is known without a record.
+    """
+    seconds: dict[str, list[float]] = {}
+    sizes: dict[str, int] = {}
+    for key, record in records.items():
+        seconds.setdefault(reuse_groups[key], []).append(record.seconds)
+        if (size := record.statistics.get("mesh", {}).get("unknowns")) is not None:
+            sizes[reuse_groups[key]] = size
+    left = (group for key, group in reuse_groups.items() if key not in records)
+    return forecast(left, seconds, sizes | dict(unknowns or {}))
 
 
 def forecast(
     reuse_groups: Iterable[str], finished: Mapping[str, Sequence[float]], unknowns: Mapping[str, int]
 ) -> float | None:
-    """Seconds that open cases take one after the other; ``None`` if nothing has been finished that could tell.
+    """Return the seconds that open cases take one after the other; ``None`` if nothing has been finished.
 
-    A case takes the median of what the finished ones of its reuse group took. Where there are none, it takes that of
-    the group with the nearest number of unknowns (by their ratio), in proportion to them.
+    A case takes the median of the finished ones of its reuse group. Where there are none, it takes the median of the
+    group with the nearest number of unknowns (by their ratio), times that ratio.
 
     Args:
         reuse_groups: of each open case.
         finished: seconds of finished cases by their reuse group.
-        unknowns: number of unknowns by reuse group; where it is not known a case takes what the median group does.
+        unknowns: number of unknowns by reuse group; where it is not known, a case takes the median over the groups.
     """
-    medians = {reuse_group: statistics.median(seconds) for reuse_group, seconds in finished.items() if seconds}
+    medians = {reuse_group: statistics.median(seconds) for reuse_group, seconds in finished.items()}
     if not medians:
         return None
 
     @cache
-    def of(reuse_group: str) -> float:
+    def seconds_of(reuse_group: str) -> float:
         if reuse_group in medians:
             return medians[reuse_group]
         ratios = {s: unknowns[reuse_group] / unknowns[s] for s in medians if {s, reuse_group} <= unknowns.keys()}
@@ -35,11 +59,11 @@ def forecast(
         nearest = min(ratios, key=lambda s: abs(math.log(ratios[s])))
         return medians[nearest] * ratios[nearest]
 
-    return sum(map(of, reuse_groups))
+    return sum(map(seconds_of, reuse_groups))
 
 
 def in_words(seconds: float) -> str:
-    """A duration in the unit that suits it, such as ``45 s``, ``12 min``, ``3.4 h`` or ``2.1 days``."""
+    """Return a duration in the unit that suits it, such as ``45 s``, ``12 min``, ``3.4 h`` or ``2.1 days``."""
     for limit, unit, name in ((100, 1, "s"), (100 * 60, 60, "min"), (72 * 3600, 3600, "h")):
         if seconds < limit:
             return f"{seconds / unit:.0f} {name}" if seconds >= 10 * unit else f"{seconds / unit:.1f} {name}"

@@ -1,8 +1,7 @@
-"""Program of the processes that solve the cases of one group, apart from those that the launcher has started.
+"""Program of the processes that solve the cases of one group, separate from those that the launcher has started.
 
-``python -m hpcinv.batch.groupprocess DIRECTORY``, on one rank, or under mpiexec on several. The supervisor that has
-started them (`isolation`) reads in the directory what the group is doing, and finds out there what it was at, should
-they crash.
+``python -m hpcinv.batch.groupprocess DIRECTORY``, on one rank, or under mpiexec on several. They write to a file in the
+directory which case they solve; the supervisor that has started them (`isolation`) reads it, also after a crash.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ from typing import NoReturn  # noqa: E402
 from hpcinv.errors import HpcinvError  # noqa: E402
 from hpcinv.parallel.signals import STOPPED, end_on_interrupt  # noqa: E402
 
-_PATIENCE = 5.0  # seconds after which another rank will not come to its end any more
+_PATIENCE = 5.0  # seconds after which another rank is assumed not to end any more
 
 
 def main(directory: Path) -> int:
-    """Work until no case is left, and tell of the end; only what ends otherwise has an exit code that is not 0."""
-    from hpcinv.batch.grouptask import GroupTask, Speaker
+    """Solve cases until none is left, and report the end; the exit code is 0 unless the processes ended otherwise."""
+    from hpcinv.batch.grouptask import EventWriter, GroupTask
     from hpcinv.batch.worker import work
     from hpcinv.parallel.runtime import MPI, abort, failing_together, on_root
 
@@ -41,7 +40,7 @@ def main(directory: Path) -> int:
     end_on_interrupt(interrupted)
     stop.ends_libraries_by(end_in_library)
     with failing_together(world):
-        speaker = Speaker(directory) if world.rank == 0 else None
+        events = EventWriter(directory) if world.rank == 0 else None
         task = on_root(world, lambda: GroupTask.read(directory))
         error: HpcinvError | None = None
         try:
@@ -52,13 +51,13 @@ def main(directory: Path) -> int:
                 task.lease,
                 lambda text: print(text, flush=True),
                 stop,
-                speaker.holding if speaker is not None else None,
+                events.holding if events is not None else None,
             )
         except HpcinvError as met:
             error = met
         stop.ignore()
-        if speaker is not None:
-            speaker.ended(error)
+        if events is not None:
+            events.ended(error)
         everyone, deadline = world.Ibarrier(), time.monotonic() + _PATIENCE
         while not everyone.Test():
             if time.monotonic() > deadline:

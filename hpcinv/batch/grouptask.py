@@ -1,4 +1,4 @@
-"""What a supervisor and the processes of its group tell each other, by two files in a directory of their own."""
+"""Messages between a supervisor and the processes of its group, through two files in a directory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TASK, _EVENTS = "task", "events"
 
 @dataclass(frozen=True)
 class GroupTask:
-    """What a group does; see `hpcinv.batch.worker.work`."""
+    """Task of a group; attributes as in `hpcinv.batch.worker.work`."""
 
     batch: Batch
     begin: float
@@ -37,7 +37,7 @@ class GroupTask:
 
 @dataclass(frozen=True)
 class Held:
-    """A case that is worked on."""
+    """Event: a case that the group solves now."""
 
     title: str
     claim: Claim
@@ -45,38 +45,39 @@ class Held:
 
 @dataclass(frozen=True)
 class Ended:
-    """That a group has come to an end by itself; ``error``: why, unless no case was left."""
+    """Event: the group has ended by itself, with an ``error`` unless no case was left."""
 
     error: HpcinvError | None
 
 
-class Speaker:
-    """The side of the group: what it tells, it tells at once."""
+class EventWriter:
+    """Writer of the events of a group, in the group."""
 
     def __init__(self, directory: Path) -> None:
         self._file: TextIO = (directory / _EVENTS).open("a", encoding="ascii")
 
     def holding(self, task: BatchTask | None) -> None:
-        """Which case is worked on."""
-        self._tell(None if task is None else Held(task.title, task.claim))
+        """Write which case the group solves now, ``None`` for none."""
+        self._write(None if task is None else Held(task.title, task.claim))
 
     def ended(self, error: HpcinvError | None) -> None:
-        self._tell(Ended(error))
+        """Write that the group has ended."""
+        self._write(Ended(error))
 
-    def _tell(self, event: Held | Ended | None) -> None:
+    def _write(self, event: Held | Ended | None) -> None:
         self._file.write(pickle.dumps(event).hex() + "\n")
         self._file.flush()
 
 
-class Listener:
-    """The side of the supervisor."""
+class EventReader:
+    """Reader of the events of a group, in its supervisor."""
 
     def __init__(self, directory: Path) -> None:
         self._file = (directory / _EVENTS).open("rb")
         self._rest = b""
 
     def events(self) -> Iterator[Held | Ended | None]:
-        """What was told since the last call: a case that is worked on, that none is, or the end."""
+        """Yield the events since the last call; ``None``: no case is solved now."""
         *lines, self._rest = (self._rest + self._file.read()).split(b"\n")
         for line in lines:
             yield pickle.loads(bytes.fromhex(line.decode()))

@@ -1,10 +1,10 @@
-"""Cases solved in processes of their own, so that one that crashes, or never ends, takes only its own process with it.
+"""Isolation of cases in separate processes, so that a case that crashes or never ends affects only its own process.
 
-What the launcher has started stays small and alive as a supervisor: it has MPI, but neither PETSc nor users' code. The
-first rank of each group starts the processes that solve its cases, one after the other (`groupprocess`): on one rank by
-itself, on several by mpiexec. Should they crash, it notes that in the ledger and starts them again, and they go on with
-other cases. A case that takes longer than its limit stops itself at the next Newton iteration; where it does not, since
-it is in code that never returns, its record is written here and its process is killed.
+The processes that the launcher has started are supervisors: they load MPI, but neither PETSc nor users' code. The first
+rank of each group starts the processes that solve its cases (`groupprocess`): directly on one rank, by mpiexec on
+several. If they crash, it notes that in the ledger and starts them again, and they continue with other cases. A case
+that takes longer than its limit stops at the next Newton iteration; where it does not, since it is in code that never
+returns, the supervisor writes its record and kills its process.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from hpcinv.batch.grouptask import Ended, GroupTask, Held, Listener
+from hpcinv.batch.grouptask import Ended, EventReader, GroupTask, Held
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.errors import Interrupted, SystemPartMissing
 from hpcinv.parallel.processes import Identity
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from hpcinv.batch.task import Batch
     from hpcinv.parallel.signals import StopRequest
 
-_PAUSE = 0.05  # seconds between looks at a group
-_IN_VAIN = 3  # starts in a row that end before a case is begun
-_STOP = 1  # tag of the message that a signal has come to another rank of the group
+_PAUSE = 0.05  # seconds between checks of a group
+_FRUITLESS = 3  # largest number of consecutive starts that end before a case is begun
+_STOP = 1  # tag of the message that another rank of the group has received a signal
 _OF_LAUNCHERS = ("PMI", "HYD", "MPI_LOCAL", "OMPI_COMM_WORLD", "OMPI_MCA_orte", "OMPI_MCA_ess", "OMPI_UNIVERSE", "PRTE")
 
-# It ends with its parent by whatever end, and may use the processors of all ranks of its group.
+# The program ends whenever its parent ends, and may use the processors of all ranks of its group.
 _LAUNCH = """
 import ctypes, json, os, signal, sys
 parent, processors = int(sys.argv[1]), json.loads(sys.argv[2])
@@ -52,7 +52,7 @@ os.execvp(sys.argv[3], sys.argv[3:])
 
 
 def can_isolate(group: MPI.Intracomm) -> bool:
-    """Whether the ranks of a group can be started again: one can, several on one machine by mpiexec. Collective."""
+    """Return whether processes can be started for a group: for one rank, or on one machine by mpiexec. Collective."""
     if group.size == 1:
         return True
     identity = Identity.of_this_process()
@@ -68,15 +68,15 @@ def supervise(
     note: Callable[[str], None],
     stop: StopRequest,
 ) -> None:
-    """Let the cases of a batch that are open be solved by processes of their own; collective.
+    """Solve the open cases of a batch in separate processes; collective.
 
     Args:
-        begin: where in the list of all cases, from 0 to 1.
-        lease: seconds in which a holder on another machine must give a sign of life.
+        begin: share of the list of cases at which the group begins, from 0 to 1.
+        lease: seconds within which the heartbeat of a holder on another machine must change.
         note: called on the first rank.
 
     Raises:
-        Interrupted: on every rank of the group: a signal came, and cases are left.
+        Interrupted: on every rank of the group: a signal was received, and cases are left.
         OutputError, SystemPartMissing: on the first rank: the store cannot be used, or no process can be started.
     """
     processors = sorted(set().union(*group.allgather(_processors())))
@@ -92,26 +92,26 @@ def supervise(
 
 
 def _wait_for_first(group: MPI.Intracomm, stop: StopRequest) -> None:
-    everyone, told = group.Ibarrier(), list[MPI.Request]()
+    everyone, sent = group.Ibarrier(), list[MPI.Request]()
     while not everyone.Test():
-        if stop.signal is not None and not told:
-            told.append(group.isend(int(stop.signal), 0, tag=_STOP))
+        if stop.signal is not None and not sent:
+            sent.append(group.isend(int(stop.signal), 0, tag=_STOP))
         time.sleep(_PAUSE)
-    MPI.Request.Waitall(told)
+    MPI.Request.Waitall(sent)
 
 
 @dataclass
 class _Outcome:
-    """How the processes of a group ended: by themselves, or with a case in hand; ``code`` as subprocess has it."""
+    """End of the processes of a group: the last events, the exit code, and whether a case was begun."""
 
-    ended: Ended | None
-    held: Held | None
-    code: int
-    begun: bool  # whether they have begun a case
+    ended: Ended | None = None
+    held: Held | None = None
+    code: int = 0
+    begun: bool = False
 
 
 class _Supervisor:
-    """On the first rank of a group."""
+    """Supervisor of the processes of a group, on its first rank."""
 
     def __init__(
         self,
@@ -125,38 +125,38 @@ class _Supervisor:
         self.ledger: Ledger = ledger_of(task.batch.store)
 
     def run(self) -> None:
-        in_vain = 0
+        fruitless = 0
         while True:
             with tempfile.TemporaryDirectory(prefix="hpcinv-") as place:
-                outcome = self._attend(Path(place))
+                outcome = self._supervise(Path(place))
             if outcome.ended is not None:
                 if outcome.ended.error is not None:
                     raise outcome.ended.error
                 return
-            if self._asked_to_stop() is not None:
+            if self._stop_signal() is not None:
                 if outcome.held is not None:
                     self.ledger.release(outcome.held.claim)
                 raise Interrupted("stopped by a signal")
             if outcome.held is not None:
                 self._note_crash(outcome.held, outcome.code)
-            in_vain = 0 if outcome.begun else in_vain + 1
-            if in_vain == _IN_VAIN:
+            fruitless = 0 if outcome.begun else fruitless + 1
+            if fruitless == _FRUITLESS:
                 raise SystemPartMissing(
-                    f"the processes that solve cases have {_how(outcome.code)}, {_IN_VAIN} times before they began one",
+                    f"{_FRUITLESS} times the processes that solve cases have {_how(outcome.code)} before they began one",
                     "See what they printed. With --no-isolation the ranks of the launcher solve cases themselves.",
                 )
 
-    def _attend(self, place: Path) -> _Outcome:
-        """Start the processes of the group, and watch them until their end."""
+    def _supervise(self, place: Path) -> _Outcome:
+        """Start the processes of the group, and supervise them until they end."""
         self.task.write(place)
-        listener = Listener(place)
+        reader = EventReader(place)
         process = self._start(place)
-        outcome = _Outcome(None, None, 0, begun=False)
+        outcome = _Outcome()
         since, signalled = time.monotonic(), False
         try:
             while True:
-                over = _wait(process)  # before its last words are read
-                for event in listener.events():
+                over = _has_ended(process)  # before its last events are read
+                for event in reader.events():
                     if isinstance(event, Ended):
                         outcome.ended = event
                     else:
@@ -165,16 +165,16 @@ class _Supervisor:
                 if over:
                     outcome.code = process.returncode
                     return outcome
-                if not signalled and (asked := self._asked_to_stop()) is not None:
+                if not signalled and (received := self._stop_signal()) is not None:
                     signalled = True
-                    process.send_signal(asked)
+                    process.send_signal(received)
                 if outcome.held is not None and self._is_stuck(time.monotonic() - since):
                     self._give_up(outcome.held)
                     outcome.held = None
                     return outcome
         finally:
             _kill(process)
-            listener.close()
+            reader.close()
 
     def _start(self, place: Path) -> subprocess.Popen[bytes]:
         program = [sys.executable, "-m", "hpcinv.batch.groupprocess", str(place)]
@@ -185,32 +185,32 @@ class _Supervisor:
             [*first, *program], env=_environment(), stdin=subprocess.DEVNULL, start_new_session=True
         )
 
-    def _asked_to_stop(self) -> signal.Signals | None:
-        """The signal that has come to a rank of the group."""
+    def _stop_signal(self) -> signal.Signals | None:
+        """Return the signal that a rank of the group has received."""
         if self.stop.signal is None and self.group.Iprobe(tag=_STOP):
             self.stop.signal = signal.Signals(self.group.recv(tag=_STOP))
         return self.stop.signal
 
     def _is_stuck(self, seconds: float) -> bool:
-        """Whether a case has had its limit, and the time to notice that by itself."""
+        """Return whether a case has exceeded its limit by more than it takes to stop by itself."""
         limit = self.task.batch.limit
         return limit is not None and seconds > limit + max(5.0, 0.1 * limit)
 
     def _give_up(self, held: Held) -> None:
-        """Record that a case took too long, while its process still has the claim, so that no other takes it over."""
+        """Record that a case took too long, before its process ends, so that no other process claims the case."""
         record = self.task.batch.overdue_record(held.claim)
         if self.ledger.commit(held.claim, record):
-            self.note(f"{held.title}: {record.status}, and did not stop: its process is ended")
+            self.note(f"{held.title}: {record.status}, and did not stop: its process was killed")
 
     def _note_crash(self, held: Held, code: int) -> None:
-        """Note how a case has ended its process."""
+        """Note in the ledger that a case has crashed its process."""
         how = _how(code)
         self.ledger.crashed(held.claim, how)
-        self.note(f"{held.title}: crashed its process ({how}); the others go on in a new one")
+        self.note(f"{held.title}: crashed its process ({how}); other cases continue in a new process")
 
 
 def _how(code: int) -> str:
-    """How processes ended. mpiexec gives the number of a signal as its exit code."""
+    """Return how processes ended, in words; mpiexec gives the number of a signal as its exit code."""
     fatal = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGKILL)
     if code < 0 or code in fatal:
         with contextlib.suppress(ValueError):
@@ -218,22 +218,22 @@ def _how(code: int) -> str:
     return f"ended with exit code {code} before all was done"
 
 
-def _wait(process: subprocess.Popen[bytes]) -> bool:
-    """Whether a process has ended, after a moment."""
+def _has_ended(process: subprocess.Popen[bytes]) -> bool:
+    """Wait for a moment; return whether a process has ended."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(_PAUSE)
     return process.returncode is not None
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End what is left of a group's processes, which have a session of their own."""
+    """Kill the remaining processes of a group, which have their own session."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
 
 
 def _mpiexec() -> str | None:
-    """The one that belongs to this Python's MPI is beside it."""
+    """Return the path of mpiexec: that of this Python's MPI is in the same directory."""
     return shutil.which("mpiexec", path=str(Path(sys.executable).parent)) or shutil.which("mpiexec")
 
 
@@ -242,6 +242,6 @@ def _processors() -> list[int]:
 
 
 def _environment() -> dict[str, str]:
-    """Without what a launcher tells its ranks, so that MPI begins anew; a nested mpiexec starts processes here."""
+    """Return the environment without a launcher's variables, so that MPI starts again; mpiexec then forks processes."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(_OF_LAUNCHERS)}
     return kept | {"HYDRA_LAUNCHER": "fork", "HYDRA_RMK": "user"}

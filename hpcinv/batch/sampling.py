@@ -1,4 +1,4 @@
-"""Samples: points of the unit cube, and the distributions that they become values of."""
+"""Samples: points of the unit cube, and the distributions that map them to values."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _EXAMPLES: Mapping[str, str] = {
     "log-uniform": "{log-uniform: [2 kPa, 200 kPa]}",
     "normal": "{normal: [963 kg/m^3, 10 kg/m^3]}",
 }
-_LEAST = 2.0**-53  # a share of nothing would be minus infinity in a normal distribution
+_LEAST = 2.0**-53  # smallest probability; 0 would be minus infinity in a normal distribution
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """Of one parameter, in SI: between ``first`` and ``second``, or normal with that mean and standard deviation.
+    """Distribution of a parameter (SI): between ``first`` and ``second``, or normal with that mean and deviation.
 
-    ``dimension`` is that of its units, ``None`` where the file has plain numbers.
+    ``dimension`` is ``None`` where the file has plain numbers.
     """
 
     kind: Kind
@@ -37,10 +37,10 @@ class Distribution:
     dimension: Dimension | None = None
 
     def quantile(self, share: float) -> float:
-        """The value that ``share`` of all values lie below, to 12 digits.
+        """Return the quantile of a probability ``share``, rounded to 12 digits.
 
         Logarithms and powers differ in their last bit between the mathematical libraries of different machines. The
-        identity of a case is a hash of its values, and must not.
+        key of a case is a hash of its values, and must not differ.
         """
         match self.kind:
             case "uniform":
@@ -53,10 +53,10 @@ class Distribution:
 
 
 def read_distribution(given: object) -> Distribution:
-    """A distribution as the file has it: two ends, or the name of its kind and two numbers, with or without units.
+    """Return the distribution that a file gives by two ends, or by its kind and two numbers, with or without units.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not valid.
     """
     if isinstance(given, Distribution):
         return given
@@ -80,30 +80,30 @@ def read_distribution(given: object) -> Distribution:
 
 
 def _same_dimension(values: Sequence[object]) -> tuple[float, float, Dimension | None]:
-    """Two numbers or quantities in SI, and of what dimension both are."""
+    """Return two numbers or quantities in SI, and their common dimension."""
     read = []
     for value in values:
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise ValueError(f"must have numbers or quantities in it, not {shown(value)}")
+            raise ValueError(f"must contain numbers or quantities, not {shown(value)}")
         read.append(parse_quantity(value) if isinstance(value, str) else (as_float(value), None))
     (first, one), (second, other) = read
     if one != other:
         raise ValueError(f"must have two values of the same dimension, not {values[0]} and {values[1]}")
     if not (math.isfinite(first) and math.isfinite(second)):
-        raise ValueError(f"must have finite numbers in it, not {values[0]} and {values[1]}")
+        raise ValueError(f"must contain finite numbers, not {values[0]} and {values[1]}")
     return first, second, one
 
 
 def unit_points(method: Method, dimensions: int, count: int, seed: int) -> Sequence[Sequence[float]]:
-    """Points in ``[0, 1)^dimensions``, the same on any machine.
+    """Return points in ``[0, 1)^dimensions``, the same on any machine.
 
-    With more of them random and Sobol points begin with the same ones; those of a Latin hypercube are all others.
+    A larger random or Sobol sample begins with the points of a smaller one; a Latin hypercube has other points.
 
     Source: Sobol points with the directions of Joe & Kuo (2008), doi:10.1137/070709359, scrambled by Matoušek's linear
     matrices, and Latin hypercubes of McKay, Beckman & Conover (1979), doi:10.2307/1268522, as scipy.stats.qmc has them.
     """
     if method == "random":
-        source = random.Random(seed)  # its random() gives the same numbers in every version of Python
+        source = random.Random(seed)  # random() gives the same numbers in every version of Python
         return [[source.random() for _ in range(dimensions)] for _ in range(count)]
 
     from scipy.stats import qmc
@@ -111,6 +111,6 @@ def unit_points(method: Method, dimensions: int, count: int, seed: int) -> Seque
     points: list[list[float]]
     if method == "latin_hypercube":
         points = qmc.LatinHypercube(dimensions, rng=seed).random(count).tolist()
-    else:  # powers of two, which are balanced; the first of them where fewer are asked for
+    else:  # samples of 2^n points are balanced
         points = qmc.Sobol(dimensions, rng=seed).random_base2((count - 1).bit_length())[:count].tolist()
     return points

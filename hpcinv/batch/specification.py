@@ -1,4 +1,4 @@
-"""What the files of studies and sweeps have in common: how they are read, and how their values are shown."""
+"""Reading of study and sweep files, with a summary of the faults of their cases, and labels of values."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _VALUE = re.compile(r", (?:not|but) .*", re.DOTALL)
 def read_spec[S: Spec](
     kind: type[S], name: str, path: Path, content: Mapping[str, Any] | None = None, *, untrusted: bool
 ) -> S:
-    """A file of a kind that has a ``name``, left out that of the file.
+    """Read a file of a kind; where its key ``name`` is left out, it is the name of the file.
 
     Args:
-        content: what is in the file, if it has been read.
+        content: content of the file, if it has been read.
 
     Raises:
-        JobError: with a line for each thing that is wrong in it.
+        JobError: with a line for each fault.
     """
     context = {"directory": path.parent, "untrusted": untrusted}
     try:
@@ -35,7 +35,7 @@ def read_spec[S: Spec](
 
 
 def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
-    """Path and content of the job file that a file names, which need not be a complete job.
+    """Return path and content of the job file that a file names, which need not be a complete job.
 
     Raises:
         JobError: it cannot be read.
@@ -48,34 +48,34 @@ def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
 
 
 class Faults:
-    """What is wrong with the cases of a file, each thing told once, with the number of cases that have it.
+    """Faults of the cases of a file, each listed once, with the number of cases that have it.
 
     Args:
-        what: what the cases are called.
+        noun: for the cases.
     """
 
-    def __init__(self, path: Path, what: str) -> None:
-        self.path, self.what = path, what
+    def __init__(self, path: Path, noun: str) -> None:
+        self.path, self.noun = path, noun
         self._found: dict[str, tuple[str, str, int]] = {}
 
     def add(self, title: str, text: str) -> None:
-        """Note what is wrong with one case."""
-        like = _VALUE.sub("", text)  # sampled values differ from case to case, and what is wrong with them does not
+        """Add a fault of one case."""
+        like = _VALUE.sub("", text)  # sampled values differ from case to case
         first, said, others = self._found.get(like, (title, text, -1))
         self._found[like] = first, said, others + 1
 
     def raise_if_any(self) -> None:
-        """Raise a ``JobError`` with a line for each thing that is wrong."""
+        """Raise a ``JobError`` with a line for each fault."""
         if self._found:
             raise JobError([self._line(*fault) for fault in self._found.values()])
 
     def _line(self, title: str, text: str, others: int) -> str:
-        also = f" (and {others} more {self.what}{'s' if others > 1 else ''})" if others else ""
+        also = f" (and {others} more {self.noun}{'s' if others > 1 else ''})" if others else ""
         return f"{self.path}: {title}{also}: {text}"
 
 
 def text_of(value: Any) -> str:
-    """A value as a label has it."""
+    """Return a value as text of a label."""
     match value:
         case float():
             return f"{value:.6g}"

@@ -1,4 +1,4 @@
-"""Tables as files: columns with units as CSV, and as datasets of HDF5."""
+"""Tables as files: columns with units as CSV, and as HDF5 datasets."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ type Columns = dict[str, list[Any]]
 
 
 def as_csv(columns: Columns, units: Mapping[str, str]) -> str:
-    """Columns as CSV under headers with their units, such as ``tip [m]``; what is not known is empty."""
+    """Return columns as CSV under headers with their units, such as ``tip [m]``; unknown values are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([f"{name} [{units[name]}]" if units.get(name) else name for name in columns])
@@ -24,7 +24,7 @@ def as_csv(columns: Columns, units: Mapping[str, str]) -> str:
 
 
 def fill(group: h5py.Group, columns: Columns, units: Mapping[str, str]) -> None:
-    """A dataset for each column: text, flags, or numbers with NaN for what is not known."""
+    """Write a dataset for each column: text, flags, or numbers with NaN for unknown values."""
     for column, values in columns.items():
         name = column.replace("/", "|")  # HDF5 reads it as a path
         if all(isinstance(v, str) for v in values):

@@ -1,6 +1,6 @@
-"""What a front end hands to the engine: in which order cases are solved, and how.
+"""Interfaces between the batch engine and its front ends (sweeps and studies): order of cases, and their solution.
 
-A `Batch` is sent to the processes that solve its cases, by pickle. There its `Schedule`, on the first rank of each
+A `Batch` is pickled and sent to the processes that solve its cases. There its `Schedule`, on the first rank of each
 group, claims one case after the other in the ledger, and its `Runner`, on all ranks, solves them.
 """
 
@@ -35,26 +35,26 @@ class BatchTask:
 
 
 class Pause(Enum):
-    """That nothing can be claimed at the moment, but perhaps later: others work on what is left."""
+    """Result of `Schedule.next` when other groups work on all cases that are left: try again later."""
 
     WAIT = "wait"
 
 
 class Schedule[T: BatchTask](Protocol):
-    """Which case a group takes next; it lives on the first rank of the group."""
+    """Order in which a group takes cases; on the first rank of the group."""
 
     def next(self) -> T | Pause | None:
-        """Claim a case; ``None`` when nothing is left to be done."""
+        """Claim a case; ``None`` if none is left."""
 
     def report(self, task: T, record: CaseRecord) -> str:
-        """A line on how a case ended."""
+        """Return a line on the end of a case."""
 
 
 class Runner[T: BatchTask](ABC):
-    """How cases are solved, on all ranks of a group; use it as a context. All methods but `tidy` are collective."""
+    """Solver of cases on all ranks of a group, used as a context. All methods except `remove_run` are collective."""
 
     collect_every = 1
-    """cases between collections of garbage"""
+    """number of cases between garbage collections"""
 
     def __enter__(self) -> Self:
         return self
@@ -63,30 +63,30 @@ class Runner[T: BatchTask](ABC):
         self.clear()
 
     @abstractmethod
-    def run(self, task: T, heard: Any, stop_asked: Callable[[], bool]) -> dict[str, Any]:
-        """Solve a case, as `hpcinv.driver.run` does, and with its errors.
+    def run(self, task: T, progress: Any, stop_asked: Callable[[], bool]) -> dict[str, Any]:
+        """Solve a case; raises the errors of `hpcinv.driver.run`.
 
         Args:
-            heard: the run's progress, which has its statistics afterwards.
-            stop_asked: asked on every rank.
+            progress: a `SilentProgress`, which has the statistics of the run afterwards.
+            stop_asked: called on every rank; true ends the run.
 
         Returns:
-            Entries of the record, of those that only the runner knows: ``start``, ``compiled``.
+            The entries of the record that only the runner knows: ``start``, ``compiled``.
         """
 
     @abstractmethod
     def clear(self) -> None:
-        """Drop all that is kept for the cases to come."""
+        """Release everything that is kept for later cases."""
 
-    def tidy(self, task: T, record: CaseRecord) -> None:
-        """Remove what is not to be kept of a case that is committed; on the first rank."""
+    def remove_run(self, task: T, record: CaseRecord) -> None:
+        """Remove the files of a committed case that are not kept; on the first rank."""
         shutil.rmtree(task.claim.run, ignore_errors=True)
-        with contextlib.suppress(OSError):  # there may be those of earlier rounds
+        with contextlib.suppress(OSError):  # it is not empty if there were earlier rounds
             task.claim.run.parent.rmdir()
 
 
 class Batch(ABC):
-    """Cases that any number of allocations solve together.
+    """Set of cases that any number of allocations solve together.
 
     Attributes:
         retry: the command that opens failed cases again.
@@ -102,18 +102,18 @@ class Batch(ABC):
     @property
     @abstractmethod
     def limit(self) -> float | None:
-        """Wall time (s) that a case may take; ``None``: any."""
+        """Largest wall time (s) of a case; ``None`` without limit."""
 
     @abstractmethod
     def schedule(self, ledger: Ledger, begin: float, ranks: int) -> Schedule[Any]:
-        """The schedule of a group of so many ranks; ``begin``: where in the list of all cases, from 0 to 1."""
+        """Return the schedule of a group of ``ranks``, which begins at a share (0 to 1) of the list of cases."""
 
     @abstractmethod
     def runner(self, comm: Intracomm) -> Runner[Any]:
-        """What solves cases on the ranks of a group."""
+        """Return the runner on the ranks of a group."""
 
     def overdue_record(self, claim: Claim) -> CaseRecord:
-        """The record of a case that took longer than the limit."""
+        """Return the record of a case that took longer than the limit."""
         seconds = self.limit or 0.0
         advice = f"Raise 'limit' and open it again with '{self.retry}', or take larger steps or a coarser mesh."
         return CaseRecord(f"took longer than its limit of {in_words(seconds)}", advice, {}, seconds, claim.attempt)

@@ -1,4 +1,4 @@
-"""In what units (SI) the numbers of a study are."""
+"""SI units of costs and of the numbers of a summary."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _IN_SUMMARY = {"max": "m", "rms": "m", "strain_energy": "J", "total": "s"}
 
 
 def unit_of(key: str, job: Job) -> str:
-    """Symbol of the unit of the number at a key of the summary; empty for pure numbers and where it is not known."""
+    """Return the unit of the number at a key of the summary; empty for pure numbers and where it is not known."""
     names = {quantity.name: quantity for quantity in job.quantities}
     name = key.removeprefix("quantities.").partition("[")[0]
     if not key.startswith("quantities.") or name not in names:
@@ -24,7 +24,7 @@ def unit_of(key: str, job: Job) -> str:
         return "m"
     if names[name].is_reaction:
         return REACTIONS[names[name].of.source.strip()]
-    if names[name].reduce == "integral":  # of what it is over, volume or area, only the mesh knows
+    if names[name].reduce == "integral":  # over a volume or an area, which only the mesh determines
         return ""
     dimension = names[name].of.check(POSITIONS | FIELDS)
     return next((unit for unit in NAMES if parse_unit(unit)[1] == dimension), "")

@@ -1,4 +1,4 @@
-"""What a group of ranks does: it opens the store, and solves one case after the other as long as there are any."""
+"""Worker of a group of ranks: claims and solves one case after the other until none is left."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.ledger.store import open_store
 from hpcinv.batch.task import Pause
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError
-from hpcinv.output.progress import Listener
+from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
 from hpcinv.solver.problem_cache import collect_garbage
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from hpcinv.batch.ledger.ledger import Claim
     from hpcinv.batch.task import Batch, BatchTask, Schedule
 
-_PAUSE = 1.0  # seconds between looks at cases that others hold
+_PAUSE = 1.0  # seconds between checks of cases that other groups hold
 
 
 def work(
@@ -39,18 +39,18 @@ def work(
     stop_asked: Callable[[], bool],
     holding: Callable[[BatchTask | None], None] | None = None,
 ) -> None:
-    """Solve the cases that are open; its first rank alone knows the ledger. Collective.
+    """Solve the open cases; collective.
 
     Args:
-        begin: where in the list of all cases, from 0 to 1.
-        lease: seconds in which a holder on another machine must give a sign of life.
-        note: called on the first rank with a line on each case that has ended.
-        stop_asked: asked on every rank.
-        holding: where a supervisor listens, on the first rank; told of each case that is begun, and by ``None`` that it
-            is over.
+        begin: share of the list of cases at which the group begins, from 0 to 1.
+        lease: seconds within which the heartbeat of a holder on another machine must change.
+        note: called on the first rank with a line on each finished case.
+        stop_asked: called on every rank; true ends the work.
+        holding: called on the first rank with each case when it begins, and with ``None`` when it has ended; given only
+            where a supervisor notes crashes.
 
     Raises:
-        HpcinvError: the same on every rank, as ``Worker.work`` does.
+        HpcinvError: the same on every rank, from `Worker.work`.
     """
     with ExitStack() as held, compilation_explained(group):
 
@@ -65,37 +65,35 @@ def work(
         Worker(batch, group, ledger, begin, note, stop_asked, holding or (lambda task: None)).work()
 
 
+@dataclass
 class Worker:
-    """Runs cases on all ranks of ``comm``.
+    """Solves cases on all ranks of ``comm``.
 
     Args:
         ledger: on rank 0, ``None`` on the others.
-        begin: where in the list of all cases, from 0 to 1.
+        begin: share of the list of cases at which the group begins, from 0 to 1.
         note, stop_asked, holding: see `work`.
     """
 
-    def __init__(
-        self,
-        batch: Batch,
-        comm: MPI.Intracomm,
-        ledger: Ledger | None,
-        begin: float,
-        note: Callable[[str], None],
-        stop_asked: Callable[[], bool],
-        holding: Callable[[BatchTask | None], None],
-    ) -> None:
-        self.batch, self.comm, self.ledger, self.begin = batch, comm, ledger, begin
-        self.note, self.stop_asked, self.holding = note, stop_asked, holding
+    batch: Batch
+    comm: MPI.Intracomm
+    ledger: Ledger | None
+    begin: float
+    note: Callable[[str], None]
+    stop_asked: Callable[[], bool]
+    holding: Callable[[BatchTask | None], None]
+
+    def __post_init__(self) -> None:
         self.schedule: Schedule[Any] | None = None
-        self.runner = batch.runner(comm)
+        self.runner = self.batch.runner(self.comm)
         self.solved = 0
 
     def work(self) -> None:
-        """Solve cases until none is left that others do not have in hand; collective.
+        """Solve cases until none is left that other groups do not hold; collective.
 
         Raises:
-            Interrupted: a signal asked to stop; the case at hand is given back, with what it has saved.
-            OutputError, SystemPartMissing: the same on every rank; the case is given back.
+            Interrupted: a signal was received; the present case is released, and its checkpoints are kept.
+            OutputError, SystemPartMissing: the same on every rank; the case is released.
         """
         with self.runner:
             while True:
@@ -131,44 +129,44 @@ class Worker:
             collect_garbage(self.comm)
 
     def _solve(self, task: BatchTask) -> CaseRecord:
-        """Solve a case; that it cannot be solved is a result too."""
+        """Solve a case and return its record; a failure is a record too."""
         begun = time.perf_counter()
         record = CaseRecord("", "", {}, 0.0, task.claim.attempt)
-        if (hopeless := _hopeless(task.claim)) is not None:
-            status, advice = hopeless
+        if (given_up := _given_up(task.claim)) is not None:
+            status, advice = given_up
             return replace(record, status=status, advice=advice)
-        heard = Listener(self.comm)
+        progress = SilentProgress(self.comm)
         overdue = self._overdue(begun)
         try:
-            entries = self.runner.run(task, heard, lambda: self.stop_asked() or overdue())
+            entries = self.runner.run(task, progress, lambda: self.stop_asked() or overdue())
             record = replace(record, status="converged", **entries)
         except (SolveError, MeshError) as error:
             record = replace(record, status=error.message, advice=error.advice)
-        except JobError as error:  # a formula without a value
+        except JobError as error:  # for example a formula without a value
             record = replace(record, status="; ".join(error.problems))
         except Interrupted:
             if self.comm.allreduce(self.stop_asked(), op=MPI.LOR) or not self.comm.allreduce(overdue(), op=MPI.LOR):
                 raise
             record = self.batch.overdue_record(task.claim)
-        except HpcinvError:
-            raise
         except Exception as error:
-            if self.comm.size > 1:  # the ranks may have lost each other
+            if (
+                isinstance(error, HpcinvError) or self.comm.size > 1
+            ):  # the ranks may not be at the same collective call any more
                 raise
             record = replace(record, status=_unforeseen(error), advice="This is an error in hpcinv; please report it.")
             self.runner.clear()
-        return replace(record, statistics=heard.statistics, seconds=time.perf_counter() - begun)
+        return replace(record, statistics=progress.statistics, seconds=time.perf_counter() - begun)
 
     def _overdue(self, begun: float) -> Callable[[], bool]:
-        """Whether a case takes longer than its limit."""
+        """Return a function that is true when a case takes longer than its limit."""
         limit = self.batch.limit
         return lambda: limit is not None and time.perf_counter() - begun > limit
 
     def _release(self, task: BatchTask) -> bool:
-        """Give a case back; false if another has taken it over, and its directory with it, which explains the error."""
+        """Release a case; ``False`` if another process has claimed it and its directory, which explains the error."""
         assert self.ledger is not None
         if not self.ledger.holds(task.claim):
-            self.note(f"{task.title}: was taken over by another, who thought that this process had ended")
+            self.note(f"{task.title}: was claimed by another process, since this one seemed to have ended")
             self.holding(None)
             return False
         self.ledger.release(task.claim)
@@ -179,21 +177,21 @@ class Worker:
         assert self.ledger is not None
         assert self.schedule is not None
         first = self.ledger.commit(task.claim, record)
-        self.runner.tidy(task, record)
+        self.runner.remove_run(task, record)
         self.holding(None)
-        meanwhile = f"{task.title}: was done by another meanwhile"
+        meanwhile = f"{task.title}: was finished by another process meanwhile"
         self.note(self.schedule.report(task, record) if first else meanwhile)
 
 
-def _hopeless(claim: Claim) -> tuple[str, str] | None:
-    """Status and advice of a case that has crashed or ended too many processes to be tried again."""
+def _given_up(claim: Claim) -> tuple[str, str] | None:
+    """Return status and advice of a case that has crashed or killed too many processes to be tried again."""
     crashes = [how for how in claim.crashes if how != KILLED]
     if len(crashes) >= CRASHES:
         status = f"its process crashed {len(crashes)} times: {crashes[-1]}"
         return status, "See what it printed last."
     if claim.died >= DEADLY or claim.lost >= LOST:
         status = f"the process that ran it was killed {claim.died + claim.lost} times"
-        return status, "Was it, or a case beside it, out of memory? Give it more, or a coarser mesh."
+        return status, "It, or a case beside it, may have run out of memory: use more memory or a coarser mesh."
     return None
 
 

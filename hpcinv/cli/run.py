@@ -32,9 +32,13 @@ def add_run(commands: Any) -> None:
     resume.set_defaults(command=_resume)
 
     study = commands.add_parser("study", help="accuracy against time: many runs of a job, their errors and costs")
+    study.add_argument(
+        "action", nargs="?", choices=("run", "status"), default="run", help="run it (default), or show its status"
+    )
     study.add_argument("study", type=Path, help="study file (YAML)")
     study.add_argument("--output", type=Path, metavar="DIR", help="where it goes, and goes on (default: results/STUDY)")
     study.add_argument("--retry-failed", action="store_true", help="try runs that have failed before once more")
+    study.add_argument("--follow", action="store_true", help="status: repeat it until all executions are finished")
     study.set_defaults(command=_study)
 
     for parallel in (run, resume):
@@ -114,7 +118,28 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
     return result.certificate.verdict.exit_code(strict=options.strict)
 
 
+def _study_status(options: argparse.Namespace) -> int:
+    """Print the status of a study, for the number of ranks with which it was last started, or for --ranks."""
+    from hpcinv.batch.ledger.ledger import ledger_of
+    from hpcinv.batch.status import show
+    from hpcinv.study.directory import check_content, ranks_in, store_in
+    from hpcinv.study.executions import Executions
+
+    plan = load_study(options.study)
+    directory = options.output or Path("results") / plan.study.study
+    check_content(directory, plan.study.study)
+    executions = Executions(plan, ledger_of(store_in(directory)), options.ranks or ranks_in(directory))
+    show(executions.status, followed=options.follow)
+    return 0
+
+
 def _study(options: argparse.Namespace) -> int:
+    misplaced = "--retry-failed" if options.action == "status" else "--follow"
+    if options.retry_failed if options.action == "status" else options.follow:
+        raise OutputError(f"{misplaced}: is not valid with 'study {options.action}'", "Leave it out.")
+    if options.action == "status":
+        return _study_status(options)
+
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):

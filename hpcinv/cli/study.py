@@ -60,7 +60,7 @@ def run_study(
         return Executions(plan, ledger_of(batch.store), comm.size)
 
     def begin() -> None:
-        StudyDirectory(directory, plan.study.study)
+        StudyDirectory(directory, plan.study.study).set_ranks(comm.size)
         executions = known()
         before = f"; {done} executions were done before" if (done := executions.count()[0]) else ""
         if retry_failed:

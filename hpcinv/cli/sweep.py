@@ -10,13 +10,14 @@ from typing import Any
 from hpcinv.batch.ledger.holder import BEAT
 from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.ledger.liveness import LEASE
+from hpcinv.batch.status import lines
 from hpcinv.errors import Interrupted
 from hpcinv.files.untrusted import add_option
 from hpcinv.sweep.execution import SweepBatch
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.reporting import add_reports
+from hpcinv.sweep.results import results, status_of
 from hpcinv.sweep.submit import add_submit
-from hpcinv.sweep.tally import Tally
 
 
 def add_sweep(commands: Any) -> None:
@@ -112,9 +113,10 @@ def _run(options: argparse.Namespace) -> int:
             print(f"{plan.sweep.sweep}: {len(plan.cases)} cases, {groups}; store {plan.store}", flush=True)
 
         def end() -> tuple[int, int]:
-            tally = Tally(plan, ledger_of(plan.store))
-            print("\n".join(tally.lines()), flush=True)
-            return tally.exit_code(strict=options.strict), tally.unfinished
+            ledger = ledger_of(plan.store)
+            found = status_of(plan, ledger, results(plan, ledger))
+            print("\n".join(lines(found)), flush=True)
+            return found.exit_code(strict=options.strict), found.unfinished
 
         on_root(world, begin)
         interrupted = False

@@ -260,8 +260,8 @@ class Progress(Observer):
             self._bar = None
 
 
-class Listener(Progress):
-    """Says nothing, and hears the statistics of a run, also of one that fails in the end."""
+class SilentProgress(Progress):
+    """Progress that prints nothing and keeps the statistics of a run, also of one that fails at its end."""
 
     def __init__(self, comm: Intracomm) -> None:
         super().__init__(comm, None)
@@ -271,7 +271,7 @@ class Listener(Progress):
         self.statistics = statistics
 
     def open_log(self, comm: Intracomm, directory: Path, about: str) -> None:
-        """Many small runs leave no logs."""
+        """Write no log."""
 
 
 @dataclass

@@ -25,16 +25,13 @@ class StudyDirectory:
         self.path = path
         check_output(path)
         with self._explained():
-            if path.is_dir() and any(path.iterdir()) and self._name() != study:
-                of = f"the study '{self._name()}'" if self._name() else "files that are not of a study"
-                raise OutputError(f"{path}: holds {of}", "Choose another --output.")
+            check_content(path, study)
             path.mkdir(parents=True, exist_ok=True)
             publish(path / _MARK, json.dumps({"study": study}).encode())
 
-    def _name(self) -> str | None:
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-            return str(json.loads((self.path / _MARK).read_text())["study"])
-        return None
+    def set_ranks(self, ranks: int) -> None:
+        """Note the number of ranks with which the study is started."""
+        self.write(_MARK, json.dumps(_mark(self.path) | {"ranks": ranks}))
 
     def write(self, name: str, content: str | bytes) -> None:
         """Write a file of the study; it appears whole or not at all."""
@@ -47,6 +44,26 @@ class StudyDirectory:
             yield
         except OSError as exc:
             raise OutputError(f"{self.path}: cannot be written: {exc.strerror}", "Choose another --output.") from exc
+
+
+def check_content(path: Path, study: str) -> None:
+    """Raise ``OutputError`` if a directory holds anything else than this study."""
+    if path.is_dir() and any(path.iterdir()) and (name := _mark(path).get("study")) != study:
+        content = f"the study '{name}'" if name else "files that are not of a study"
+        raise OutputError(f"{path}: holds {content}", "Choose another --output.")
+
+
+def ranks_in(path: Path) -> int:
+    """Return the number of ranks with which the study in a directory was last started; 1 if that is not known."""
+    ranks = _mark(path).get("ranks")
+    return ranks if isinstance(ranks, int) else 1
+
+
+def _mark(path: Path) -> dict[str, object]:
+    with contextlib.suppress(OSError, ValueError):
+        content = json.loads((path / _MARK).read_text())
+        return content if isinstance(content, dict) else {}
+    return {}
 
 
 def store_in(directory: Path) -> Path:

@@ -16,14 +16,14 @@ from hpcinv.parallel.jit import NOT_FOUND
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.problem_cache import collect_garbage
 from hpcinv.study.directory import store_in
-from hpcinv.study.executions import Executions
+from hpcinv.study.executions import RETRY, Executions
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.schedule import StudySchedule, StudyTask
 
 if TYPE_CHECKING:
     from hpcinv.batch.ledger.ledger import Ledger
     from hpcinv.job.job import Job
-    from hpcinv.output.progress import Listener
+    from hpcinv.output.progress import SilentProgress
 
 
 class StudyRunner(Runner[StudyTask]):
@@ -33,13 +33,13 @@ class StudyRunner(Runner[StudyTask]):
         self.comm = comm
         self._is_first = True
 
-    def run(self, task: StudyTask, heard: Listener, stop_asked: Callable[[], bool]) -> dict[str, Any]:
+    def run(self, task: StudyTask, progress: SilentProgress, stop_asked: Callable[[], bool]) -> dict[str, Any]:
         if self._is_first:
             _load_what_meshes_need(task.job, self.comm)
             self._is_first = False
         _forget_peak_memory()
         before = len(NOT_FOUND)
-        run(task.job, self.comm, progress=heard, stop_asked=stop_asked)
+        run(task.job, self.comm, progress=progress, stop_asked=stop_asked)
         return {"compiled": self.comm.allreduce(len(NOT_FOUND) > before, op=MPI.LOR)}
 
     def clear(self) -> None:
@@ -52,7 +52,7 @@ class StudyBatch(Batch):
 
     plan: StudyPlan
     directory: Path
-    retry = "study --retry-failed"
+    retry = RETRY
 
     @property
     def store(self) -> Path:

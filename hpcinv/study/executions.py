@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.status import Status, status
 from hpcinv.errors import JobError
 from hpcinv.job.content_key import content_key
 from hpcinv.quantity.keys import look_up
@@ -19,6 +20,17 @@ if TYPE_CHECKING:
     from hpcinv.batch.ledger.ledger import Ledger
     from hpcinv.job.job import Job
     from hpcinv.study.plan import StudyPlan
+
+
+RETRY = "study --retry-failed"
+
+
+class Execution(NamedTuple):
+    """One execution of a run as a case of the ledger; executions of one run are a reuse group."""
+
+    key: str
+    title: str
+    reuse_group: str
 
 
 class Executions:
@@ -91,14 +103,38 @@ class Executions:
             return 0
         return self.repetitions(run) + any(record.compiled for record in records)
 
+    def distinct(self) -> dict[str, Execution]:
+        """Return the executions that are finished or known to be needed, by key.
+
+        Those of a run that is not ready have a provisional key; a run that cannot begin has none.
+        """
+        found: dict[str, Execution] = {}
+        for i, run in enumerate(self.plan.runs):
+            numbers = range(self.repetitions(i) + 1)
+            if not self.is_ready(i):
+                keys = [f"run {i}, execution {number}" for number in numbers[:-1]]
+                group = ""
+            elif group := self.key(i):
+                keys = [self.execution_key(i, n) for n in numbers if n < self.needed(i) or self.is_known(i, n)]
+            else:
+                keys = []
+            found |= {key: Execution(key, run.place.title, group) for key in keys if key not in found}
+        return found
+
     def count(self) -> tuple[int, int]:
         """Number of executions that are finished, and of all that are known to be needed."""
-        runs = range(len(self.plan.runs))
-        ready = {self.key(i): i for i in runs if self.is_ready(i)}
-        ready.pop("", None)  # those that cannot begin
-        done = sum(len(self.records(i)) for i in ready.values())
-        missing = sum(max(self.needed(i) - len(self.records(i)), 0) for i in ready.values())
-        return done, done + missing + sum(self.repetitions(i) for i in runs if not self.is_ready(i))
+        executions = self.distinct()
+        return len(executions.keys() & self._records.keys()), len(executions)
+
+    def status(self) -> Status:
+        """Return the status of the study; reads what was finished or opened again since the last time."""
+        self._records = {key: record for key, record in self._records.items() if record.converged}
+        self._jobs = {run: found for run, found in self._jobs.items() if not isinstance(found, CaseRecord)}
+        self.read()
+        executions = self.distinct()
+        records = {key: self._records[key] for key in executions if key in self._records}
+        cases = list(executions.values())
+        return status(self.plan.study.study, cases, self.ledger, records, retry=RETRY, kind="executions")
 
     def retry(self) -> int:
         """Open the executions that failed again; tells how many."""

@@ -1,4 +1,4 @@
-"""A sweep as a batch: what the engine solves, in which order, and how."""
+"""A sweep as a batch: its store, its queue of cases, and the runner that solves them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from hpcinv.batch.task import Batch
 from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.results import RETRY
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -19,10 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SweepBatch(Batch):
-    """The cases of a sweep. Queue and runner are imported where they run: supervisors do without PETSc."""
+    """The cases of a sweep. Queue and runner are imported where they run, since supervisors must not load PETSc."""
 
     plan: SweepPlan
-    retry = "sweep retry --failed"
+    retry = RETRY
 
     @property
     def store(self) -> Path:

@@ -78,8 +78,7 @@ class Queue:
         line = f"{task.title}: "
         if not record.converged:
             return line + record.status
-        certificate = record.statistics["certificate"]["verdict"]
-        line += f"{record.seconds:.2f} s, certificate {certificate}" + (", from a guess" if record.start else "")
+        line += f"{record.seconds:.2f} s, certificate {record.verdict}" + (", from a guess" if record.start else "")
         warnings = (record.statistics.get("body") or {"warnings": []})["warnings"]
         return "; ".join([line, *(f"warning: {text}" for text in warnings)])
 

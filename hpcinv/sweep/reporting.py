@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import re
 import sys
 from collections.abc import Callable
@@ -11,12 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.batch.ledger.ledger import ledger_of
+from hpcinv.batch.status import Status, show
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import replace
 from hpcinv.sweep.plan import load_sweep
-from hpcinv.sweep.results import provenance, results
+from hpcinv.sweep.results import provenance, results, status_of
 
 if TYPE_CHECKING:
+    from hpcinv.batch.ledger.record import CaseRecord
     from hpcinv.sweep.plan import SweepPlan
 
 
@@ -37,16 +38,16 @@ def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> N
 
 
 def _status(options: argparse.Namespace) -> int:
-    from hpcinv.output.console import Console
-    from hpcinv.sweep.status import follow, lines, status
-
     plan = load_sweep(options.sweep)
     ledger = ledger_of(plan.store)
-    if options.follow:
-        with contextlib.suppress(KeyboardInterrupt):  # the usual end of it
-            follow(plan, ledger, Console())
-    else:
-        print("\n".join(lines(status(plan, ledger, results(plan, ledger)))))
+    records: dict[str, CaseRecord] = {}
+
+    def look() -> Status:
+        nonlocal records
+        records = results(plan, ledger, records)
+        return status_of(plan, ledger, records)
+
+    show(look, followed=options.follow)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""What a store has of the cases of a sweep."""
+"""Results of a sweep in its store: records, status and provenance of its cases."""
 
 from __future__ import annotations
 
@@ -7,20 +7,23 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.batch.status import Status, status
+
 if TYPE_CHECKING:
     from hpcinv.batch.ledger.ledger import Ledger
     from hpcinv.batch.ledger.record import CaseRecord
     from hpcinv.sweep.plan import SweepPlan
 
+RETRY = "sweep retry --failed"
 _PROVENANCE = ("job", "fingerprint", "versions", "machine")
-_LOOKED_AT = ("machine", "mesh", "quantities", "sensitivities", "peak_memory")
+_NEEDED = ("machine", "mesh", "quantities", "sensitivities", "peak_memory")
 
 
 def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | None = None) -> dict[str, CaseRecord]:
-    """The records of finished cases by key, in the order of the sweep, with those of their numbers that tables show.
+    """Return the records of finished cases by key, in the order of the sweep, with the numbers that tables show.
 
     Args:
-        known: what an earlier look has found: those who have converged are not read again.
+        known: result of an earlier call; records of converged cases are not read again.
     """
     before = {key: record for key, record in (known or {}).items() if record.converged}
     states = ledger.states(dict.fromkeys(case.key for case in plan.cases))
@@ -33,8 +36,13 @@ def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | N
     return found
 
 
+def status_of(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -> Status:
+    """Return the status of a sweep with the ``records`` of its finished cases."""
+    return status(plan.sweep.sweep, plan.cases, ledger, records, retry=RETRY)
+
+
 def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:
-    """Of each case in the order of the sweep, as JSON: job, fingerprint, versions and machine, as far as there are."""
+    """Yield job, fingerprint, versions and machine of each case as JSON, as far as they are known."""
     for case in plan.cases:
         record = ledger.record(case.key)
         statistics = {} if record is None else record.statistics
@@ -42,12 +50,11 @@ def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:
 
 
 def _short(record: CaseRecord) -> CaseRecord:
-    """Without what would fill the memory for thousands of cases: every iteration of every solve."""
-    statistics: dict[str, Any] = {key: record.statistics[key] for key in _LOOKED_AT if key in record.statistics}
+    """Return a record without the iterations of its solves, which would fill the memory for thousands of cases."""
+    statistics: dict[str, Any] = {key: record.statistics[key] for key in _NEEDED if key in record.statistics}
     if solutions := record.statistics.get("solutions"):
         counts = ("factorizations", "newton_iterations")
         statistics["solutions"] = [{key: solution[key] for key in counts} for solution in solutions]
     if certificate := record.statistics.get("certificate"):
         statistics["certificate"] = {key: certificate[key] for key in ("verdict", "estimate")}
-    # The message of an error has numbers of its own case; the summary's diagnosis is the same for all like it.
-    return replace(record, status=record.statistics.get("status", record.status), statistics=statistics)
+    return replace(record, status=record.diagnosis, statistics=statistics)

@@ -1,4 +1,4 @@
-"""How a case of a sweep is solved: with mesh, model and solutions of the cases before it, from its last checkpoint."""
+"""Runner of a sweep's cases, which reuses mesh, model and solutions of earlier cases, and resumes from checkpoints."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.batch.ledger.store import told
+from hpcinv.batch.ledger.store import as_output_error
 from hpcinv.batch.task import Runner
 from hpcinv.certificate import Verdict
 from hpcinv.driver import run
@@ -24,17 +24,17 @@ from hpcinv.sweep.queue import SweepTask
 
 if TYPE_CHECKING:
     from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.output.progress import Listener
+    from hpcinv.output.progress import SilentProgress
     from hpcinv.output.result import Result
 
-_KEPT = ("shape.*", "fields")  # of a run's directory; the summary is in the record
+_KEPT = ("shape.*", "fields")  # patterns in a run's directory; the summary is in the record
 
 
 class SweepRunner(Runner[SweepTask]):
     """Solves cases on all ranks of ``comm``.
 
     Args:
-        warm_start: whether a case begins with what the solutions of its neighbours extrapolate to.
+        warm_start: whether the initial guess of a case is extrapolated from the solutions of its neighbours.
     """
 
     collect_every = 20
@@ -47,24 +47,24 @@ class SweepRunner(Runner[SweepTask]):
     def clear(self) -> None:
         self.workspace.clear()
 
-    def run(self, task: SweepTask, heard: Listener, stop_asked: Callable[[], bool]) -> dict[str, Any]:
+    def run(self, task: SweepTask, progress: SilentProgress, stop_asked: Callable[[], bool]) -> dict[str, Any]:
         if (known := on_root(self.comm, lambda: _summary(task.directory))) is not None:
-            heard.statistics = known  # it was killed just before its commit
+            progress.statistics = known  # an earlier attempt was killed just before its commit
             return {}
         start, guess = self._guess(task)
-        self._remember(task, self._from_checkpoint(task, heard, guess, stop_asked))
-        return {"start": start if _began_with_guess(heard.statistics) else ""}
+        self._remember(task, self._run(task, progress, guess, stop_asked))
+        return {"start": start if _began_with_guess(progress.statistics) else ""}
 
-    def _from_checkpoint(
-        self, task: SweepTask, heard: Listener, guess: Guess | None, stop_asked: Callable[[], bool]
+    def _run(
+        self, task: SweepTask, progress: SilentProgress, guess: Guess | None, stop_asked: Callable[[], bool]
     ) -> Result:
-        """From the last checkpoint if there is one that can be used."""
+        """Run from the last checkpoint if there is a valid one, else from the beginning."""
         go = partial(
             run,
             task.job,
             self.comm,
             directory=task.directory,
-            progress=heard,
+            progress=progress,
             stop_asked=stop_asked,
             workspace=self.workspace,
             guess=guess,
@@ -76,7 +76,7 @@ class SweepRunner(Runner[SweepTask]):
         return go()
 
     def _guess(self, task: SweepTask) -> tuple[str, Guess | None]:
-        """Key of the nearest case, and what to begin with."""
+        """Return the key of the nearest case, and the initial guess."""
         group, known = self.neighbours
         if not self.warm_start or group != task.reuse_group:
             return "", None
@@ -84,7 +84,7 @@ class SweepRunner(Runner[SweepTask]):
         return ("", None) if found is None else (found[1], found[0])
 
     def _remember(self, task: SweepTask, result: Result) -> None:
-        """Keep the solution for the cases to come, unless it lies beyond a limit point or is not to be trusted."""
+        """Keep the solution for later cases, unless it lies beyond a limit point or its certificate fails."""
         solution = result.solutions[0]
         signs = {sign for solve in solution.solves if solve.outcome.accepted for sign in solve.signs}
         doubtful = len(signs) > 1 or result.certificate.verdict is Verdict.FAIL
@@ -97,17 +97,17 @@ class SweepRunner(Runner[SweepTask]):
         neighbour = Neighbour(task.claim.key, task.point, guess)
         self.neighbours[1].add(neighbour, self.comm.allreduce(neighbour.bytes, op=MPI.MAX))
 
-    def tidy(self, task: SweepTask, record: CaseRecord) -> None:
+    def remove_run(self, task: SweepTask, record: CaseRecord) -> None:
         directory = task.directory
         if record.converged and any(path for kept in _KEPT for path in directory.path.glob(kept)):
             shutil.rmtree(directory.checkpoints, ignore_errors=True)
         else:
-            super().tidy(task, record)
+            super().remove_run(task, record)
 
 
 def _clear(path: Path) -> None:
-    """Remove what earlier attempts have left that no run can go on from."""
-    with told(path):
+    """Remove files of earlier attempts from which no run can resume."""
+    with as_output_error(path):
         if path.is_dir():
             shutil.rmtree(path)
         else:
@@ -115,7 +115,7 @@ def _clear(path: Path) -> None:
 
 
 def _summary(directory: RunDirectory) -> Mapping[str, Any] | None:
-    """The summary of a run that was finished, but not committed."""
+    """Return the summary of a run that is finished but not committed."""
     if not directory.is_finished:
         return None
     found: Mapping[str, Any] = json.loads((directory.path / "summary.json").read_text(encoding="utf-8"))

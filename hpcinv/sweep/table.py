@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 OUTCOME: Mapping[str, Callable[[CaseRecord], Any]] = {
     "status": lambda record: record.status,
-    "certificate": lambda record: record.statistics.get("certificate", {}).get("verdict", ""),
+    "certificate": lambda record: record.verdict,
     "geometry_error": lambda record: (record.statistics.get("certificate", {}).get("estimate") or {}).get(
         "geometry", ""
     ),

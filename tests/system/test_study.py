@@ -24,6 +24,7 @@ from helpers.mesh_data_files import write_msh
 from test_study_plan import COLUMN, STUDY, plan
 
 import hpcinv as api
+from hpcinv.__main__ import main
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.ledger.record import CaseRecord
@@ -32,7 +33,7 @@ from hpcinv.cli.study import conclude
 from hpcinv.errors import JobError, OutputError, SolveError
 from hpcinv.job.content_key import content_key
 from hpcinv.job.job import parse
-from hpcinv.output.progress import Listener
+from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.study.convergence import fitted_order, orders, richardson
@@ -171,8 +172,8 @@ def test_only_kernels_that_were_not_found_count_as_compiled(
     one = parse(given, tmp_path / "column.yaml")
     claim: Any = None
     task = StudyTask("one", one, claim, 1, 1)
-    with StudyRunner(comm) as runner, Listener(comm) as heard:
-        compiled = [runner.run(task, heard, lambda: False)["compiled"] for _ in range(2)]
+    with StudyRunner(comm) as runner, SilentProgress(comm) as progress:
+        compiled = [runner.run(task, progress, lambda: False)["compiled"] for _ in range(2)]
     assert compiled == [True, False]
 
 
@@ -232,6 +233,43 @@ def test_runs_that_failed_are_tried_again_if_that_is_asked_for(begin: Begin, tmp
     assert begin(study, tmp_path).next() is None
     assert begin(study, tmp_path).executions.retry() == 2
     assert titles(drain(begin(study, tmp_path), itertools.repeat(good(1.0)))) == ["P2, 1", "P2, 4"]
+
+
+def test_the_status_of_a_study_counts_its_executions(
+    begin: Begin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    taken = {"series": "P2", "key": "errors.gap", "at_least": 1e-11}
+    series = [
+        {"name": "P2", "vary": {"mesh.parameters.nz": [1, 2, 4]}},
+        {"name": "P3", "take": {"solver.tolerance": taken}, "vary": {"mesh.parameters.nz": [1, 2, 4]}},
+    ]
+    study = plan(tmp_path, repeat=2, series=series)
+    schedule = begin(study, tmp_path, ranks=2)
+    StudyDirectory(tmp_path / "out", study.study.study).set_ranks(2)
+    for record in (good(1.0, compiled=True), BAD):
+        task = schedule.next()
+        assert isinstance(task, StudyTask)
+        assert schedule.executions.ledger.commit(task.claim, record)
+    assert isinstance(schedule.next(), StudyTask)
+    who = str(schedule.executions.ledger.holder.identity)
+    command = ["study", "status", str(study.path), "--output", str(tmp_path / "out")]
+    assert main(command) == 0
+    # P2 needs 3 executions of its first run, which compiled kernels, 1 of the second, which failed, and 2 of the third.
+    # The first two runs of P3 cannot begin without the numbers that they take; the third one needs 2 executions.
+    assert capsys.readouterr().out.splitlines() == [
+        f"{study.study.study}: 2 of 8 executions finished",
+        "  converged: 1",
+        "    1 × certificate not known",
+        "  failed: 1; 'study --retry-failed' opens them again",
+        f"    1 × {BAD.status}; the first: P2, 2",
+        "  running: 1",
+        f"    1 by {who}",
+        "  open: 5",
+        "  time left: about 6.0 s, with 1 execution at a time",
+    ]
+    assert main([*command, "--ranks", "1"]) == 0
+    assert "0 of 12 executions finished" in capsys.readouterr().out
+    assert main([*command, "--retry-failed"]) == 2
 
 
 def test_a_directory_of_something_else_is_refused(tmp_path: Path) -> None:

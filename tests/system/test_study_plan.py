@@ -63,10 +63,13 @@ def series(**changes: Any) -> list[dict[str, Any]]:
         ({"series": series(very={})}, "series[0].very: unknown key. Did you mean 'vary'?"),
         ({"series": series(set={"solver..x": 1})}, "series[0].set.solver..x: 'solver..x' is no key"),
         ({"series": series(set={"effects[].density": 1})}, "put a number between the brackets"),
-        ({"series": series(vary={"a.b": [1, 2], "c": [1]})}, "needs as many values of each key, and one at least"),
-        ({"series": series(vary={"a.b": []})}, "needs as many values of each key, and one at least"),
+        (
+            {"series": series(vary={"a.b": [1, 2], "c": [1]})},
+            "needs the same number of values of each key, and at least one",
+        ),
+        ({"series": series(vary={"a.b": []})}, "needs the same number of values of each key, and at least one"),
         ({"series": series(labels=["x"])}, "series[0].labels: must be as many as there are runs, 3, not 1"),
-        ({"series": series(set={"mesh.parameters.nz": 1})}, "series[0].vary.mesh.parameters.nz: stands in 'set' too"),
+        ({"series": series(set={"mesh.parameters.nz": 1})}, "series[0].vary.mesh.parameters.nz: is also in 'set'"),
         ({"series": series() * 2}, "series[1].name: 'P2' is the name of an earlier series"),
         ({"series": series(base="P4")}, "series[0].base: there is no series 'P4'. Known: P2"),
         (
@@ -93,8 +96,11 @@ def series(**changes: Any) -> list[dict[str, Any]]:
             "cases[0].random.material.mu: must begin above 0 to be log-uniform",
         ),
         ({"cases": [{"grid": {"material.mu": []}}]}, "cases[0].grid.material.mu: must have at least one value"),
-        ({"cases": [{"zip": {"material.mu": [1], "material.lam": [1, 2]}}]}, "needs as many values of each key"),
-        ({"cases": [{"grid": {"material.mu": [1]}, "seed": 1}]}, "cases[0].seed: has a use only with a sample"),
+        (
+            {"cases": [{"zip": {"material.mu": [1], "material.lam": [1, 2]}}]},
+            "needs the same number of values of each key",
+        ),
+        ({"cases": [{"grid": {"material.mu": [1]}, "seed": 1}]}, "cases[0].seed: is valid only with a sample"),
         ({"costs": {"time": "mesh.cells"}}, "costs.time: is already the name of something else"),
         ({"beside": {"source": "x", "values": {"tip": {}}}}, "beside.values.tip: is not measured"),
         (

@@ -17,6 +17,7 @@ from helpers.verification import box, job
 from petsc4py import PETSc
 
 import hpcinv
+from hpcinv.batch.status import Status, lines
 from hpcinv.certificate import Line, Verdict
 from hpcinv.certificate.confirmation import Confirmed
 from hpcinv.certificate.inertia import inertia
@@ -26,7 +27,6 @@ from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.problem import Model
-from hpcinv.sweep.tally import Tally
 
 STABILITY = NO_CERTIFICATE | {"stability": True}
 NEO_HOOKEAN = {"law": "isochoric-neo-hookean", "mu": 1.0, "kappa": "incompressible"}
@@ -338,10 +338,7 @@ def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Pat
 
 @pytest.mark.parametrize(("verdict", "strict"), [("pass", 0), ("not decided", 7), ("warning", 7), ("fail", 6)])
 def test_a_sweep_counts_what_is_not_decided_like_a_warning(verdict: str, strict: int) -> None:
-    record = SimpleNamespace(converged=True, statistics={"certificate": {"verdict": verdict}}, status="converged")
-    plan: Any = SimpleNamespace(cases=[SimpleNamespace(key="a")])
-    ledger: Any = SimpleNamespace(records=lambda keys: [(key, record) for key in keys])
-    tally = Tally(plan, ledger)
-    assert tally.exit_code(strict=True) == strict
-    assert tally.exit_code(strict=False) == (6 if verdict == "fail" else 0)
-    assert f"  certificate {verdict}: 1" in tally.lines()
+    found = Status("sweep", "cases", "sweep retry --failed", 1, {verdict: 1}, 0, {}, {}, None)
+    assert found.exit_code(strict=True) == strict
+    assert found.exit_code(strict=False) == (6 if verdict == "fail" else 0)
+    assert f"    1 × certificate {verdict}" in lines(found)

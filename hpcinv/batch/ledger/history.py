@@ -1,4 +1,4 @@
-"""What the names of a case's files tell of it; `ledger` says what they mean together."""
+"""History of a case as the names of its files have it; `ledger` defines their meaning."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hpcinv.batch.ledger.store import records_in, told
+from hpcinv.batch.ledger.store import as_output_error, records_in
 
 _NAME = re.compile(
     r"\.?\w+\.(?P<kind>claim|crashed|released|record|reopened)-(?P<round>\d+)(-(?P<claim>\d+))?(\.json)?(?P<partial>\.\w+\.partial)?"
@@ -21,11 +21,11 @@ class History:
 
     Attributes:
         round: its number.
-        finished: whether it has a record.
-        claims: how many there were, and so the number of the last.
-        released: which of them were given back.
-        crashed: which of them ended with a crash of their process that its supervisor has seen.
-        passing: names of all files, of any round, that mean nothing once there is a record.
+        finished: whether the round has a record.
+        claims: number of claims, which is the number of the last one.
+        released: numbers of the released claims.
+        crashed: numbers of the claims whose process crashed, as its supervisor noted.
+        temporary: names of all files, of any round, that have no meaning once there is a record.
     """
 
     round: int = 1
@@ -33,19 +33,20 @@ class History:
     claims: int = 0
     released: frozenset[int] = frozenset()
     crashed: frozenset[int] = frozenset()
-    passing: tuple[str, ...] = ()
+    temporary: tuple[str, ...] = ()
 
     @classmethod
-    def told_by(cls, names: Iterable[str]) -> History:
+    def from_names(cls, names: Iterable[str]) -> History:
+        """Return the history that the names of the files of a case give."""
         rounds, records = [1], set[int]()
         claims, released, crashed = dict[int, set[int]](), dict[int, set[int]](), dict[int, set[int]]()
-        passing = []
+        temporary = []
         for name in names:
             if (found := _NAME.fullmatch(name)) is None:
                 continue
             kind, number, claim = found["kind"], int(found["round"]), int(found["claim"] or 0)
             if found["partial"] or kind in ("claim", "crashed", "released"):
-                passing.append(name)
+                temporary.append(name)
             if found["partial"]:
                 continue
             match kind:
@@ -66,22 +67,22 @@ class History:
             claims=max(claims.get(latest, ()), default=0),
             released=frozenset(released.get(latest, ())),
             crashed=frozenset(crashed.get(latest, ())),
-            passing=tuple(passing),
+            temporary=tuple(temporary),
         )
 
     @property
     def is_claimed(self) -> bool:
-        """Whether there is a last claim that was not given back; its holder may be dead."""
+        """Whether the last claim was not released; its holder may be dead."""
         return self.claims > 0 and self.claims not in self.released
 
     @property
     def unreleased(self) -> int:
-        """How many claims ended, without a record, by the end of their process; the last may not have ended yet."""
+        """Number of claims that were not released; the last of them may still be held."""
         return self.claims - len(self.released)
 
 
 class Histories:
-    """The histories of the cases in a store, as its files tell them at the moment."""
+    """Histories of the cases in a store, read from its files at each call."""
 
     def __init__(self, store: Path) -> None:
         self._directory = records_in(store)
@@ -93,18 +94,18 @@ class Histories:
         return self.of_all([key])[key]
 
     def of_all(self, keys: Iterable[str]) -> dict[str, History]:
-        """By key, with one scan for all that have the first two digits in common."""
+        """Return histories by key, with one directory scan for all keys with the same first two digits."""
         keys = list(keys)
         names: dict[str, list[str]] = {key: [] for key in keys}
         for prefix in {key[:2] for key in keys}:
             for name in _names_in(self._directory / prefix):
                 if (key := name.lstrip(".").partition(".")[0]) in names:
                     names[key].append(name)
-        return {key: History.told_by(found) for key, found in names.items()}
+        return {key: History.from_names(found) for key, found in names.items()}
 
 
 def _names_in(directory: Path) -> list[str]:
-    with told(directory):
+    with as_output_error(directory):
         try:
             return [entry.name for entry in os.scandir(directory)]
         except FileNotFoundError:

@@ -1,8 +1,8 @@
-"""Who works on cases: a process, by what others can tell whether it is still there.
+"""Holder of claims: a process that works on cases, and its heartbeat.
 
 While it works, its *heartbeat* changes every few seconds: a file ``holders/TOKEN`` with a number that grows. It is
-written by a small process beside, since a factorization may hold Python's interpreter lock for minutes, and a thread
-would starve. That process ends with the one it belongs to, by whatever end.
+written by a small child process, since a factorization may hold Python's interpreter lock for minutes, which would
+block a thread. The child ends whenever its parent ends.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from hpcinv.batch.ledger.store import heartbeats_in, open_store, told
+from hpcinv.batch.ledger.store import as_output_error, heartbeats_in, open_store
 from hpcinv.files.atomic import create
 from hpcinv.parallel.processes import Identity
 
 BEAT = 5.0  # seconds; a fraction of the lease
 
-# It overwrites in place, so that a full disk does not stop it.
+# The program overwrites the file in place, so that a full disk does not stop it.
 _HEARTBEAT = """
 import os, sys, time
 path, parent, beat = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
@@ -46,7 +46,7 @@ except OSError:
 
 
 class Holder:
-    """This process as one that may hold claims in a store; use it as a context, which keeps its heartbeat going.
+    """This process as a holder of claims in a store; its heartbeat is written within the context.
 
     Raises:
         OutputError: the store cannot be written.
@@ -64,13 +64,13 @@ class Holder:
 
     def __enter__(self) -> Holder:
         open_store(self._store)
-        with told(self.heartbeat):
+        with as_output_error(self.heartbeat):
             create(self.heartbeat, b"%020d" % 1)
         path, parent = str(self.heartbeat.resolve()), str(os.getpid())
-        with _signals_blocked():  # it inherits that: signals to all processes of a job must not end it
+        with _signals_blocked():  # inherited by the child: signals to all processes of a job must not end it
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", "-c", _HEARTBEAT, path, parent, str(self._beat)],
-                stdin=subprocess.DEVNULL,  # it must keep nothing open that mpirun waits for
+                stdin=subprocess.DEVNULL,  # the child must keep nothing open that mpirun waits for
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 cwd="/",
@@ -83,7 +83,7 @@ class Holder:
         self._process.kill()
         self._process.wait()
         self._process = None
-        with contextlib.suppress(OSError):  # others will find that it does not change any more
+        with contextlib.suppress(OSError):  # other processes will find that it does not change any more
             self.heartbeat.unlink(missing_ok=True)
 
 

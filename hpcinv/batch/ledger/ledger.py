@@ -1,29 +1,29 @@
-"""The ledger of a store: which cases are finished, and who works on which, over any number of allocations at once.
+"""Ledger of a store: finished cases, and the processes that work on others, in any number of allocations at once.
 
 The state of a case is the set of its files. Each is created once, whole and exclusively (`atomic`), and never
 changed:
 
-- ``KEY.claim-R-N.json``: claim N in round R, by whom; ``KEY.released-R-N``: it was given back.
-- ``KEY.crashed-R-N.json``: its process crashed, and how, as the process saw that had started it.
+- ``KEY.claim-R-N.json``: claim N in round R, and its holder; ``KEY.released-R-N``: it was released.
+- ``KEY.crashed-R-N.json``: its process crashed, and how, as its supervisor noted.
 - ``KEY.record-R.json``: how the case ended. A round has one at most.
-- ``KEY.reopened-R.json``: round R has begun, since the record of the round before is damaged, or its case shall be
-  tried again. Round 1 begins by itself.
+- ``KEY.reopened-R.json``: round R has begun, since the record of the round before is damaged, or its case is to be
+  tried again. Round 1 has no such file.
 
-A case is finished if its latest round has a record. Else it is open, and someone works on it if its last claim was
-not released and has not lost its holder (`liveness`).
+A case is finished if its latest round has a record. Else it is open; it is held if its last claim was not released and
+the holder of that is not dead (`liveness`).
 
-**Why nothing is done twice.** *While a round is open, its last claim is not removed*: claims go after the record is
-there. To claim a case one looks, finds that claim N was released or has lost its holder, creates claim N + 1, which
-only one can, and then looks again whether the round is still the latest, has no record, and no later claim. The first
-look has seen all claims, unless they were just being removed; but then there was a record, which the second look sees.
-So the claims of an open round are a chain: each is taken by one process, after the one before was over. Who was taken
-for dead and wakes up finds, when he commits, that his claim is not the last, and when he saves, that his run directory
-has another name. Should he commit in the same instant as his successor, one of them creates the record, and the other
-is told.
+**Nothing is done twice.** *While a round is open, its last claim is not removed*: claims are removed after the record
+is written. To claim a case, a process reads the files, finds that claim N was released or that its holder is dead,
+creates claim N + 1 exclusively, and reads the files again: the round must still be the latest, with no record and no
+later claim. The first reading has found all claims, unless they were being removed; but then there was a record, which
+the second reading finds. So the claims of an open round are a chain: each is made by one process, after the one before
+has ended. A process that was taken for dead and continues finds, when it commits, that its claim is not the last, and
+when it saves, that its run directory was renamed. If it commits at the same time as its successor, one of them creates
+the record, and `commit` returns ``False`` to the other.
 
-**Why nothing is lost.** At whatever moment a process is killed, it leaves nothing, a partial file whose name nobody
-else uses, a claim without a holder, or a whole record. None of these has to be repaired. What its run had saved is in
-the run directory, which the next claim takes over by one rename.
+**Nothing is lost.** Whenever a process is killed, it leaves nothing, a partial file with a unique name, a claim without
+a living holder, or a whole record. None of these has to be repaired. The checkpoints of its run are in the run
+directory, which the next claim renames.
 """
 
 from __future__ import annotations
@@ -41,28 +41,28 @@ from hpcinv.batch.ledger.history import Histories, History
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.liveness import LEASE, Watch
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.ledger.store import open_store, runs_in, told
+from hpcinv.batch.ledger.store import as_output_error, runs_in
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import create, make_directory, publish
 from hpcinv.parallel.processes import Identity
 
 DEADLY = 5
-"""So many processes must have died with a case until that is its own fault.
+"""Number of processes that died with a case after which the case has failed.
 
-A process can also die with its allocation, through no fault of the case; so one or two deaths say nothing.
+A process can also die with its allocation, so one or two deaths do not mean that the case is the cause.
 """
 
 LOST = 25
-"""So many processes must have vanished together with their supervisor until that is the fault of the case.
+"""Number of processes that died together with their supervisor after which the case has failed.
 
-A supervisor survives its case, so this is most likely a kill of the whole allocation: it counts for little.
+A supervisor survives a crash of its case, so this is most likely a kill of the whole allocation.
 """
 
 KILLED = "ended by SIGKILL"
-"""How a process ended that was killed: perhaps because of a neighbour that took the memory."""
+"""End of a process that was killed, perhaps since another process has used up the memory."""
 
 CRASHES = 2
-"""So many crashes that a supervisor has seen, each in another process, are the fault of the case."""
+"""Number of crashes, noted by a supervisor, after which the case has failed."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +70,11 @@ class Claim:
     """The right to work on a case.
 
     Attributes:
-        round, attempt: which claim it is; both count from 1, attempts within the round.
-        died: how many of the earlier attempts ended with their process.
-        lost: how many further ones ended together with their supervisor.
-        crashes: how earlier attempts ended that crashed their process.
-        run: where checkpoints and results go, with what earlier attempts have saved; it need not exist.
+        round, attempt: number of the round, and of the claim in it, both from 1.
+        died: number of earlier attempts that ended with their process.
+        lost: number of further attempts that ended together with their supervisor.
+        crashes: for each earlier attempt that crashed its process, how the process ended.
+        run: directory of checkpoints and results, also of earlier attempts; it need not exist.
     """
 
     key: str
@@ -88,11 +88,11 @@ class Claim:
 
 @dataclass(frozen=True)
 class State:
-    """Where a case stands.
+    """State of a case.
 
     Attributes:
-        holder, since: who works on it, and since when by his clock; for people.
-        died: how many attempts at an open case ended with their process.
+        holder, since: the process that works on it, and since when by its clock; for display.
+        died: number of attempts at an open case that ended with their process.
         living: whether it is certain that the holder is alive.
     """
 
@@ -104,40 +104,36 @@ class State:
 
 
 class Ledger:
-    """The cases of a store, as one process sees and changes them.
+    """Access of one process to the cases of a store.
 
     Args:
         lease: seconds within which the heartbeat of a holder elsewhere must change.
-        supervised: whether another process notes how this one ends.
+        supervised: whether a supervisor notes the crashes of this process.
 
     Raises:
-        OutputError: from every method, where the file system fails; nothing half-written stays.
+        OutputError: from every method, where the file system fails; no half-written file is left.
     """
 
     def __init__(self, path: Path, holder: Holder, *, lease: float = LEASE, supervised: bool = False) -> None:
         self.path, self.holder, self.lease, self.supervised = path, holder, lease, supervised
         self._files, self._watch = Histories(path), Watch(path, holder.identity, lease)
 
-    def open(self) -> None:
-        """Make the store, or check that it is one."""
-        open_store(self.path)
-
     def directory(self, key: str) -> Path:
-        """Where the runs of a case are; that of a claim is ``claim.run``."""
+        """Return the directory of the runs of a case; that of one claim is ``claim.run``."""
         return runs_in(self.path) / key[:2] / key
 
     def record(self, key: str) -> CaseRecord | None:
-        """How a case ended; ``None`` if it is not finished. A record that is damaged opens its case again."""
+        """Return the record of a case; ``None`` if it is not finished. A damaged record opens its case again."""
         return self._read_record(key, self._files.of(key))
 
     def records(self, keys: Iterable[str]) -> Iterator[tuple[str, CaseRecord]]:
-        """The same for those of many cases that are finished, each with its key; one scan of a directory for many."""
+        """Yield key and record of each case that is finished, with few directory scans."""
         for key, history in self._files.of_all(keys).items():
             if (record := self._read_record(key, history)) is not None:
                 yield key, record
 
     def claim(self, key: str) -> Claim | None:
-        """Take a case; ``None``, at once, if it is finished or its holder is, or may be, alive."""
+        """Claim a case; return ``None`` at once if it is finished or its holder is, or may be, alive."""
         assert self.holder.is_beating
         before = self._files.of(key)
         if before.finished or self._is_held(key, before):
@@ -149,7 +145,7 @@ class Ledger:
             "since": datetime.now(UTC).isoformat(timespec="seconds"),
             "supervised": self.supervised,
         }
-        with told(file):
+        with as_output_error(file):
             make_directory(file.parent)
             if not create(file, json.dumps(content).encode()):
                 return None
@@ -157,7 +153,7 @@ class Ledger:
         lost = self._lost(key, before)
         claim = Claim(key, before.round, attempt, before.unreleased - lost, run, self._crashes(key, before), lost)
         if not _is_last(claim, self._files.of(key)):
-            with told(file):
+            with as_output_error(file):
                 file.unlink(missing_ok=True)
             return None
         if attempt > 1:
@@ -165,35 +161,35 @@ class Ledger:
         return claim
 
     def commit(self, claim: Claim, record: CaseRecord) -> bool:
-        """Record how a claimed case ended; ``False`` if another process has taken it over, or was first."""
+        """Write the record of a claimed case; ``False`` if another process has claimed or recorded the case."""
         file = self._files.file(claim.key, f"record-{claim.round}.json")
-        with told(file):
-            file.parent.stat()  # a store that has vanished looks like one with nothing in it
+        with as_output_error(file):
+            file.parent.stat()  # raises if the store was removed, which otherwise looks like an empty one
             history = self._files.of(claim.key)
             if not _is_last(claim, history) or not publish(file, record.encoded()):
                 return False
-            for name in history.passing:
+            for name in history.temporary:
                 (file.parent / name).unlink(missing_ok=True)
         return True
 
     def holds(self, claim: Claim) -> bool:
-        """Whether a claim is still the last one of an open case, and nobody has taken it over."""
+        """Return whether a claim is still the last one of an open case."""
         return _is_last(claim, self._files.of(claim.key))
 
     def release(self, claim: Claim) -> None:
-        """Give a case back unfinished; what its run has saved stays, and its process has not died with it."""
+        """Release an unfinished case; its checkpoints are kept, and the claim does not count as died."""
         file = self._files.file(claim.key, f"released-{claim.round}-{claim.attempt}")
-        with told(file):
+        with as_output_error(file):
             create(file, b"")
 
     def crashed(self, claim: Claim, how: str) -> None:
         """Note that the process of a claim, which is known to have ended, crashed with the case."""
         file = self._files.file(claim.key, f"crashed-{claim.round}-{claim.attempt}.json")
-        with told(file):
+        with as_output_error(file):
             create(file, json.dumps({"how": how}).encode())
 
     def retry(self, key: str) -> bool:
-        """Open a case that failed again: its record stays, its runs go. Tells whether that was done."""
+        """Open a failed case again: its record is kept, its runs are removed. Return whether that was done."""
         history = self._files.of(key)
         record = self._read_record(key, history)
         if record is None or record.converged or not self._reopen(key, history, "it failed"):
@@ -203,7 +199,7 @@ class Ledger:
         return True
 
     def states(self, keys: Iterable[str]) -> dict[str, State]:
-        """Where each case stands; takes nothing, and costs one scan of a directory for each first two digits."""
+        """Return the state of each case; claims nothing, and scans few directories."""
         return {key: self._state(key, history) for key, history in self._files.of_all(keys).items()}
 
     def _state(self, key: str, history: History) -> State:
@@ -218,7 +214,7 @@ class Ledger:
         return State("running", str(holder or "unknown"), since, history.unreleased - 1, living)
 
     def _is_held(self, key: str, history: History) -> bool:
-        """Whether somebody who is, or may be, alive works on an open case."""
+        """Return whether an open case has a holder who is, or may be, alive."""
         return history.is_claimed and not self._is_dead(self._last_claim(key, history)[0], key, history)
 
     def _is_dead(self, holder: Identity | None, key: str, history: History) -> bool:
@@ -227,9 +223,9 @@ class Ledger:
         return self._watch.is_dead(holder)
 
     def _last_claim(self, key: str, history: History) -> tuple[Identity | None, str]:
-        """Who made it, and when; no one where it is damaged, or has gone since."""
+        """Return holder and time of the last claim; ``None`` and "" if it is damaged or was removed meanwhile."""
         file = self._files.file(key, f"claim-{history.round}-{history.claims}.json")
-        with told(file):
+        with as_output_error(file):
             try:
                 content = json.loads(file.read_bytes())
                 return Identity.from_json(content["holder"]), str(content["since"])
@@ -237,11 +233,11 @@ class Ledger:
                 return None, ""
 
     def _lost(self, key: str, history: History) -> int:
-        """How many claims ended without a word of the supervisor that they had."""
+        """Return the number of claims that ended without a note of the supervisor that they had."""
         lost = 0
         for number in {*range(1, history.claims + 1)} - history.released - history.crashed:
             file = self._files.file(key, f"claim-{history.round}-{number}.json")
-            with told(file), contextlib.suppress(FileNotFoundError, ValueError, AttributeError):
+            with as_output_error(file), contextlib.suppress(FileNotFoundError, ValueError, AttributeError):
                 lost += json.loads(file.read_bytes()).get("supervised") is True
         return lost
 
@@ -249,40 +245,40 @@ class Ledger:
         found = []
         for number in sorted(history.crashed):
             file = self._files.file(key, f"crashed-{history.round}-{number}.json")
-            with told(file):
+            with as_output_error(file):
                 try:
                     found.append(str(json.loads(file.read_bytes())["how"]))
                 except (FileNotFoundError, ValueError, KeyError, TypeError):
-                    found.append("it is not known how")
+                    found.append("not known how")
         return tuple(found)
 
     def _read_record(self, key: str, history: History) -> CaseRecord | None:
         if not history.finished:
             return None
         file = self._files.file(key, f"record-{history.round}.json")
-        with told(file):
+        with as_output_error(file):
             try:
                 return CaseRecord.decoded(file.read_bytes())
             except ValueError as error:
                 why = f"its record is damaged: {error}"
-        with contextlib.suppress(OutputError):  # for who may only read the store it is open all the same
+        with contextlib.suppress(OutputError):  # without write access the case counts as open, too
             self._reopen(key, history, why)
         return None
 
     def _reopen(self, key: str, history: History, why: str) -> bool:
-        """Begin the next round; ``False`` if another has."""
+        """Begin the next round; ``False`` if another process has done so."""
         file = self._files.file(key, f"reopened-{history.round + 1}.json")
-        with told(file):
+        with as_output_error(file):
             return publish(file, json.dumps({"why": why}).encode())
 
     def _runs(self, key: str, number: int) -> list[Path]:
-        """The run directories of a round, the latest last."""
+        """Return the run directories of a round, the latest last."""
         runs = self.directory(key).glob(f"run-{number}-*")
         return sorted(runs, key=lambda run: int(run.name.rpartition("-")[2]))
 
     def _take_over(self, claim: Claim, before: History) -> None:
-        """Make what earlier attempts have saved our own; one of them who wakes up finds no place to write to."""
-        with told(claim.run):
+        """Rename the run directory of earlier attempts to that of the claim, so that they can no longer write to it."""
+        with as_output_error(claim.run):
             if runs := self._runs(claim.key, claim.round):
                 runs[-1].rename(claim.run)
             holder, _ = self._last_claim(claim.key, before)
@@ -291,10 +287,10 @@ class Ledger:
 
 
 def ledger_of(store: Path) -> Ledger:
-    """The ledger of a store, for reading."""
+    """Return the ledger of a store, for reading."""
     return Ledger(store, Holder(store))
 
 
 def _is_last(claim: Claim, history: History) -> bool:
-    """Whether a case is open and a claim the last on it."""
+    """Return whether a case is open and a claim is its last one."""
     return not history.finished and (history.round, history.claims) == (claim.round, claim.attempt)

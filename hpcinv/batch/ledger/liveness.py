@@ -1,9 +1,9 @@
-"""Whether a holder is still there, without trust in any clock but our own.
+"""Liveness of holders, without comparing the clocks of different machines.
 
-- A process of this machine: the system knows, at once.
-- A former run of our own Slurm job, before it was requeued: it is not, at once.
-- Any other: its heartbeat must change within the *lease*, while we look. How long we have looked is told by our own
-  monotonic clock; times of files and of other hosts are never compared, so that clocks may differ by hours.
+- A process of this machine: the operating system has the answer.
+- A process of this Slurm job before it was requeued: dead.
+- Any other process: its heartbeat must change within the *lease*, which is measured by the monotonic clock of this
+  process. Times of files and of other hosts are never compared, so that clocks may differ by hours.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LEASE = 60.0
 
 
 class Watch:
-    """Remembers the heartbeats that were seen, and since when each is as it is.
+    """Observer of heartbeats: the last value of each, and the time since when it has not changed.
 
     Args:
         lease: seconds.
@@ -28,10 +28,10 @@ class Watch:
     def __init__(self, store: Path, me: Identity, lease: float) -> None:
         self._store, self._me, self._lease = store, me, lease
         self._seen: dict[str, tuple[bytes | None, float]] = {}
-        self._beating: set[str] = set()  # whose heartbeat was seen to change
+        self._beating: set[str] = set()  # tokens whose heartbeat has changed
 
     def is_dead(self, other: Identity) -> bool:
-        """Whether it is certain, or the lease has passed, since when nothing of it has changed."""
+        """Return whether a process is certainly dead, or its heartbeat has not changed within the lease."""
         me = self._me
         if other.machine and other.machine == me.machine:
             started = start_of(other.pid)
@@ -39,23 +39,23 @@ class Watch:
                 return started != other.started
         if other.job and other.job == me.job and other.restart < me.restart:
             return True
-        return self._is_still(other.token, self._beat(other.token))
+        return self._is_unchanged(other.token, self._beat(other.token))
 
     def is_living(self, other: Identity) -> bool:
-        """Whether it is certain that it lives, or did at the last look; never at once with `is_dead`."""
+        """Return whether a process is certainly alive, or was at the last call of `is_dead`; never both."""
         if other.machine and other.machine == self._me.machine and (started := start_of(other.pid)) is not None:
             return started == other.started
         return other.token in self._beating
 
     def remove_heartbeat(self, dead: Identity) -> None:
-        """Remove the heartbeat of one who has lost the only case that he had; should he live, he makes it again."""
+        """Remove the heartbeat of a dead process; if it is alive after all, it writes the file again."""
         heartbeat_of(dead.token, self._store).unlink(missing_ok=True)
 
     def is_abandoned(self, claim: str) -> bool:
-        """The same for the holder of a claim that is damaged: nobody knows who it is."""
-        return self._is_still(claim, None)
+        """Return `is_dead` of the unknown holder of a damaged claim."""
+        return self._is_unchanged(claim, None)
 
-    def _is_still(self, name: str, beat: bytes | None) -> bool:
+    def _is_unchanged(self, name: str, beat: bytes | None) -> bool:
         now = monotonic()
         seen = self._seen.get(name)
         if seen is None or seen[0] != beat:
@@ -63,9 +63,9 @@ class Watch:
             if seen is not None:
                 self._beating.add(name)
             return False
-        if still := now - seen[1] >= self._lease:
+        if unchanged := now - seen[1] >= self._lease:
             self._beating.discard(name)
-        return still
+        return unchanged
 
     def _beat(self, token: str) -> bytes | None:
         try:

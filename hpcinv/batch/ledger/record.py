@@ -1,4 +1,4 @@
-"""What is committed of a case, and its file: JSON with a digest, so that a damaged one is never believed."""
+"""Record of a finished case, and its file: JSON with a digest, by which damage is detected."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from typing import Any
 
 @dataclass(frozen=True)
 class CaseRecord:
-    """How a case ended.
+    """End of a case.
 
     Attributes:
         status: "converged", or the diagnosis.
-        advice: what to do about that.
-        statistics: what ``summary.json`` of a run holds; empty where the case did not get that far.
+        advice: remedy of a failure.
+        statistics: content of the run's ``summary.json``; empty if the case failed before there was one.
         seconds: wall time of the case.
-        attempts: how many claims it took.
-        start: key of the case whose solution it began with; "" for the unloaded body.
-        compiled: whether kernels had to be compiled meanwhile, so that its time says little; told by studies.
+        attempts: number of claims.
+        start: key of the case whose solution was the initial guess; "" for the unloaded body.
+        compiled: whether kernels were compiled, so that its time does not count; set by studies.
     """
 
     status: str
@@ -36,16 +36,28 @@ class CaseRecord:
     def converged(self) -> bool:
         return self.status == "converged"
 
+    @property
+    def diagnosis(self) -> str:
+        """The status without the numbers of the case, which is the same for all cases that failed alike."""
+        diagnosis: str = self.statistics.get("status", self.status)
+        return diagnosis
+
+    @property
+    def verdict(self) -> str:
+        """Verdict of the certificate; empty without one."""
+        verdict: str = self.statistics.get("certificate", {}).get("verdict", "")
+        return verdict
+
     def encoded(self) -> bytes:
-        """The content of its file; numbers that are not finite become null, tuples lists."""
+        """Return the content of its file; numbers that are not finite become null, tuples lists."""
         return _sealed(json.dumps(_plain(asdict(self)), ensure_ascii=False).encode())
 
     @classmethod
     def decoded(cls, data: bytes) -> CaseRecord:
-        """The record in the content of a file.
+        """Return the record in the content of a file.
 
         Raises:
-            ValueError: it is not whole.
+            ValueError: it is damaged.
         """
         content = data[len(_BEFORE) : -len(_AFTER % _digest(b""))]
         if data != _sealed(content):

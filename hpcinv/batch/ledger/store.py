@@ -1,4 +1,4 @@
-"""The directory that sweeps share: ``store.json``, ``ledger/``, ``holders/``, and ``cases/`` with what runs leave."""
+"""Store of sweeps and studies: a directory with ``store.json``, ``ledger/``, ``holders/``, and ``cases/`` of runs."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENOTCONN}
 
 
 @contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Turn an error of the file system into an ``OutputError`` that says what to do."""
+def as_output_error(path: Path) -> Iterator[None]:
+    """Turn an error of the file system into an ``OutputError`` with a remedy."""
     try:
         yield
     except OSError as error:
         if error.errno in _FULL:
-            remedy = "Make room there;"
+            remedy = "Free space there;"
         elif error.errno in _GONE:
-            remedy = "See whether its file system is still there;"
+            remedy = "Check whether its file system is still mounted;"
         else:
             remedy = "Make it writable, or choose another 'store';"
-        kept = "all that was finished is kept, and the same command goes on from there."
+        kept = "finished cases are kept, and the same command continues."
         raise OutputError(f"{path}: {error.strerror or error}", f"{remedy} {kept}") from error
 
 
@@ -37,11 +37,11 @@ def open_store(path: Path) -> None:
     """Make a store, or check that it is one; any number of processes may do so at once.
 
     Raises:
-        OutputError: it cannot be written, holds other things, or has another format.
+        OutputError: it cannot be written, holds other files, or has another format.
     """
     mark = path / "store.json"
     check_output(path)
-    with told(path):
+    with as_output_error(path):
         path.mkdir(parents=True, exist_ok=True)
         if not mark.exists():
             others = [entry.name for entry in path.iterdir() if not entry.name.startswith(".")]
@@ -51,7 +51,7 @@ def open_store(path: Path) -> None:
         try:
             found = json.loads(mark.read_bytes())["format"]
         except (ValueError, KeyError, TypeError):
-            found = "not told"
+            found = "unknown"
         if found != _FORMAT:
             raise OutputError(f"{mark}: the format is {found}, not {_FORMAT}", "Choose another 'store'.")
         for directory in (records_in(path), heartbeats_in(path)):

@@ -17,7 +17,7 @@ import hpcinv.solver.linear.selection
 from hpcinv import run
 from hpcinv.assembly.system import System
 from hpcinv.errors import SolveError
-from hpcinv.output.progress import Listener
+from hpcinv.output.progress import SilentProgress
 from hpcinv.output.result import Result
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
@@ -163,10 +163,10 @@ def test_without_memory_for_another_solver_it_ends_with_a_diagnosis(
 ) -> None:
     monkeypatch.setattr(hpcinv.solver.linear.selection, "_PATIENCE", 0.02)
     monkeypatch.setattr(hpcinv.solver.linear.selection, "available", lambda comm: 1e5)
-    listener = Listener(comm)
+    progress = SilentProgress(comm)
     with pytest.raises(SolveError, match=r"iterative linear solver did not converge .* not enough memory"):
-        run(job(**SHELF, material=MATERIALS["incompressible"]), comm, progress=listener)
-    (solution,) = listener.statistics["solutions"]
+        run(job(**SHELF, material=MATERIALS["incompressible"]), comm, progress=progress)
+    (solution,) = progress.statistics["solutions"]
     assert {solve["outcome"] for solve in solution["solves"]} == {"KRYLOV_LIMIT"}
     assert solution["linear"]["iterations"] < 300
     assert {solve["strategy"] for solve in solution["solves"]} == {"load steps"}  # others would do no better

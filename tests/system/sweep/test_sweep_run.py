@@ -47,7 +47,7 @@ def test_every_case_is_solved_once_whatever_the_ranks(ranks: int, per_case: int,
     ended = hpcinv(ranks, "sweep", "run", sweep, "--ranks-per-case", per_case, cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     assert sorted(re.findall(r"case (\d+), ", ended.stdout)) == [str(i) for i in range(6)]
-    assert "6 converged" in ended.stdout
+    assert "converged: 6" in ended.stdout
     records = records_of(sweep)
     for number, record in records.items():
         assert top(record) == pytest.approx(alone(sweep, number), rel=1e-10)
@@ -78,7 +78,8 @@ def test_a_case_that_fails_is_told_and_the_others_go_on(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, axes)
     ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
     assert ended.returncode == 3
-    assert "2 converged, 1 failed" in ended.stdout
+    assert "converged: 2" in ended.stdout
+    assert "failed: 1;" in ended.stdout
     failed = records_of(sweep)[1]
     assert failed is not None
     assert "load factor" in failed.status
@@ -241,7 +242,7 @@ def test_who_is_taken_over_lets_go(tmp_path: Path) -> None:
         finally:
             started.send(signal.SIGCONT, sleeping)
         assert started.exit_code() == 3, started.text
-        assert "taken over by another" in started.text or "done by another" in started.text
+        assert "claimed by another process" in started.text or "finished by another" in started.text
     assert sorted(r.status for r in records_of(sweep).values() if r is not None) == ["by another", "converged"]
 
 

@@ -20,7 +20,7 @@ from hpcinv.batch.ledger import liveness
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger, State
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.ledger.store import told
+from hpcinv.batch.ledger.store import as_output_error, open_store
 from hpcinv.errors import OutputError
 from hpcinv.files import atomic
 from hpcinv.parallel import processes
@@ -478,7 +478,7 @@ def test_a_store_below_a_file_is_told(tmp_path: Path) -> None:
 def test_a_directory_with_other_things_is_no_store(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(OutputError, match="holds files that are not of a store"):
-        Ledger(tmp_path, Holder(tmp_path)).open()
+        open_store(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"thesis.tex"}
 
 
@@ -486,7 +486,7 @@ def test_a_directory_with_other_things_is_no_store(tmp_path: Path) -> None:
 def test_a_store_of_another_format_is_refused(tmp_path: Path, mark: str) -> None:
     (tmp_path / "store.json").write_text(mark)
     with pytest.raises(OutputError, match=r"store\.json: the format is .*, not hpcinv store 1"):
-        Ledger(tmp_path, Holder(tmp_path)).open()
+        open_store(tmp_path)
 
 
 def test_a_store_that_is_not_there_has_only_open_cases(tmp_path: Path) -> None:
@@ -558,7 +558,7 @@ def test_any_other_error_of_a_link_is_raised_and_leaves_nothing(
         raise OSError(122, "Disk quota exceeded")
 
     monkeypatch.setattr(os, "link", fails)
-    with pytest.raises(OutputError, match=r"Disk quota exceeded\n  Make room there"), told(tmp_path):
+    with pytest.raises(OutputError, match=r"Disk quota exceeded\n  Free space there"), as_output_error(tmp_path):
         atomic.publish(tmp_path / "record", b"1")
     assert not any(tmp_path.iterdir())
 

@@ -22,13 +22,13 @@ from hpcinv.__main__ import main
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.status import Status, follow, lines
 from hpcinv.batch.tables import as_csv
 from hpcinv.errors import JobError
 from hpcinv.sweep.outlook import outlook
 from hpcinv.sweep.plan import Case, SweepPlan, load_sweep
 from hpcinv.sweep.plot import is_even_in_log, plot
-from hpcinv.sweep.results import provenance, results
-from hpcinv.sweep.status import Status, follow, lines, status
+from hpcinv.sweep.results import provenance, results, status_of
 from hpcinv.sweep.table import as_hdf5, columns, units
 
 MU, DENSITY = "material.mu", "effects[0].density"
@@ -63,7 +63,7 @@ def bad(status: str = NO_EQUILIBRIUM, seconds: float = 1.0) -> CaseRecord:
 
 def look(found: SweepPlan) -> Status:
     ledger = ledger_of(found.store)
-    return status(found, ledger, results(found, ledger))
+    return status_of(found, ledger, results(found, ledger))
 
 
 @pytest.fixture
@@ -130,7 +130,7 @@ def test_the_outlook_tells_cases_sizes_and_time(tmp_path: Path, commit: Callable
     assert text[3].endswith(": 6 cells, 81 unknowns")
     assert text[4].endswith(": 48 cells, 375 unknowns")
     assert all("    2 cases such as case" in line for line in text[3:5])
-    assert "time: not known, since no case has been run yet; 'sweep run --first" in text[5]
+    assert "time: not known, since no case is finished; run some first: 'sweep run --first" in text[5]
 
     commit(found.cases[2], good(8.0))
     # One more like it takes 8 s, and two of the others as much more as they have more unknowns.
@@ -158,8 +158,8 @@ def test_the_status_counts_cases_by_where_they_stand(
 ) -> None:
     found = plan(tmp_path, {"grid": {MU: ["10 kPa", 1e4, 2e4, 3e4, 4e4, 5e4, 6e4, 7e4]}})
     empty = look(found)
-    assert (empty.done, empty.open, empty.total, empty.seconds, empty.is_over) == (0, 7, 7, None, False)
-    assert "time left: not known before the first case is finished" in lines(empty)[-1]
+    assert (empty.done, empty.open, empty.total, empty.seconds, empty.unfinished) == (0, 7, 7, None, 7)
+    assert "time left: not known before the first of the cases is finished" in lines(empty)[-1]
 
     for number, record in {0: good(2.0), 2: good(4.0), 3: bad(seconds=3.0), 4: bad("too slow"), 5: bad()}.items():
         commit(found.cases[number], record)
@@ -174,6 +174,7 @@ def test_the_status_counts_cases_by_where_they_stand(
     assert lines(now) == [
         "sweep: 5 of 7 cases finished (8 rows)",
         "  converged: 2",
+        "    2 × certificate pass",
         "  failed: 3; 'sweep retry --failed' opens them again",
         "    2 × no equilibrium; the first: case 3, mu 30000",
         "    1 × too slow; the first: case 4, mu 40000",
@@ -191,8 +192,8 @@ def test_a_sweep_is_followed_to_its_end(
     found = plan(tmp_path, {"grid": {MU: [1e4, 2e4, 3e4]}})
     left = list(found.cases)
     screen = Console(file=io.StringIO(), force_terminal=is_terminal, width=100)
-    last = follow(found, ledger_of(found.store), screen, sleep=lambda _: commit(left.pop(0), good()))
-    assert last.is_over
+    last = follow(lambda: look(found), screen, sleep=lambda _: commit(left.pop(0), good()))
+    assert last.unfinished == 0
     text = screen.file.getvalue()  # type: ignore[attr-defined]
     for n in range(4):
         assert f"sweep: {n} of 3 cases finished" in text

@@ -1,0 +1,213 @@
+"""Status of the cases of a batch: how many are finished, running, failed and open, and the time left."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from hpcinv.batch.forecast import in_words, remaining_seconds
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+    from hpcinv.batch.ledger.ledger import Ledger
+    from hpcinv.batch.ledger.record import CaseRecord
+
+MOST_SHOWN = 5
+"""lines of each kind"""
+
+
+class BatchCase(Protocol):
+    """A case of the ledger: its key, its title, and its reuse group (cases of one group take similar times)."""
+
+    @property
+    def key(self) -> str: ...
+
+    @property
+    def title(self) -> str: ...
+
+    @property
+    def reuse_group(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class Status:
+    """Numbers of distinct cases at one moment.
+
+    Attributes:
+        name: of the sweep or study.
+        kind: plural noun for its cases.
+        retry: the command that opens failed cases again.
+        rows: number of cases, duplicates included.
+        certificates: number of converged cases by the verdict of their certificate.
+        open: number of cases that are neither finished nor running.
+        running: number of cases by the process that works on them.
+        failed: titles of the failed cases by diagnosis, in the order of the batch.
+        seconds: time left, with as many cases at a time as are running, at least one; ``None`` if it is not known.
+    """
+
+    name: str
+    kind: str
+    retry: str
+    rows: int
+    certificates: Mapping[str, int]
+    open: int
+    running: Mapping[str, int]
+    failed: Mapping[str, tuple[str, ...]]
+    seconds: float | None
+
+    @property
+    def converged(self) -> int:
+        """Number of converged cases."""
+        return sum(self.certificates.values())
+
+    @property
+    def done(self) -> int:
+        """Number of finished cases."""
+        return self.converged + sum(map(len, self.failed.values()))
+
+    @property
+    def unfinished(self) -> int:
+        """Number of cases that are open or running."""
+        return self.open + sum(self.running.values())
+
+    @property
+    def total(self) -> int:
+        """Number of cases."""
+        return self.done + self.unfinished
+
+    def exit_code(self, *, strict: bool) -> int:
+        """3 if cases have failed, else 6 if a certificate fails, 7 if one is in between and ``strict``, else 0."""
+        if self.failed:
+            return 3
+        if "fail" in self.certificates:
+            return 6
+        return 7 if strict and self.certificates.keys() & {"warning", "not decided"} else 0
+
+
+def status(
+    name: str,
+    cases: Sequence[BatchCase],
+    ledger: Ledger,
+    records: Mapping[str, CaseRecord],
+    *,
+    retry: str,
+    kind: str = "cases",
+) -> Status:
+    """Return the status of cases; claims and changes nothing.
+
+    Args:
+        records: of finished cases by key.
+        kind, retry: see `Status`.
+    """
+    distinct = {case.key: case for case in reversed(cases)}
+    failed: dict[str, list[str]] = {}
+    for case in cases:
+        record = records.get(case.key)
+        if record is not None and not record.converged and distinct[case.key] is case:
+            failed.setdefault(record.diagnosis, []).append(case.title)
+    states = ledger.states(key for key in distinct if key not in records)
+    running = Counter(state.holder for state in states.values() if state.name == "running")
+    reuse_groups = {key: case.reuse_group for key, case in distinct.items()}
+    seconds = remaining_seconds(reuse_groups, records)
+    return Status(
+        name=name,
+        kind=kind,
+        retry=retry,
+        rows=len(cases),
+        certificates=Counter(record.verdict or "not known" for record in records.values() if record.converged),
+        open=len(states) - running.total(),
+        running=running,
+        failed={diagnosis: tuple(titles) for diagnosis, titles in failed.items()},
+        seconds=None if seconds is None else seconds / max(running.total(), 1),
+    )
+
+
+def lines(found: Status) -> list[str]:
+    """Return a status as lines of text."""
+    duplicates = f" ({found.rows:,} rows)" if found.rows != found.total else ""
+    text = [f"{found.name}: {found.done:,} of {found.total:,} {found.kind} finished{duplicates}"]
+    text.append(f"  converged: {found.converged:,}")
+    text += [f"    {number:,} × certificate {verdict}" for verdict, number in sorted(found.certificates.items())]
+    if failed := found.done - found.converged:
+        text.append(f"  failed: {failed:,}; '{found.retry}' opens them again")
+        by_number = sorted(found.failed.items(), key=lambda item: -len(item[1]))
+        text += [f"    {len(titles):,} × {why}; the first: {titles[0]}" for why, titles in by_number[:MOST_SHOWN]]
+        text += _more(len(by_number), "diagnosis", "diagnoses")
+    if found.running:
+        text.append(f"  running: {sum(found.running.values()):,}")
+        text += [f"    {number:,} by {process}" for process, number in [*found.running.items()][:MOST_SHOWN]]
+        text += _more(len(found.running), "process", "processes")
+    if found.open:
+        text.append(f"  open: {found.open:,}")
+    if found.unfinished:
+        text.append(f"  time left: {_time_left(found)}")
+    return text
+
+
+def _more(number: int, singular: str, plural: str) -> list[str]:
+    rest = number - MOST_SHOWN
+    return [f"    and {rest:,} more {singular if rest == 1 else plural}"] if rest > 0 else []
+
+
+def _time_left(found: Status) -> str:
+    if found.seconds is None:
+        return f"not known before the first of the {found.kind} is finished"
+    at_once = sum(found.running.values())
+    kind = found.kind.removesuffix("s") if at_once < 2 else found.kind
+    pace = f"with {at_once} {kind} at a time" if at_once else f"if it ran, one {kind} at a time"
+    return f"about {in_words(found.seconds)}, {pace}"
+
+
+def show(look: Callable[[], Status], *, followed: bool) -> None:
+    """Print the status that ``look`` returns: once, or, ``followed``, until all cases are finished."""
+    if not followed:
+        print("\n".join(lines(look())))
+        return
+    from hpcinv.output.console import Console
+
+    with contextlib.suppress(KeyboardInterrupt):  # the usual way to stop
+        follow(look, Console())
+
+
+def follow(
+    look: Callable[[], Status],
+    console: Console,
+    *,
+    every: float = 2.0,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Status:
+    """Print the status until all cases are finished: as a live bar on a terminal, else whenever it changes.
+
+    Args:
+        look: returns the present status.
+        every: seconds between two calls of it.
+    """
+    from rich.live import Live
+
+    shown: list[str] = []
+    with Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext() as live:
+        while True:
+            found = look()
+            if live is not None:
+                live.update(_bar(found), refresh=True)
+            elif (text := lines(found)) != shown:
+                console.print("\n".join(text), markup=False, highlight=False, soft_wrap=True)
+                shown = text
+            if not found.unfinished:
+                return found
+            sleep(every)
+
+
+def _bar(found: Status) -> RenderableType:
+    """Return the finished share as a bar above the text."""
+    from rich.console import Group
+    from rich.progress_bar import ProgressBar
+    from rich.text import Text
+
+    return Group(ProgressBar(total=max(found.total, 1), completed=found.done, width=60), Text("\n".join(lines(found))))
