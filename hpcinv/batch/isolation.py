@@ -142,7 +142,7 @@ class _Supervisor:
             fruitless = 0 if outcome.begun else fruitless + 1
             if fruitless == _FRUITLESS:
                 raise SystemPartMissing(
-                    f"{_FRUITLESS} times the processes that solve cases have {_how(outcome.code)} before they began one",
+                    f"{_FRUITLESS} times the processes of a group {_how(outcome.code)} before they began a case",
                     "See what they printed. With --no-isolation the ranks of the launcher solve cases themselves.",
                 )
 

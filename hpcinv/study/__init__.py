@@ -1,1 +1,1 @@
-"""Studies of accuracy against time: series of runs, their errors, what they cost, and which of them are worth it."""
+"""Studies of accuracy against time: refinement series of runs, their errors and costs, and the Pareto front."""

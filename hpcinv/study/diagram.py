@@ -12,18 +12,18 @@ from hpcinv.batch.diagram import as_files, new_figure, style
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hpcinv.study.findings import Accuracy, Point
+    from hpcinv.study.findings import Accuracy, StepStatistics
     from hpcinv.study.rows import StudyRow
 
 
 def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping[str, str]) -> dict[str, bytes]:
-    """Error against time as files by their format; none if there is no error to show.
+    """Return the diagram of error against time as files by format; none if there is no error to show.
 
     Args:
-        seconds: what the time is of.
-        varied: what varies along each series.
+        seconds: description of the time.
+        varied: text on the parameters that vary along each series.
     """
-    points = [point for point in accuracy.points if _can_be_shown(point)]
+    points = [point for point in accuracy.points if _is_shown(point)]
     if not points:
         return {}
     with new_figure(7.0, 4.8) as figure:
@@ -32,8 +32,8 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
         names = list(dict.fromkeys(point.series for point in accuracy.points))
         for i, series in enumerate(names):
             name = f"{series} ({varied[series]})" if varied[series] else series
-            if its_points := [point for point in points if point.series == series]:
-                _draw_series(axes, i, name, its_points)
+            if points_of_series := [point for point in points if point.series == series]:
+                _draw_series(axes, i, name, points_of_series)
         many = "average " if any(len(point.errors) > 1 for point in points) else ""
         axes.set(xscale="log", yscale="log", xlabel=f"time / s ({seconds})", ylabel=many + _error_label(accuracy))
         axes.set_title(f"{title}: {accuracy.name}", loc="left", fontsize=10)
@@ -43,7 +43,7 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.margins(0.08, 0.1)
         axes.legend(frameon=False, fontsize=8)
-        hidden = sum(len(p.errors) > 0 and not _can_be_shown(p) for p in accuracy.points)
+        hidden = sum(len(p.errors) > 0 and not _is_shown(p) for p in accuracy.points)
         note = f"; {hidden} without any error cannot be shown" if hidden else ""
         axes.annotate(
             f"reference: {_origin(accuracy)}; filled: on the Pareto front{note}",
@@ -57,7 +57,7 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
 
 
 def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict[str, bytes]:
-    """Error against each parameter of the cases that has numbers, as files by their format; none without cases."""
+    """Return diagrams of error against each numeric parameter of the cases as files by format; none without cases."""
     keys = dict.fromkeys(key for row in rows for key, v in row.place.parameters.items() if isinstance(v, int | float))
     shown = [(row, error) for row, error in zip(rows, accuracy.errors, strict=True) if error]
     keys = {key: None for key in keys if len({row.place.parameters.get(key) for row, _ in shown}) > 2}
@@ -67,8 +67,8 @@ def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict
         for n, (key, axes) in enumerate(zip(keys, figure.subplots(1, len(keys), squeeze=False)[0], strict=True)):
             groups = dict.fromkeys((row.place.series, row.place.step, row.place.label) for row, _ in shown)
             for i, group in enumerate(groups):
-                those = [(row.place.parameters.get(key), e) for row, e in shown if _group(row) == group]
-                x, y = zip(*((p, e) for p, e in those if p is not None), strict=True)
+                values = [(row.place.parameters.get(key), e) for row, e in shown if _group(row) == group]
+                x, y = zip(*((p, e) for p, e in values if p is not None), strict=True)
                 name = ", ".join(part for part in (group[0], group[2]) if part)
                 colour, marker, _ = style(i)
                 axes.plot(x, y, marker, color=colour, markersize=4, label=name, gid=f"cases-{n}-{i}")
@@ -85,11 +85,11 @@ def _group(row: StudyRow) -> tuple[str, int, str]:
     return row.place.series, row.place.step, row.place.label
 
 
-def _can_be_shown(point: Point) -> bool:
+def _is_shown(point: StepStatistics) -> bool:
     return bool(point.average) and bool(point.costs["time"])
 
 
-def _draw_series(axes: Axes, number: int, name: str, points: Sequence[Point]) -> None:
+def _draw_series(axes: Axes, number: int, name: str, points: Sequence[StepStatistics]) -> None:
     colour, marker, dashes = style(number)
     times = [point.costs["time"] or 0.0 for point in points]
     errors = [point.average or 0.0 for point in points]
@@ -110,9 +110,9 @@ def _draw_series(axes: Axes, number: int, name: str, points: Sequence[Point]) ->
     axes.plot([], [], linestyle=dashes, marker=marker, color=colour, linewidth=1.2, label=name)
 
 
-def _draw_front(axes: Axes, points: Sequence[Point]) -> None:
-    """The least error for the time that one has: it falls in steps."""
-    if not points:  # a run without any error, which cannot be shown, beats them all
+def _draw_front(axes: Axes, points: Sequence[StepStatistics]) -> None:
+    """Draw the smallest error that is reached within a time, which decreases in steps."""
+    if not points:  # a run without any error, which cannot be shown, is better than all others
         return
     corners = sorted((point.costs["time"] or 0.0, point.average or 0.0) for point in points)
     x, y = zip(*corners, strict=True)

@@ -1,4 +1,4 @@
-"""The directory of a study: its tables and diagrams, and in ``store`` what its runs have left."""
+"""Directory of a study: its tables and diagrams, and in ``store`` the records of its runs."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ _MARK, _STORE = "study.json", "store"
 
 
 class StudyDirectory:
-    """The directory of a study, which any number of allocations may use at once.
+    """Directory of a study, which any number of allocations may use at once.
 
     Raises:
-        OutputError: it holds other things than this study, or cannot be written.
+        OutputError: it holds other files than those of this study, or cannot be written.
     """
 
     def __init__(self, path: Path, study: str) -> None:
         self.path = path
         check_output(path)
-        with self._explained():
+        with self._as_output_error():
             check_content(path, study)
             path.mkdir(parents=True, exist_ok=True)
             publish(path / _MARK, json.dumps({"study": study}).encode())
@@ -35,11 +35,11 @@ class StudyDirectory:
 
     def write(self, name: str, content: str | bytes) -> None:
         """Write a file of the study; it appears whole or not at all."""
-        with self._explained():
+        with self._as_output_error():
             replace(self.path / name, content.encode() if isinstance(content, str) else content, shared=True)
 
     @contextlib.contextmanager
-    def _explained(self) -> Iterator[None]:
+    def _as_output_error(self) -> Iterator[None]:
         try:
             yield
         except OSError as exc:
@@ -67,5 +67,5 @@ def _mark(path: Path) -> dict[str, object]:
 
 
 def store_in(directory: Path) -> Path:
-    """The store of the study in a directory."""
+    """Return the store of the study in a directory."""
     return directory / _STORE

@@ -1,4 +1,4 @@
-"""A study as a batch: what is executed, and how: from the beginning, with nothing kept of earlier runs, to be timed."""
+"""A study as a batch: each run is executed from the beginning, without reuse of earlier runs, since it is timed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class StudyRunner(Runner[StudyTask]):
-    """Executes runs on all ranks of ``comm``, without writing anything."""
+    """Executes runs on all ranks of ``comm``; writes no files."""
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         self.comm = comm
@@ -35,9 +35,9 @@ class StudyRunner(Runner[StudyTask]):
 
     def run(self, task: StudyTask, progress: SilentProgress, stop_asked: Callable[[], bool]) -> dict[str, Any]:
         if self._is_first:
-            _load_what_meshes_need(task.job, self.comm)
+            _load_gmsh(task.job, self.comm)
             self._is_first = False
-        _forget_peak_memory()
+        _reset_peak_memory()
         before = len(NOT_FOUND)
         run(task.job, self.comm, progress=progress, stop_asked=stop_asked)
         return {"compiled": self.comm.allreduce(len(NOT_FOUND) > before, op=MPI.LOR)}
@@ -69,13 +69,13 @@ class StudyBatch(Batch):
         return StudyRunner(comm)
 
 
-def _load_what_meshes_need(job: Job, comm: MPI.Intracomm) -> None:
-    """The first mesh of a process pays for loading gmsh, which is not to be counted in the time of any run."""
+def _load_gmsh(job: Job, comm: MPI.Intracomm) -> None:
+    """Make a mesh, so that loading gmsh does not count in the time of the first run."""
     with contextlib.suppress(HpcinvError):
         build_body(job.mesh, job.regions, comm, resolve=job.resolve)
 
 
-def _forget_peak_memory() -> None:
-    """Let the system measure the largest memory of this process from now on, where it can (Linux)."""
+def _reset_peak_memory() -> None:
+    """Reset the peak memory of this process that the system measures (Linux only)."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")

@@ -1,4 +1,4 @@
-"""What is known of the runs of a study: their jobs, and the records of their executions.
+"""Runs of a study: their jobs, and the records of their executions.
 
 Each run is executed several times, to time it. An execution is a case of the ledger: its key is the hash of the run's
 content, of the number of ranks, and of its number among the repetitions.
@@ -34,9 +34,9 @@ class Execution(NamedTuple):
 
 
 class Executions:
-    """The executions of the runs of a plan on a number of ranks, as one process knows them.
+    """Executions of the runs of a plan on a number of ranks, as one process has read them.
 
-    Runs are given by their number in the plan. What is finished stays so: it is read once.
+    Runs are given by their number in the plan. The record of a finished execution is read once.
     """
 
     def __init__(self, plan: StudyPlan, ledger: Ledger, ranks: int) -> None:
@@ -47,28 +47,28 @@ class Executions:
         self.read()
 
     def read(self) -> None:
-        """Read the records of all executions that have been finished since the last time, by whomever."""
-        asked: set[str] = set()
-        while new := [key for key in self._keys() if key not in self._records and key not in asked]:
-            self._records |= dict(self.ledger.records(new))  # with them further runs may be ready
-            asked.update(new)
+        """Read the records of all executions that any process has finished since the last call."""
+        requested: set[str] = set()
+        while new := [key for key in self._keys() if key not in self._records and key not in requested]:
+            self._records |= dict(self.ledger.records(new))  # with these records further runs may be ready
+            requested.update(new)
 
     def read_one(self, run: int, number: int) -> None:
-        """Read the record of one execution of a run that is ready, if there is one."""
+        """Read the record of one execution of a ready run, if there is one."""
         key = self.execution_key(run, number)
         if key not in self._records and (record := self.ledger.record(key)) is not None:
             self._records[key] = record
 
     def is_ready(self, run: int) -> bool:
-        """Whether all that a run takes from others is known."""
+        """Return whether all values that a run takes from other runs are known."""
         return run in self._jobs or all(self.is_ready(i) and self._first(i) is not None for _, i in self._sources(run))
 
     def is_known(self, run: int, number: int) -> bool:
-        """Whether there is a record of an execution of a run that is ready."""
+        """Return whether an execution of a ready run has a record."""
         return self.execution_key(run, number) in self._records
 
     def records(self, run: int) -> list[CaseRecord]:
-        """The records of a run that is ready, by the number of the execution."""
+        """Return the records of a ready run, in the order of its executions."""
         found = self._prepared(run)
         if isinstance(found, CaseRecord):
             return [found]
@@ -76,27 +76,27 @@ class Executions:
         return [self._records[key] for key in keys if key in self._records]
 
     def job(self, run: int) -> Job | None:
-        """The job of a run that is ready; ``None`` if it cannot begin."""
+        """Return the job of a ready run; ``None`` if it cannot begin."""
         found = self._prepared(run)
         return None if isinstance(found, CaseRecord) else found[0]
 
     def key(self, run: int) -> str:
-        """The hash of a run's content; runs with the same one are the same. Empty for one that cannot begin."""
+        """Return the hash of a ready run's content, the same for equal runs; empty if the run cannot begin."""
         found = self._prepared(run)
         return "" if isinstance(found, CaseRecord) else found[1]
 
     def execution_key(self, run: int, number: int) -> str:
-        """The key in the ledger of an execution, counted from 0, of a run that is ready."""
+        """Return the key in the ledger of an execution (from 0) of a ready run."""
         return hashlib.sha256(f"{self.key(run)}, execution {number}".encode()).hexdigest()[:20]
 
     def repetitions(self, run: int) -> int:
-        """How often a run is to be timed."""
+        """Return the number of repetitions of a run."""
         return self.plan.study.series_called(self.plan.runs[run].place.series).repeat or self.plan.study.repeat
 
     def needed(self, run: int) -> int:
-        """How many executions a run needs in all, as far as is known: one more if one had to compile kernels.
+        """Return the number of executions that a run needs, as far as is known: one more if one compiled kernels.
 
-        One that failed is not repeated.
+        It is 0 after a failure, which is not repeated.
         """
         records = self.records(run)
         if any(not record.converged for record in records):
@@ -122,7 +122,7 @@ class Executions:
         return found
 
     def count(self) -> tuple[int, int]:
-        """Number of executions that are finished, and of all that are known to be needed."""
+        """Return the numbers of executions that are finished, and that are finished or needed."""
         executions = self.distinct()
         return len(executions.keys() & self._records.keys()), len(executions)
 
@@ -137,7 +137,7 @@ class Executions:
         return status(self.plan.study.study, cases, self.ledger, records, retry=RETRY, kind="executions")
 
     def retry(self) -> int:
-        """Open the executions that failed again; tells how many."""
+        """Open the failed executions again; return their number."""
         failed = [key for key, record in self._records.items() if not record.converged]
         opened = [key for key in failed if self.ledger.retry(key)]
         self._records = {key: record for key, record in self._records.items() if key not in opened}
@@ -148,23 +148,23 @@ class Executions:
         return dict.fromkeys(self.execution_key(i, n) for i in ready for n in range(self.repetitions(i) + 1))
 
     def _first(self, run: int) -> CaseRecord | None:
-        """The record of the first execution of a run that is ready, or why it cannot begin."""
+        """Return the record of the first execution of a ready run, or the reason why the run cannot begin."""
         found = self._prepared(run)
         return found if isinstance(found, CaseRecord) else self._records.get(self.execution_key(run, 0))
 
     def _sources(self, run: int) -> Iterator[tuple[str, int]]:
-        """Keys that take their value from another run, with its number."""
+        """Yield the keys that take their value from another run, with its number."""
         place = self.plan.runs[run].place
         for key, taken in self.plan.study.series_called(place.series).take.items():
             step = place.step if self.plan.study.series_called(taken.series).steps > 1 else 0
             yield key, self._by_place[taken.series, step, place.case]
 
     def _prepared(self, run: int) -> tuple[Job, str] | CaseRecord:
-        """The job of a run and its hash, or why there is none: another run, from which it takes values, has failed."""
+        """Return job and hash of a ready run, or the reason why there is none, such as the failure of another run."""
         if run not in self._jobs:
             job = self._completed(run)
             if not isinstance(job, CaseRecord):
-                # All that the result and the time of a run depend on.
+                # The hash of everything that the result and the time of a run depend on.
                 self._jobs[run] = job, content_key(job, ranks=self.ranks, partition=job.mesh.partition)
             else:
                 self._jobs[run] = job
@@ -179,7 +179,7 @@ class Executions:
             value = look_up(record.statistics, taken.key) if record.converged else None
             if value is None:
                 why = "has failed" if not record.converged else f"has no number at {taken.key}"
-                return _not_run(f"'{taken.series}', which {key} is taken from, {why}")
+                return _not_run(f"{key} is taken from series '{taken.series}', which {why}")
             values[key] = max(value, taken.at_least)
         try:
             return run.with_values(values) if values else run.job

@@ -1,14 +1,14 @@
-"""What a study has found: of everything that is measured the errors, and which runs are worth their time."""
+"""Findings of a study: errors of each measured quantity, statistics over the cases, and the Pareto front."""
 
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from hpcinv.study.convergence import fitted_order, orders
-from hpcinv.study.pareto import front
 from hpcinv.study.references import ReferenceValue, find_reference
 
 if TYPE_CHECKING:
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Point:
-    """A step of a series, over all cases: a point in the diagrams.
+class StepStatistics:
+    """Statistics of one step of a series over all cases: a point in the diagrams.
 
     Attributes:
         errors: of the cases that have one.
-        average, sd, minimum, maximum: of these; ``sd`` is that of a sample, ``None`` of fewer than two.
+        average, sd, minimum, maximum: of the errors; ``sd`` of a sample, ``None`` for fewer than two.
         costs: averages over the cases that converged.
-        ratio: its time over that of the base series, in the cases that converged in both.
+        ratio: time over that of the base series, for the cases that converged in both.
         failed: number of cases that did not converge.
-        on_front: whether no other point has as small an error in as little time.
+        on_front: whether the point is on the Pareto front.
     """
 
     series: str
@@ -44,10 +44,7 @@ class Point:
 
     @property
     def sd(self) -> float | None:
-        n, mean = len(self.errors), self.average
-        if n < 2 or mean is None:
-            return None
-        return math.sqrt(math.fsum((e - mean) ** 2 for e in self.errors) / (n - 1))
+        return statistics.stdev(self.errors) if len(self.errors) > 1 else None
 
     @property
     def minimum(self) -> float | None:
@@ -58,7 +55,7 @@ class Point:
         return max(self.errors, default=None)
 
     def statistic(self, name: str) -> float | None:
-        """A column of the table of statistics."""
+        """Return the value of a column of the table of statistics."""
         if name in self.costs:
             return self.costs[name]
         value: float | None = getattr(self, name)
@@ -67,13 +64,13 @@ class Point:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """All about one measured quantity.
+    """Errors and orders of one measured quantity.
 
     Attributes:
-        references: of each case; text says why there is none.
-        errors, orders, effectivities: of each row, ``None`` where there is none. The order is the one observed from
-            the step before; the effectivity is the estimated error over the true one.
-        fitted: order of each series along which the mesh is refined, where there is one case.
+        references: of each case, or the reason why there is none.
+        errors, orders, effectivities: of each row, or ``None``. The order is observed between the step before and this
+            one; the effectivity is the estimated error over the true one.
+        fitted: order of each series along which the mesh is refined, if there is one case.
     """
 
     name: str
@@ -83,19 +80,19 @@ class Accuracy:
     orders: tuple[float | None, ...]
     effectivities: tuple[float | None, ...]
     fitted: Mapping[str, float]
-    points: tuple[Point, ...]
+    points: tuple[StepStatistics, ...]
 
     @property
     def refusal(self) -> str | None:
-        """Why there is no reference, if there is none of some case."""
+        """The reason why a case has no reference; ``None`` if all have one."""
         return next((r for r in self.references if isinstance(r, str)), None)
 
-    def point_of(self, row: StudyRow) -> Point:
+    def point_of(self, row: StudyRow) -> StepStatistics:
         return next(p for p in self.points if (p.series, p.step) == (row.place.series, row.place.step))
 
 
 def accuracy(plan: StudyPlan, rows: Sequence[StudyRow], name: str, unit: str) -> Accuracy:
-    """What the rows tell about one quantity."""
+    """Return errors and orders of one quantity in the rows."""
     references = tuple(
         _reference(plan, [row for row in rows if row.place.case == case], name) for case in range(plan.cases)
     )
@@ -108,10 +105,10 @@ def accuracy(plan: StudyPlan, rows: Sequence[StudyRow], name: str, unit: str) ->
     for (series, _), members in groups.items():
         sizes = [size for i in members if (size := rows[i].size) is not None]
         if len(sizes) == len(members):
-            its_errors = [errors[i] for i in members]
-            for i, order in zip(members, orders(sizes, its_errors), strict=True):
+            errors_of_series = [errors[i] for i in members]
+            for i, order in zip(members, orders(sizes, errors_of_series), strict=True):
                 observed[i] = order
-            if plan.cases == 1 and (order := fitted_order(sizes, its_errors)) is not None:
+            if plan.cases == 1 and (order := fitted_order(sizes, errors_of_series)) is not None:
                 fitted[series] = order
     effectivities = tuple(_effectivity(references[row.place.case], row, name) for row in rows)
     points = _points(plan, rows, errors)
@@ -136,7 +133,7 @@ def _effectivity(reference: ReferenceValue | str, row: StudyRow, name: str) -> f
     return estimate / (reference.value - value)
 
 
-def _points(plan: StudyPlan, rows: Sequence[StudyRow], errors: Sequence[float | None]) -> tuple[Point, ...]:
+def _points(plan: StudyPlan, rows: Sequence[StudyRow], errors: Sequence[float | None]) -> tuple[StepStatistics, ...]:
     members: dict[tuple[str, int], list[int]] = {}
     for i, row in enumerate(rows):
         members.setdefault((row.place.series, row.place.step), []).append(i)
@@ -151,13 +148,27 @@ def _points(plan: StudyPlan, rows: Sequence[StudyRow], errors: Sequence[float | 
             name: _average([c for row in converged if (c := row.costs[name]) is not None]) for name in those[0].costs
         }
         failed = len(those) - len(converged)
-        points.append(Point(series, step, those[0].place.label, known, costs, ratio, failed))
+        points.append(StepStatistics(series, step, those[0].place.label, known, costs, ratio, failed))
     best = front([(point.costs["time"], point.average) for point in points])
     return tuple(replace(point, on_front=is_best) for point, is_best in zip(points, best, strict=True))
 
 
+def front(points: Sequence[tuple[float | None, float | None]]) -> list[bool]:
+    """Return which points (cost, error) are on the Pareto front.
+
+    No other point is less in one and at most equal in the other. A point with a ``None`` is not on the front.
+    """
+    known = [(cost, error) for cost, error in points if cost is not None and error is not None]
+    return [
+        cost is not None
+        and error is not None
+        and not any(c <= cost and e <= error and (c, e) != (cost, error) for c, e in known)
+        for cost, error in points
+    ]
+
+
 def _ratio(rows: Sequence[StudyRow], base: Sequence[StudyRow]) -> float | None:
-    """Time of the cases that have one in both, over that of the base."""
+    """Return the time of the cases that have one in both series, over that of the base series."""
     pairs = [(a.time, b.time) for a, b in zip(rows, base, strict=True) if a.time and b.time]
     return math.fsum(a for a, _ in pairs) / math.fsum(b for _, b in pairs) if pairs else None
 

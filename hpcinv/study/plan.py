@@ -1,4 +1,4 @@
-"""The plan of a study: every run with its job, all checked before any of them begins."""
+"""Plan of a study: every run with its job, all checked before any of them begins."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from hpcinv.study.spec import Study, measured_key
 
 @dataclass(frozen=True)
 class Place:
-    """Where a run stands in its study.
+    """Position of a run in its study.
 
     Attributes:
-        series, step, case: which one; steps and cases are counted from 0.
-        label: what it is called among the runs of its series.
+        series, step, case: name of the series, and numbers of step and case from 0.
+        label: name of the run within its series.
         varied: values of the series at this step, by key.
         parameters: values of the case, by key.
     """
@@ -44,14 +44,14 @@ class Place:
 
 @dataclass(frozen=True)
 class Run:
-    """One job of a study; ``job`` has the least of those values that it is yet to take from earlier runs."""
+    """One job of a study; values that it takes from earlier runs are ``at_least`` in ``job``."""
 
     place: Place
     job: Job
     data: Mapping[str, Any]
 
     def with_values(self, values: Mapping[str, Any]) -> Job:
-        """The job with values that were taken from other runs.
+        """Return the job with values taken from other runs.
 
         Raises:
             JobError: it is not valid with them.
@@ -62,7 +62,7 @@ class Run:
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """A study and its runs: case by case, of each the series in their order, of each its steps."""
+    """A study and its runs, ordered by case, then by series, then by step."""
 
     path: Path
     study: Study
@@ -74,12 +74,12 @@ class StudyPlan:
 
     @property
     def measured(self) -> dict[str, str]:
-        """Keys of the summary by what is measured."""
+        """Keys of the summary by measured quantity."""
         return {name: measured_key(name, _quantities(self.runs[0].job)) for name in self.study.measure}
 
 
 def is_study(path: Path) -> bool:
-    """Whether a file is a study rather than a job; raises ``JobError`` if it cannot be read."""
+    """Return whether a file is a study rather than a job; raises ``JobError`` if it cannot be read."""
     return "series" in read_yaml(path)
 
 
@@ -87,10 +87,10 @@ def load_study(path: Path, *, untrusted: bool = False) -> StudyPlan:
     """Read a study and check all of its runs.
 
     Args:
-        untrusted: it came from elsewhere, as in `hpcinv.job.job.load`.
+        untrusted: the file is from another source, as in `hpcinv.job.job.load`.
 
     Raises:
-        JobError: with a line for each thing that is wrong, of the form ``file: series, value: key: what``.
+        JobError: with a line for each fault, of the form ``file: series, value: key: fault``.
     """
     untrusted = untrusted or is_asked()
     study = read_spec(Study, "study", path, untrusted=untrusted)
@@ -102,7 +102,7 @@ def load_study(path: Path, *, untrusted: bool = False) -> StudyPlan:
 
 
 def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: Faults, untrusted: bool) -> Iterator[Run]:
-    """Every run that is valid; what is wrong with the others goes to ``faults``, with the titles of the runs."""
+    """Yield every valid run; faults of the others are added to ``faults``."""
     for case, (parameters, of_case) in enumerate(combined(study.cases)):
         for series in study.series:
             for step in range(series.steps):
@@ -129,7 +129,7 @@ def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: Faults, unt
 
 
 def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
-    """All settings of a run, whole sections before values in them."""
+    """Return all settings of a run, whole sections before values in them."""
     merged: dict[str, Any] = {}
     for layer in layers:
         for key in layer:
@@ -140,7 +140,7 @@ def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) 
 
 
 def _unmeasurable(study: Study, job: Job) -> Iterator[tuple[Location, str]]:
-    """What cannot be measured on a job."""
+    """Yield the entries of ``measure`` that a job does not have."""
     for i, name in enumerate(study.measure):
         try:
             key = measured_key(name, _quantities(job))
@@ -158,5 +158,5 @@ def _quantities(job: Job) -> dict[str, bool]:
 
 
 def _label(varied: Mapping[str, Any]) -> str:
-    """The values that vary, each once."""
+    """Return the values that vary as text, each once."""
     return ", ".join(dict.fromkeys(text_of(value) for value in varied.values()))

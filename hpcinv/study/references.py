@@ -1,4 +1,4 @@
-"""What the values of a study are compared with: a closed form, the finest run, or Richardson's extrapolation."""
+"""Reference values of a study: a closed form, the finest run, or Richardson's extrapolation."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReferenceValue:
-    """A reference value, where it is from, and the run that it is the value of, if it is one's."""
+    """A reference value, its origin, and the key of the run that has it, if it is the value of a run."""
 
     value: float
     origin: str
     key: str | None = None
 
     def error_of(self, row: StudyRow, name: str) -> float | None:
-        """Distance of a run's value; the run that is the reference has none."""
+        """Return the error of a run's value; ``None`` for the run that is the reference."""
         value = row.values[name]
         return None if value is None or row.key == self.key else abs(value - self.value)
 
 
 def find_reference(reference: Reference, rows: Sequence[StudyRow], name: str) -> ReferenceValue:
-    """The reference of one quantity among the rows of one case.
+    """Return the reference of one quantity among the rows of one case.
 
     Raises:
-        ValueError: there is none; the message says why, and what to take instead.
+        ValueError: there is none; the message has reason and remedy.
     """
     if reference.value is not None:
         return ReferenceValue(reference.value, reference.kind)
     known = [row for row in rows if row.values[name] is not None and reference.series in (None, row.place.series)]
     if not known:
-        raise ValueError("no run has a value to compare the others with")
-    # Of equally fine runs the last one counts: series of tolerances, say, end with the strictest.
+        raise ValueError("no run has a value that can be the reference")
+    # Of equally fine runs the last one is taken, since a series of tolerances ends with the strictest.
     finest = max(reversed(known), key=lambda row: row.costs["unknowns"] or 0.0)
     if reference.kind == "finest":
         value = finest.values[name]

@@ -15,33 +15,33 @@ Title = Annotated[str, Field(pattern=r"^\S(.*\S)?$", max_length=60)]
 
 
 class Taken(Spec):
-    """A value that is only known when an earlier series has been run, such as an accuracy to be reached."""
+    """A value that is taken from the run of an earlier series, such as the accuracy to be reached."""
 
     series: Title
-    """an earlier series; the run of the same case, and of the same step unless it has but one, is asked"""
+    """an earlier series; the value is that of its run of the same case, and of the same step unless it has only one"""
     key: SummaryKey
-    """where the value stands in the summary of that run, such as errors.round_trip.relative"""
+    """key of the value in the summary of that run, such as errors.round_trip.relative"""
     at_least: float
-    """the least that is taken; with it the job is checked beforehand"""
+    """lower bound of the value; the job is checked with it beforehand"""
 
 
 class RefinementSeries(Spec):
     """Runs that differ in one thing, and one line of the diagrams."""
 
     name: Title
-    """what it is called in tables and diagrams"""
+    """name in tables and diagrams"""
     set: Mapping[JobKey, Any] = {}
     """values that all its runs have, by their keys in the job, such as {discretisation.displacement: 3}"""
     vary: Mapping[JobKey, ListOf[Any]] = {}
-    """what changes from run to run, from coarse to fine; several keys change in step. Left out, it is one run"""
+    """values that change from run to run, from coarse to fine; several keys change together. Left out, it is one run"""
     labels: ListOf[str] | None = None
-    """what the runs are called in diagrams; left out, by what varies"""
+    """names of the runs in diagrams; left out, the values that vary"""
     take: Mapping[JobKey, Taken] = {}
     """values that come from the summary of an earlier series' run"""
     repeat: Annotated[int, Field(ge=1)] | None = None
-    """how often its runs are timed; left out, as often as the study's"""
+    """number of timed executions of its runs; left out, that of the study"""
     base: Title | None = None
-    """the series whose time its own is compared with"""
+    """name of the series whose time is the base of the ratio of times"""
 
     @property
     def steps(self) -> int:
@@ -53,19 +53,21 @@ class RefinementSeries(Spec):
         lengths = {key: len(values) for key, values in self.vary.items()}
         if len(set_of := sorted(set(lengths.values()))) > 1 or set_of == [0]:
             counts = ", ".join(f"{key} {n}" for key, n in lengths.items())
-            problems.append((("vary",), f"needs as many values of each key, and one at least, not: {counts}"))
+            problems.append(
+                (("vary",), f"needs the same number of values of each key, and at least one, not: {counts}")
+            )
         elif self.labels is not None and len(self.labels) != self.steps:
             problems.append((("labels",), f"must be as many as there are runs, {self.steps}, not {len(self.labels)}"))
         parts = {"set": self.set, "vary": self.vary, "take": self.take}
         for i, (name, keys) in enumerate(parts.items()):
             earlier = {key: n for n in list(parts)[:i] for key in parts[n]}
-            problems += [((name, key), f"stands in '{earlier[key]}' too") for key in keys if key in earlier]
+            problems += [((name, key), f"is also in '{earlier[key]}'") for key in keys if key in earlier]
         raise_if_any(problems)
         return self
 
 
 def faults_between(listed: tuple[RefinementSeries, ...]) -> Iterator[tuple[Location, str]]:
-    """What is wrong between series, each of which is right in itself."""
+    """Yield the contradictions between series, each of which is valid."""
     if not listed:
         raise ValueError("must hold at least one series")
     earlier: dict[str, RefinementSeries] = {}

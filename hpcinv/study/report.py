@@ -1,4 +1,4 @@
-"""What a study says at its end: a table for each quantity, with published numbers beside its own."""
+"""Printed report of a study: a table for each quantity, with published numbers beside those of the study."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> None:
-    """Print it."""
+    """Print the report."""
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console.width = 160  # a file has no width of its own
@@ -36,7 +36,7 @@ def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -
         console.print(f"failed: {len(failed) - _MOST} more, in table.csv")
 
 
-_MOST = 20  # failures that are told one by one
+_MOST = 20  # largest number of failures that are printed
 
 
 def _heading(plan: StudyPlan, accuracy: Accuracy) -> str:
@@ -78,8 +78,8 @@ def _of_cases(plan: StudyPlan, accuracy: Accuracy) -> Table:
     for point in accuracy.points:
         table.add_row(point.series, point.label, *(_statistic(name, point.statistic(name)) for name in names))
         if point.series in published and point.step == 0:
-            theirs = published[point.series]
-            table.add_row("", "published", *(_statistic(name, theirs.get(name)) for name in names), style="italic")
+            numbers = published[point.series]
+            table.add_row("", "published", *(_statistic(name, numbers.get(name)) for name in names), style="italic")
     return table
 
 

@@ -1,4 +1,4 @@
-"""What came out of each run of a study: its values and its costs, in numbers."""
+"""Rows of a study's table: values and costs of each run."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ if TYPE_CHECKING:
     from hpcinv.study.plan import Place, Run, StudyPlan
 
 APART = ("compile", "certificate")
-"""phases that are no part of the time of a run"""
+"""phases that do not count in the time of a run"""
 SOLVER = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check", "fixed-point update")
-"""phases that are Newton's method"""
+"""phases that count as Newton's method"""
 
 
 @dataclass(frozen=True)
 class StudyRow:
-    """One run.
+    """Values and costs of one run.
 
     Attributes:
-        key: hash of its content; equal runs have equal ones.
-        status: "converged", or what went wrong.
-        costs: by name, times as medians over the repetitions; ``None`` for what is not known.
-        times: seconds of each repetition that counts.
-        values: by what is measured.
-        certificate: its verdict; empty where a run has none.
+        key: hash of its content, the same for equal runs.
+        status: "converged", or the diagnosis.
+        costs: by name, times as medians over the repetitions; ``None`` if unknown.
+        times: seconds of each repetition that is not discarded.
+        values: by measured quantity.
+        certificate: its verdict; empty without certificate.
         estimates: estimated error of each value (corrected less computed), where the certificate has one.
         geometry_error: whether that is "included" in the estimates or "left out"; empty without estimates.
-        size: size of the cells in any unit, ``None`` where the mesh is not what varies.
+        size: size of the cells in any unit, ``None`` if more than the mesh varies.
     """
 
     place: Place
@@ -59,7 +59,7 @@ class StudyRow:
 
 
 def rows_of(executions: Executions) -> list[StudyRow]:
-    """The rows of a study whose runs are all done, in the order of its plan."""
+    """Return the rows of a study whose runs are all done, in the order of its plan."""
     plan = executions.plan
     proportional = {series.name: _proportional(plan, series.name) for series in plan.study.series}
     return [
@@ -89,10 +89,11 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
     values = {name: look_up(found, k) if converged else None for name, k in plan.measured.items()}
     estimates = {name: look_up(found, f"certificate.estimate.{k}") for name, k in plan.measured.items()}
     size = _size(run, costs["cells"], parameter) if _refines(run) else None
-    verdict = str(found.get("certificate", {}).get("verdict", ""))
     geometry = str((found.get("certificate", {}).get("estimate") or {}).get("geometry", ""))
     times = tuple(seconds[study.time])
-    return StudyRow(run.place, key, records[0].status, costs, times, values, verdict, estimates, size, geometry)
+    return StudyRow(
+        run.place, key, records[0].status, costs, times, values, records[0].verdict, estimates, size, geometry
+    )
 
 
 def _run_seconds(found: Mapping[str, Any]) -> float:
@@ -109,14 +110,14 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 def _refines(run: Run) -> bool:
-    """Whether nothing but the mesh varies along the series."""
+    """Return whether only the mesh varies along the series."""
     keys = run.place.varied.keys()
     of_meshes = ("mesh.parameters", "expected_shape")
     return bool(keys) and all(key in ("mesh", "mesh.file") or key.startswith(of_meshes) for key in keys)
 
 
 def _proportional(plan: StudyPlan, series: str) -> str | None:
-    """The mesh parameter that varies, if there is one, or if those that do keep their proportion."""
+    """Return the mesh parameter that varies; if several do, the first one, if they are proportional; else ``None``."""
     prefix = "mesh.parameters."
     runs = [run for run in plan.runs if run.place.series == series and run.place.case == 0]
     names = [key.removeprefix(prefix) for key in runs[0].place.varied if key.startswith(prefix)]
@@ -130,7 +131,7 @@ def _proportional(plan: StudyPlan, series: str) -> str | None:
 
 
 def _of_parameter(run: Run, name: str) -> float | None:
-    """Size of the cells by a parameter of a mesh generator that says what it is: a size, or a number of divisions."""
+    """Return the size of the cells by a parameter that its generator annotates as a size or as divisions."""
     mesh = run.job.mesh
     resolution = resolution_of(run.job.resolve(mesh.file), mesh.parameters)
     return resolution.sizes.get(name, 1 / resolution.divisions[name] if name in resolution.divisions else None)

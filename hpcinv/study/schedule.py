@@ -1,4 +1,4 @@
-"""What a study executes next: round after round over all runs, so that a machine that slows down is unfair to none."""
+"""Schedule of a study: rounds over all runs, so that a change in the speed of the machine affects all runs alike."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class StudyTask(BatchTask):
 
 
 class StudySchedule:
-    """The executions of a study that are open; it lives on the first rank."""
+    """Schedule of the open executions of a study; on the first rank."""
 
     def __init__(self, executions: Executions) -> None:
         self.executions = executions
-        self._turns = self._all()
+        self._tasks = self._all()
 
     def next(self) -> StudyTask | Pause | None:
-        """Claim an execution; ``None`` when all are finished, by whomever."""
-        return next(self._turns, None)
+        """Claim an execution; ``None`` if all are finished."""
+        return next(self._tasks, None)
 
     def report(self, task: StudyTask, record: CaseRecord) -> str:
         line = f"[{task.number}/{task.total}] {task.title}: "
@@ -46,14 +46,14 @@ class StudySchedule:
             for task in self._rounds():
                 has_claimed = True
                 yield task
-            if self._is_over():
+            if self._is_finished():
                 return
-            if not has_claimed:  # the rest is in the hands of others
+            if not has_claimed:  # other allocations hold the rest
                 yield Pause.WAIT
             self.executions.read()
 
     def _rounds(self) -> Iterator[StudyTask]:
-        """All first executions, all second ones, …, but for those that others have in hand."""
+        """Yield all first executions, then all second ones, …, except those that others hold."""
         known = self.executions
         runs = range(len(known.plan.runs))
         for number in itertools.count():
@@ -61,12 +61,12 @@ class StudySchedule:
             if not left:
                 return
             for i in left:
-                # The first execution of a run tells whether it fails; others wait for that.
+                # Further executions of a run begin when the first one has converged.
                 if known.is_ready(i) and number < known.needed(i) and (number == 0 or known.is_known(i, 0)):
                     yield from self._claimed(i, number)
 
     def _claimed(self, run: int, number: int) -> Iterator[StudyTask]:
-        """One execution of a run, if it is open and nobody has it in hand."""
+        """Yield one execution of a run, if it is open and not held."""
         known = self.executions
         job = known.job(run)
         if job is None or known.is_known(run, number):
@@ -77,7 +77,7 @@ class StudySchedule:
             yield StudyTask(known.plan.runs[run].place.title, job, claim, done + 1, total)
         known.read_one(run, number)
 
-    def _is_over(self) -> bool:
+    def _is_finished(self) -> bool:
         known = self.executions
         return all(
             known.is_ready(i) and all(known.is_known(i, n) for n in range(known.needed(i)))

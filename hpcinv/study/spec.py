@@ -1,4 +1,4 @@
-"""The study file: which runs, what is measured on them, against what, and what others have published."""
+"""Study file: runs, measured quantities, references, and published numbers."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.study.refinement_series import RefinementSeries, Title, faults_between
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
-"""of an error over the cases"""
+"""statistics of an error over the cases"""
 COSTS = ("time", "run", "solver", "compile", "factorizations", "newton_iterations", "unknowns", "cells", "memory")
-"""that every run has; seconds and bytes"""
+"""costs of every run; seconds and bytes"""
 SUMMARY = ("mesh", "partition", "solutions", "quantities", "errors", "timings", "certificate", "peak_memory")
 """parts of a summary in which there are numbers to measure"""
 
@@ -30,12 +30,12 @@ _KINDS = ("finest", "richardson")
 
 
 def _by_name(data: Any) -> Any:
-    """What holds for all that is measured, by that name."""
+    """Return references by name; one for all measured quantities is named "all"."""
     return data if isinstance(data, Mapping) and not (len(data) == 1 and {*data} & {*_KINDS}) else {"all": data}
 
 
 class Reference(Spec):
-    """What the values of a quantity are compared with: a number, the finest run, or Richardson's extrapolation."""
+    """Reference of a quantity: a number, the finest run, or Richardson's extrapolation."""
 
     kind: Literal["closed form", "finest", "richardson"]
     value: float | None = None
@@ -68,20 +68,20 @@ class Beside(Spec):
     source: str
     """where they were published"""
     values: Mapping[SummaryKey, Mapping[str, AnyQuantity]] = {}
-    """by what is measured: values by what they are of, such as {tip: {Abaqus: 132.71 mm}}"""
+    """by measured quantity: values by their origin, such as {tip: {Abaqus: 132.71 mm}}"""
     statistics: Mapping[SummaryKey, Mapping[str, Mapping[str, float]]] = {}
-    """by what is measured and series: statistics over the cases, such as {average: 4.5e-12, failed: 7}"""
+    """by measured quantity and series: statistics over the cases, such as {average: 4.5e-12, failed: 7}"""
 
 
 class Study(Spec):
-    """Refinement series of runs of one job, what is measured on them, and what that cost."""
+    """Study: refinement series of runs of one job, their measured quantities and costs."""
 
     study: FileName = "study"
     """up to 100 letters, digits, dots, _, - (no dot or - first), naming the results; left out, the name of the file"""
     job: FileBeside
-    """path from the study file to the job that all runs begin with"""
+    """path from the study file to the job of all runs"""
     set: Mapping[JobKey, Any] = {}
-    """values that all runs have unless a series or a case has its own"""
+    """values of all runs, unless a series or a case sets them"""
     series: ListOf[RefinementSeries]
     """refinement series: runs that differ in one thing, each series a line in the diagrams"""
     cases: ListOf[Axis] = ()
@@ -91,13 +91,13 @@ class Study(Spec):
     reference: Annotated[Mapping[SummaryKey, Reference], BeforeValidator(_by_name)] = {
         "all": Reference.model_validate("finest")
     }
-    """what is right, for all that is measured or by its name, and 'all' for the rest"""
+    """reference value: one for all measured quantities, or by name, with 'all' for the rest"""
     costs: Mapping[Name, SummaryKey] = {}
     """further costs by keys of the summary, such as {iterations: "solutions[].iterations"}"""
     time: Literal["run", "solver"] = "run"
     """seconds of the whole run but for compilation and certificate, or of Newton's method alone"""
     repeat: Annotated[int, Field(ge=1)] = 3
-    """how often each run is timed; the median counts"""
+    """number of timed executions of each run; the median counts"""
     limit: Annotated[float, Quantity("s", above=0.0)] | None = None
     """wall time that a run may take, such as 10 min; one that takes longer has failed. Left out, there is none"""
     beside: Beside | None = None
@@ -109,17 +109,17 @@ class Study(Spec):
     def series_called(self, name: str) -> RefinementSeries:
         return next(series for series in self.series if series.name == name)
 
-    # The rules between sections stand with the later section, which sees the earlier ones that are right in themselves.
+    # Rules between sections are validators of the later section, which has access to the earlier ones that are valid.
 
     @field_validator("series")
     @classmethod
-    def _know_each_other(cls, listed: tuple[RefinementSeries, ...]) -> tuple[RefinementSeries, ...]:
+    def _are_consistent(cls, listed: tuple[RefinementSeries, ...]) -> tuple[RefinementSeries, ...]:
         raise_if_any(faults_between(listed))
         return listed
 
     @field_validator("cases")
     @classmethod
-    def _can_be_run(cls, cases: tuple[Axis, ...], info: ValidationInfo) -> tuple[Axis, ...]:
+    def _are_not_too_many(cls, cases: tuple[Axis, ...], info: ValidationInfo) -> tuple[Axis, ...]:
         raise_if_any(axes.faults_between(cases))
         steps = sum(series.steps for series in info.data.get("series", ()))
         if (runs := steps * axes.number_of(cases)) > MOST:
@@ -128,15 +128,15 @@ class Study(Spec):
 
     @field_validator("measure")
     @classmethod
-    def _names_something(cls, measure: tuple[str, ...]) -> tuple[str, ...]:
+    def _is_not_empty(cls, measure: tuple[str, ...]) -> tuple[str, ...]:
         if not measure:
             raise ValueError("must name at least one quantity of interest")
-        raise_if_any(((i,), f"'{measure[i]}' is there already") for i in repeated(measure))
+        raise_if_any(((i,), f"'{measure[i]}' is duplicated") for i in repeated(measure))
         return measure
 
     @field_validator("reference")
     @classmethod
-    def _is_of_what_is_measured(cls, reference: Mapping[str, Reference], info: ValidationInfo) -> Any:
+    def _is_of_measured_quantities(cls, reference: Mapping[str, Reference], info: ValidationInfo) -> Any:
         measure, names = info.data.get("measure"), _names(info)
         problems: list[tuple[Location, str]] = [
             ((key,), f"there is no series '{r.series}'.{did_you_mean(r.series, names)}")
@@ -152,14 +152,14 @@ class Study(Spec):
 
     @field_validator("costs")
     @classmethod
-    def _have_names_of_their_own(cls, costs: Mapping[str, str]) -> Mapping[str, str]:
+    def _have_unique_names(cls, costs: Mapping[str, str]) -> Mapping[str, str]:
         taken = {*COSTS, *STATISTICS, "ratio", "failed"}
-        raise_if_any(((name,), "is already the name of something else") for name in costs if name in taken)
+        raise_if_any(((name,), "is the name of another column") for name in costs if name in taken)
         return costs
 
     @field_validator("beside")
     @classmethod
-    def _is_beside_something(cls, beside: Beside | None, info: ValidationInfo) -> Beside | None:
+    def _has_known_names(cls, beside: Beside | None, info: ValidationInfo) -> Beside | None:
         if beside is None:
             return None
         problems: list[tuple[Location, str]] = []
@@ -186,7 +186,7 @@ def _not_measured(keys: Mapping[str, Any], measure: Any) -> list[tuple[Location,
 
 
 def measured_key(measured: str, quantities: Mapping[str, bool]) -> str:
-    """The key in the summary of what is measured.
+    """Return the key in the summary of a measured quantity.
 
     Args:
         measured: the name of a quantity of interest, ``NAME[i]`` for a component, or a key of the summary.

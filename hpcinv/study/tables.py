@@ -1,4 +1,4 @@
-"""The table of a study as files: ``table.csv``, ``table.h5``, and ``statistics.csv`` where there are cases."""
+"""Tables of a study as files: ``table.csv``, ``table.h5``, and ``statistics.csv`` if there are cases."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> Columns:
-    """A row for each run; times in s, memory in bytes, values and errors in SI."""
+    """Return a row for each run; times in s, memory in bytes, values and errors in SI."""
     places = [row.place for row in rows]
     columns: Columns = {"series": [p.series for p in places], "label": [p.label for p in places]}
     for key in dict.fromkeys(key for p in places for key in p.varied):
@@ -54,7 +54,7 @@ def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accur
 
 
 def run_units(found: Sequence[Accuracy]) -> dict[str, str]:
-    """Units of the columns of `run_columns` that have one."""
+    """Return the units of the columns of `run_columns` that have one."""
     units = COSTS | {"time_min": "s", "time_max": "s"}
     for accuracy in found:
         units |= {accuracy.name: accuracy.unit, f"{accuracy.name} error": accuracy.unit}
@@ -62,7 +62,7 @@ def run_units(found: Sequence[Accuracy]) -> dict[str, str]:
 
 
 def point_columns(plan: StudyPlan, accuracy: Accuracy) -> Columns:
-    """A row for each step of each series: statistics of the errors over the cases, and averages of the costs."""
+    """Return a row for each step of each series: statistics of errors over the cases, and averages of costs."""
     points = accuracy.points
     columns: Columns = {"series": [p.series for p in points], "label": [p.label for p in points]}
     for name in (*STATISTICS, *points[0].costs, "ratio", "failed"):
@@ -76,13 +76,13 @@ def point_columns(plan: StudyPlan, accuracy: Accuracy) -> Columns:
 
 
 def point_units(accuracy: Accuracy) -> dict[str, str]:
-    """Units of the columns of `point_columns` that have one."""
+    """Return the units of the columns of `point_columns` that have one."""
     names = (*STATISTICS, *(f"published {name}" for name in STATISTICS))
     return COSTS | dict.fromkeys(names, accuracy.unit)
 
 
 def relative(accuracy: Accuracy, row: StudyRow, error: float | None) -> float | None:
-    """Error over the reference, where that is not zero."""
+    """Return the error over the reference; ``None`` if that is zero or missing."""
     reference = accuracy.references[row.place.case]
     if error is None or not isinstance(reference, ReferenceValue) or reference.value == 0.0:
         return None
@@ -90,7 +90,7 @@ def relative(accuracy: Accuracy, row: StudyRow, error: float | None) -> float | 
 
 
 def as_hdf5(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy], ranks: int) -> bytes:
-    """The same, and every repetition's time, as HDF5."""
+    """Return all tables, and the time of every repetition, as HDF5."""
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
         study = plan.study

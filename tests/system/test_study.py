@@ -40,8 +40,7 @@ from hpcinv.study.convergence import fitted_order, orders, richardson
 from hpcinv.study.directory import StudyDirectory, store_in
 from hpcinv.study.execution import StudyRunner
 from hpcinv.study.executions import Executions
-from hpcinv.study.findings import accuracy
-from hpcinv.study.pareto import front
+from hpcinv.study.findings import accuracy, front
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.rows import rows_of
 from hpcinv.study.schedule import StudySchedule, StudyTask
@@ -321,7 +320,7 @@ def test_values_are_taken_from_the_same_case_of_an_earlier_series(begin: Begin, 
     assert reused(begin(schedule.executions.plan, tmp_path)) == 6
     why = [row.status for row in rows_of(schedule.executions) if row.place.series != "direct"]
     assert why[:2] == ["converged", "converged"]
-    assert why[2] == "not run: 'direct', which solver.tolerance is taken from, has failed"
+    assert why[2] == "not run: solver.tolerance is taken from series 'direct', which has failed"
     assert why[3].endswith("has no number at errors.gap")
 
 
@@ -593,7 +592,7 @@ def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place:
         started.wait_for("\n[3/")
         started.send(signal.SIGTERM, started.ranks())
         assert started.exit_code() == 75, started.text
-    assert "The same command goes on from there." in started.text
+    assert "The same command continues." in started.text
     assert "Traceback" not in started.text
     stopped = kept(place / "long")
     assert 3 <= len(stopped) < 12

@@ -77,7 +77,7 @@ def series(**changes: Any) -> list[dict[str, Any]]:
             "series[0].take.solver.tolerance.series: there is no earlier series 'P2'",
         ),
         ({"measure": []}, "measure: must name at least one quantity"),
-        ({"measure": ["length", "length"]}, "measure[1]: 'length' is there already"),
+        ({"measure": ["length", "length"]}, "measure[1]: 'length' is duplicated"),
         ({"reference": "best"}, "reference.all: must be a value (closed form), finest, richardson"),
         ({"reference": {"lenght": 1, "all": "finest"}}, "reference.lenght: is not measured. Did you mean 'length'?"),
         ({"reference": {"richardson": "P4"}}, "reference.all: there is no series 'P4'. Known: P2"),
@@ -101,7 +101,7 @@ def series(**changes: Any) -> list[dict[str, Any]]:
             "needs the same number of values of each key",
         ),
         ({"cases": [{"grid": {"material.mu": [1]}, "seed": 1}]}, "cases[0].seed: is valid only with a sample"),
-        ({"costs": {"time": "mesh.cells"}}, "costs.time: is already the name of something else"),
+        ({"costs": {"time": "mesh.cells"}}, "costs.time: is the name of another column"),
         ({"beside": {"source": "x", "values": {"tip": {}}}}, "beside.values.tip: is not measured"),
         (
             {"beside": {"source": "x", "statistics": {"length": {"P2": {"avrage": 1.0}}}}},

@@ -412,7 +412,9 @@ def test_a_full_disk_is_told_and_leaves_nothing_behind(small_disk: Path) -> None
         claim = ledger.claim(KEY)
         assert claim is not None
         before, filler = everything(small_disk), fill(small_disk)
-        with pytest.raises(OutputError, match=r"record-1\.json: No space left on device\n  Make room .* goes on from"):
+        with pytest.raises(
+            OutputError, match=r"record-1\.json: No space left on device\n  Free space .* command continues"
+        ):
             ledger.commit(claim, DONE)
         with pytest.raises(OutputError, match=r"claim-1-1\.json: No space left"):
             ledger.claim(OTHER)
@@ -464,7 +466,9 @@ def test_a_store_that_vanishes_is_told_and_not_made_again(ledger: Ledger, store:
         lambda: ledger.claim("cd" + 18 * "0"),
         lambda: ledger.release(claim),
     ):
-        with pytest.raises(OutputError, match=r"No such file or directory\n  See whether its file system is still th"):
+        with pytest.raises(
+            OutputError, match=r"No such file or directory\n  Check whether its file system is still mo"
+        ):
             fails()
     assert not store.exists()
 
