@@ -19,7 +19,7 @@ from hpcinv.certificate import certify
 from hpcinv.certificate.confirmation import known_displacement, second_variation
 from hpcinv.job.sections import Support
 from hpcinv.mesh.body import read_anywhere, read_finer_geometry
-from hpcinv.mesh.sample_mesh import HELD, specimen
+from hpcinv.mesh.sample_mesh import HELD, sample_body
 from hpcinv.methods import method_for
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -52,7 +52,7 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     finer = None
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
-    body = specimen(source, job.regions, [np.array(q.at) for q in job.quantities if q.at is not None], finer)
+    body = sample_body(source, job.regions, [np.array(q.at) for q in job.quantities if q.at is not None], finer)
     model = Model(_held(job), body, Timings())
     solutions: list[Solution] = []
     for direction in model.job.directions:

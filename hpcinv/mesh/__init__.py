@@ -1,13 +1,13 @@
-"""Meshes: read or generated on rank 0, checked and partitioned, or read in parts; given to all ranks as a ``Body``."""
+"""Meshes: read or generated on rank 0, checked and partitioned, or read in parts; distributed as a ``Body``."""
 
 from __future__ import annotations
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime  # noqa: F401  (first: it fixes the import order)
 
 # isort: split
 from hpcinv.mesh.body import Body, at_local_nodes, build_body, in_source_order, read_source
 from hpcinv.mesh.distributed.partition import Partition
-from hpcinv.mesh.export import write_mesh, write_msh, write_vtu
+from hpcinv.mesh.export import write_mesh
 from hpcinv.mesh.regions import Region
 from hpcinv.mesh.source import Group, MeshSource
 
@@ -22,6 +22,4 @@ __all__ = [
     "in_source_order",
     "read_source",
     "write_mesh",
-    "write_msh",
-    "write_vtu",
 ]

@@ -1,4 +1,4 @@
-"""The body: a distributed mesh with its regions, and the way back to the order of its file."""
+"""The body: a distributed mesh with its regions, and the mapping back to the node order of its file."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from hpcinv.files.names import exists
 from hpcinv.job.mesh_generators import in_unit
 from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.mesh.bounding_box import diagonal
-from hpcinv.mesh.cell_count import MeshingWatch, silent
+from hpcinv.mesh.cell_count import MeshingMonitor, no_report
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.checks import check, check_nodes
-from hpcinv.mesh.distributed.partition import Partition, measure, partitioner
+from hpcinv.mesh.distributed.partition import Partition, partition_of, partitioner
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.io.length_unit import check_unit
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Body:
-    """A body on all ranks; ``mesh`` has its coordinates divided by ``length_scale`` (m), a power of two."""
+    """A distributed body; the coordinates of ``mesh`` are divided by ``length_scale`` (m), a power of two."""
 
     mesh: Mesh
     length_scale: float
@@ -52,10 +52,10 @@ class Body:
 
     @cached_property
     def with_finer_geometry(self) -> tuple[Body | None, str]:
-        """The same cells with what is known of the body's true geometry, and if nothing is, why; collective.
+        """The same cells with the true geometry of the body, and why it is unknown, if it is; collective.
 
-        That is the body itself where its geometry is the true one, and ``None`` where nothing is known. A mesh that was
-        moved from where it was given does not move the other.
+        It is the body itself if its geometry is the true one, and ``None`` if the true one is unknown. It is at the
+        coordinates of the source, also if ``mesh`` has been moved since.
         """
         comm, found = self.mesh.comm, list[FinerGeometry]()
 
@@ -72,55 +72,58 @@ class Body:
         return with_geometry(self, source), ""
 
     def facets(self, name: str) -> LocalIndices:
-        """Local facets of a region; raises ``MeshError`` on all ranks if there is no such region or it has none."""
+        """Local facets of a region; raises ``MeshError`` on all ranks if the region does not exist or has no facets."""
         region = find(self.regions, name, self.source)
         if not region.facet_count:
             raise MeshError(
                 f"{self.source.path}: region '{name}' has cells but no facets",
-                "Name a physical surface, or a geometric region that holds whole facets of the boundary.",
+                "Name a physical surface, or a geometric region that contains whole facets of the boundary.",
             )
         return region.facets
 
     def boundary_facets(self, name: str) -> LocalIndices:
-        """Local facets of a region of the boundary; raises ``MeshError`` on all ranks if it is none or inside."""
+        """Local facets of a region of the boundary; raises ``MeshError`` on all ranks if some are inside the body."""
         facets = self.facets(name)
         topology = self.mesh.topology
         inside = np.setdiff1d(facets, dolfinx.mesh.exterior_facet_indices(topology))
         owned = np.count_nonzero(inside < topology.index_map(2).size_local)
         if count := self.mesh.comm.allreduce(int(owned)):
             raise MeshError(
-                f"{self.source.path}: region '{name}' has {count} facets inside of the body",
-                "What acts on a surface needs one of the boundary.",
+                f"{self.source.path}: region '{name}' has {count} facets inside the body",
+                "A surface load needs a region of the boundary.",
             )
         return facets
 
     def cells(self, name: str) -> LocalIndices:
-        """Local cells of a region; raises ``MeshError`` on all ranks if there is no such region or it has none."""
+        """Local cells of a region; raises ``MeshError`` on all ranks if the region does not exist or has no cells."""
         region = find(self.regions, name, self.source)
         if not region.cell_count:
             raise MeshError(
                 f"{self.source.path}: region '{name}' has facets but no cells",
-                "Name a physical volume, or a geometric region that holds whole cells.",
+                "Name a physical volume, or a geometric region that contains whole cells.",
             )
         return region.cells
 
 
-def read_source(spec: MeshSpec, path: Path, told: Callable[[str], None] = silent) -> MeshSource:
-    """Read or generate the mesh on this process, in metres and of the geometry degree asked for; not collective.
+def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_report) -> MeshSource:
+    """Read or generate the mesh on this process, in metres and with the requested geometry degree; not collective.
 
     Args:
-        told: called with how many cells a generator is expected to make.
+        report: called with the expected number of cells before a generator makes them.
+
+    Raises:
+        MeshError: the file is missing, unreadable or not a mesh.
     """
     if not exists(path):
         raise MeshError(f"{path}: no such file", "mesh.file is relative to the job file.")
     try:
         if path.suffix in GENERATORS:
             parameters = spec.parameters if spec.unit == 1.0 else in_unit(path, spec.parameters, spec.unit)
-            watch = MeshingWatch(spec.maximum_cells, told)
-            source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree, watch).in_metres(spec.unit)
+            monitor = MeshingMonitor(spec.maximum_cells, report)
+            source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree, monitor).in_metres(spec.unit)
         else:
             source = FILES[path.suffix](path)
-            if path.suffix != SUFFIX:  # which is in metres
+            if path.suffix != SUFFIX:  # partitioned meshes are in metres
                 check_unit(path, source.unit, spec.unit)
                 source = source.in_metres(spec.unit)
     except OSError as exc:
@@ -137,21 +140,21 @@ def build_body(
     *,
     resolve: Callable[[str], Path] = Path,
     given: MeshSource | None = None,
-    told: Callable[[str], None] = silent,
+    report: Callable[[str], None] = no_report,
 ) -> Body:
-    """Read the mesh on rank 0, check it, partition it, and name its regions; collective.
+    """Read the mesh on rank 0, check it, partition it, and build its regions; collective.
 
     A partitioned mesh is read by all ranks, and was checked when it was partitioned.
 
     Args:
-        resolve: path of a mesh file as one that can be opened.
-        given: on rank 0, a mesh that stands in for that of the file, such as a refined one.
-        told: called on rank 0 with how many cells a generator is expected to make.
+        resolve: makes the path in the job one that can be opened.
+        given: on rank 0, a mesh to use in place of the file's, such as a refined one.
+        report: called on rank 0 with the expected number of cells before a generator makes them.
 
     Raises:
         MeshError, SystemPartMissing: the same on every rank.
     """
-    source = read_anywhere(spec, resolve, comm, given, told)
+    source = read_anywhere(spec, resolve, comm, given, report)
     if not source.is_partitioned:
         on_root(comm, lambda: check(source))
     length_scale = power_of_two(diagonal(comm, source.points))  # so that scaling is exact in floating point
@@ -165,11 +168,11 @@ def build_body(
     )
     named = build_regions(mesh, source, regions, length_scale)
     finer = None if source.is_partitioned else lambda: read_finer_geometry(spec, resolve(spec.file), source)
-    return Body(mesh, length_scale, named, measure(mesh, method), source, finer)
+    return Body(mesh, length_scale, named, partition_of(mesh, method), source, finer)
 
 
 def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> FinerGeometry:
-    """What a mesh file or generator knows of the geometry beyond a mesh that was made of it; not collective."""
+    """Geometry of higher degree that a mesh file or generator has for the cells of ``source``; not collective."""
 
     def read(degree: int | None) -> MeshSource:
         return read_source(spec.model_copy(update={"geometry_degree": degree}), path)
@@ -184,9 +187,9 @@ def read_anywhere(
     resolve: Callable[[str], Path],
     comm: MPI.Intracomm,
     given: MeshSource | None = None,
-    told: Callable[[str], None] = silent,
+    report: Callable[[str], None] = no_report,
 ) -> MeshSource:
-    """The mesh of a file, or the ``given`` one: all of it on rank 0, or some rows on each if partitioned; collective.
+    """Read a mesh, or take the ``given`` one: whole on rank 0, or some rows on each rank if partitioned; collective.
 
     Raises:
         MeshError, SystemPartMissing: the same on every rank.
@@ -196,7 +199,7 @@ def read_anywhere(
     whole: list[MeshSource] = []
 
     def on_rank_0() -> MeshSource:
-        whole.append(given or read_source(spec, resolve(spec.file), told))
+        whole.append(given or read_source(spec, resolve(spec.file), report))
         return whole[0].header()
 
     header = on_root(comm, on_rank_0)
@@ -204,9 +207,9 @@ def read_anywhere(
 
 
 def in_source_order(body: Body, values: npt.NDArray[np.float64]) -> Floats:
-    """Of values (n, c) at the local geometry nodes those at the nodes that this rank's source has; collective.
+    """Values at the nodes of this rank's source, from values (n, c) at the local geometry nodes; collective.
 
-    These are all of them on rank 0, or some on each rank if the mesh is a partitioned one.
+    Rank 0 gets all of them, or each rank some of them if the mesh is a partitioned one.
     """
     geometry = body.mesh.geometry
     owned = geometry.index_map().size_local
@@ -215,15 +218,15 @@ def in_source_order(body: Body, values: npt.NDArray[np.float64]) -> Floats:
 
 
 def at_local_nodes(body: Body, values: Floats) -> Floats:
-    """Of values (n, c) at the nodes that this rank's source has those at the local geometry nodes; collective."""
+    """Values at the local geometry nodes, from values (n, c) at the nodes of this rank's source; collective."""
     rows = Rows.of(body.mesh.comm, len(body.source.points))
     return rows.fetch(values, body.mesh.geometry.input_global_indices)
 
 
 def with_geometry(body: Body, source: MeshSource) -> Body:
-    """The body on the same cells, of the same ranks and numbers, with the geometry of another source; collective.
+    """The body with the same distributed cells and the geometry of another source; collective.
 
-    Functions of the one are functions of the other: spaces on both meshes have the same numbers of unknowns.
+    Spaces on both meshes number their unknowns alike, so that functions of one are functions of the other.
     """
     mesh, comm = body.mesh, body.mesh.comm
     element = coordinate_element(source.kind, source.degree)

@@ -1,20 +1,15 @@
-"""The bounding box of points that are spread over the ranks."""
+"""Bounding box of points that are distributed over the ranks."""
 
 from __future__ import annotations
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import numpy as np
-import numpy.typing as npt
 
+from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI
-
-type Floats = npt.NDArray[np.float64]
 
 
 def extent(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, Floats]:
-    """Least and greatest coordinates of the points (n, 3) of all ranks, ∞ and -∞ if there are none; collective."""
+    """Smallest and largest coordinates of the points (n, 3) of all ranks, ∞ and -∞ if there are none; collective."""
     low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
     comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
@@ -22,6 +17,6 @@ def extent(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, Floats]:
 
 
 def diagonal(comm: MPI.Intracomm, points: Floats) -> float:
-    """Length of the bounding box's diagonal; collective."""
+    """Length of the diagonal of the bounding box; collective."""
     low, high = extent(comm, points)
     return float(np.linalg.norm(high - low))

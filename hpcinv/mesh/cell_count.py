@@ -1,11 +1,12 @@
-"""How many cells gmsh is going to make, estimated from its mesh of the curves, and a limit on them."""
+"""Number of cells that gmsh will make, estimated from its mesh of the curves, and a limit on it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,72 +14,72 @@ import numpy as np
 
 from hpcinv.errors import MeshError
 
-_LINE = 1  # gmsh's number of an edge of two nodes
+_LINE = 1  # gmsh's element type of an edge with two nodes
 _PER_CUBE = 5.0
-"""Tetrahedra in a cube whose sides are as long as the mean edge on the curves.
+"""Number of tetrahedra in a cube whose side is the mean edge length on the curves.
 
 Measured: 4.7 to 5.1 for a beam of 7,000 and of 49,000 cells, 4.5 for a ball, 6 and 4.2 for bricks cut into six.
 """
 _UNLIMITED = 1e20  # gmsh's own default of the largest size is 1e22
 
 
-def silent(_text: str) -> None:
-    """Listener of those who need none."""
+def no_report(_text: str) -> None:
+    """Ignore the text."""
 
 
 @dataclass(frozen=True)
-class MeshingWatch:
-    """What meshing is watched by.
+class MeshingMonitor:
+    """Limit on the number of cells of a generated mesh, and report of the expected number.
 
     Attributes:
         limit: number of cells that a generator may make.
-        told: called with one line of text before the expensive part of meshing begins.
+        report: called with one line of text before the expensive part of meshing begins.
     """
 
     limit: int
-    told: Callable[[str], None] = silent
+    report: Callable[[str], None] = no_report
 
 
 @contextmanager
-def watched(gmsh: Any, path: Path, watch: MeshingWatch) -> Iterator[None]:
-    """Within this context ``gmsh.model.mesh.generate`` meshes curves first, and stops if too many cells would follow.
+def monitored(gmsh: Any, path: Path, monitor: MeshingMonitor) -> Iterator[None]:
+    """Context in which ``gmsh.model.mesh.generate`` meshes curves first, and stops if too many cells would follow.
 
     The mesh is the same: gmsh draws no random numbers for curves, and meshes them once.
 
     Raises:
-        MeshError: within the context, if more than ``watch.limit`` cells are expected.
+        MeshError: within the context, if more than ``monitor.limit`` cells are expected.
     """
     mesh = gmsh.model.mesh
     generate, refine = mesh.generate, mesh.refine
 
-    def generate_watched(dim: int = 3) -> None:
+    def monitored_generate(dim: int = 3) -> None:
         if dim >= 2 and not len(mesh.getElementTypes(1)) and not len(mesh.getElementTypes(2)):
-            _require(path, _least(gmsh), watch.limit)
+            _require(path, _least(gmsh), monitor.limit)
             generate(1)
         if dim >= 2 and (expected := _expected(gmsh)):
-            _require(path, expected, watch.limit)
-            watch.told(f"about {rounded(expected)} cells expected")
+            _require(path, expected, monitor.limit)
+            monitor.report(f"about {rounded(expected)} cells expected")
         generate(dim)
 
-    def refine_watched() -> None:
-        _require(path, 8.0 * count(gmsh), watch.limit)
+    def monitored_refine() -> None:
+        _require(path, 8.0 * count(gmsh), monitor.limit)
         refine()
 
-    mesh.generate, mesh.refine = generate_watched, refine_watched
+    mesh.generate, mesh.refine = monitored_generate, monitored_refine
     try:
         yield
-        _require(path, count(gmsh) if gmsh.isInitialized() else 0, watch.limit)
+        _require(path, count(gmsh) if gmsh.isInitialized() else 0, monitor.limit)
     finally:
         mesh.generate, mesh.refine = generate, refine
 
 
 def count(gmsh: Any) -> int:
-    """Number of solid cells in the current model."""
+    """Number of solid cells in the current gmsh model."""
     return sum(len(tags) for tags in gmsh.model.mesh.getElements(3)[1])
 
 
 def rounded(number: float) -> str:
-    """Two digits of a number of cells, such as ``6,700`` or ``3.2e+09``."""
+    """A number of cells rounded to two digits, such as ``6,700`` or ``3.2e+09``."""
     if number >= 1e9:
         return f"{number:.1e}"
     digits = max(int(math.log10(number)) - 1, 0) if number >= 1 else 0
@@ -94,19 +95,17 @@ def _require(path: Path, cells: float, limit: int) -> None:
 
 
 def _expected(gmsh: Any) -> float:
-    """Number of cells that the mesh of the curves lets expect; 0 without volumes."""
-    edges: dict[int, tuple[int, float]] = {}
+    """Number of cells estimated from the mesh of the curves; 0 without volumes."""
 
-    def of_curve(tag: int) -> tuple[int, float]:
-        if tag not in edges:
-            edges[tag] = _edges(gmsh, tag)
-        return edges[tag]
+    @cache
+    def of_curve(tag: int) -> tuple[float, float]:
+        return _edges(gmsh, tag)
 
     return sum(_cells(gmsh, volume, *_sum(map(of_curve, curves))) for volume, curves in _volumes(gmsh))
 
 
 def _least(gmsh: Any) -> float:
-    """Number of cells that options and sizes of points ask for at least, before anything is meshed; 0 if not known."""
+    """Lower bound of the number of cells by options and sizes at points, before anything is meshed; 0 if unknown."""
     option = gmsh.option.getNumber
     largest, factor = option("Mesh.MeshSizeMax"), option("Mesh.MeshSizeFactor")
     from_points = bool(option("Mesh.MeshSizeFromPoints"))
@@ -127,20 +126,20 @@ def _least(gmsh: Any) -> float:
     return sum(found)
 
 
-def _sum(each: Any) -> tuple[float, float]:
-    counts, lengths = zip(*each, strict=True) if (each := list(each)) else ((), ())
-    return float(sum(counts)), float(sum(lengths))
+def _sum(each: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    counts, lengths = np.array(list(each), dtype=float).reshape(-1, 2).sum(axis=0)
+    return float(counts), float(lengths)
 
 
 def _cells(gmsh: Any, volume: int, edges: float, length: float) -> float:
-    """Of a volume whose curves have a number of ``edges`` and a ``length``; never fewer than the edges themselves."""
+    """Estimated cells of a volume whose curves have this number of ``edges`` and ``length``; at least the edges."""
     if not edges or not length:
         return 0.0
     return max(_PER_CUBE * _extent(gmsh, 3, volume) * (edges / length) ** 3, edges)
 
 
 def _volumes(gmsh: Any) -> Iterator[tuple[int, list[int]]]:
-    """Each volume, and the curves of its surfaces."""
+    """Tag of each volume, and tags of the curves of its surfaces."""
     for _, volume in gmsh.model.getEntities(3):
         surfaces = gmsh.model.getBoundary([(3, volume)], combined=False, oriented=False)
         curves = gmsh.model.getBoundary(surfaces, combined=False, oriented=False)
@@ -148,16 +147,16 @@ def _volumes(gmsh: Any) -> Iterator[tuple[int, list[int]]]:
 
 
 def _extent(gmsh: Any, dim: int, tag: int) -> float:
-    """Length of a curve or size of a volume as OpenCASCADE knows it, else the diagonal or volume of its box."""
+    """Length of a curve or size of a volume by OpenCASCADE, otherwise the diagonal or volume of its bounding box."""
     try:
         return float(gmsh.model.occ.getMass(dim, tag))
-    except Exception:  # gmsh raises nothing narrower; of its own kernel it knows no sizes
+    except Exception:  # gmsh raises nothing narrower; its own kernel computes no sizes
         box = np.array(gmsh.model.getBoundingBox(dim, tag))
         sides = box[3:] - box[:3]
         return float(np.linalg.norm(sides) if dim == 1 else np.prod(sides))
 
 
-def _edges(gmsh: Any, curve: int) -> tuple[int, float]:
+def _edges(gmsh: Any, curve: int) -> tuple[float, float]:
     """Number and total length of the edges on a curve."""
     _, nodes = gmsh.model.mesh.getElementsByType(_LINE, curve)
     if not len(nodes):

@@ -1,4 +1,4 @@
-"""Cell kinds: reference nodes, sub-entities and node orders, taken from Basix and never from tables of our own."""
+"""Cell kinds: reference nodes, sub-entities and node orders, all taken from Basix."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from hpcinv.mesh.source import Floats, Ints
 
 FACET_KIND = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 DEGREES = (1, 2)
-"""Geometry degrees that a job may have."""
+"""Geometry degrees that a job may choose."""
 
 
 @cache
 def coordinate_element(kind: str, degree: int) -> Any:
-    """The vector-valued Lagrange element that carries the coordinates of a mesh."""
+    """Vector-valued Lagrange element of the coordinates of a mesh."""
     return basix.ufl.element("Lagrange", kind, degree, basix.LagrangeVariant.equispaced, shape=(3,))
 
 
@@ -33,7 +33,7 @@ def scalar_element(kind: str, degree: int) -> Any:
 
 @cache
 def sub_entities(kind: str, dim: int) -> Ints:
-    """Local vertices of the sub-entities of dimension ``dim``, (number, vertices each)."""
+    """Local vertices of the sub-entities of dimension ``dim``: (sub-entities, vertices of each)."""
     return np.array(basix.topology(basix.CellType[kind])[dim], dtype=np.int64)
 
 
@@ -43,25 +43,25 @@ def vertex_count(kind: str) -> int:
 
 
 def degree_of(path: Path, kind: str, nodes: int, supported: tuple[int, ...] = DEGREES) -> int:
-    """Geometry degree of a cell with so many nodes; raises ``MeshError`` where it is not supported."""
+    """Geometry degree of a cell with this number of nodes; raises ``MeshError`` if it is not supported."""
     degrees = {scalar_element(kind, degree).dim: degree for degree in supported}
     if nodes not in degrees:
         raise MeshError(
             f"{path}: {kind}s of {nodes} nodes are not supported",
-            f"Those of {' and '.join(map(str, degrees))} nodes are: geometry of degree 1 (flat) and 2 (curved).",
+            f"Supported are {' and '.join(map(str, degrees))} nodes: geometry of degree 1 (flat) and 2 (curved).",
         )
     return degrees[nodes]
 
 
 def no_cells(kind: str, degree: int) -> Ints:
-    """The node array of no cells or facets."""
+    """Empty node array of cells or facets."""
     return np.zeros((0, scalar_element(kind, degree).dim), dtype=np.int64)
 
 
 def node_order(kind: str, degree: int, theirs: Floats) -> Ints:
-    """Permutation p with ``dolfinx_cells = their_cells[:, p]``, found by matching the reference nodes of the two.
+    """Permutation p with ``dolfinx_cells = other_cells[:, p]``, found by matching reference nodes.
 
-    ``theirs`` are the other format's reference nodes in its own order, on [0, 1] or [-1, 1].
+    ``theirs`` are the reference nodes of the other format in its order, on [0, 1] or [-1, 1].
     """
     ours: Floats = scalar_element(kind, degree).points
     other = (theirs - theirs.min()) / (theirs.max() - theirs.min())
@@ -80,6 +80,6 @@ def vtk_order(kind: str, degree: int) -> Ints:
 def jacobians(kind: str, degree: int, nodes: Floats, at: Floats) -> Floats:
     """Jacobians ∂x/∂ξ (cells, points, 3, 3) at reference points of cells with node coordinates ``nodes`` (c, n, 3)."""
     gradients: Floats = scalar_element(kind, degree).tabulate(1, at)[1:, :, :, 0]
-    # Far faster than einsum without a path: (c, 3, n) × (3·p, n)ᵀ.
+    # Much faster than einsum without a path: (c, 3, n) × (3·p, n)ᵀ.
     flat = nodes.transpose(0, 2, 1) @ gradients.reshape(-1, gradients.shape[2]).T
     return np.asarray(flat.reshape(len(nodes), 3, 3, len(at)).transpose(0, 3, 1, 2))

@@ -1,4 +1,4 @@
-"""What a mesh must be before anything is solved on it; every problem is told at once."""
+"""Checks of a mesh before anything is solved on it; all problems are reported together."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from hpcinv.mesh.cells import jacobians, scalar_element, vertex_count
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable, unique_rows
 
-FLAT = 1e-12  # |det J| / ∏|∂x/∂ξᵢ| below which a cell has no volume: far under any usable sliver, far over round-off
+FLAT = 1e-12  # |det J| / ∏|∂x/∂ξᵢ| below which a cell has no volume: far below any usable sliver, far above round-off
 FARTHEST = 1e60  # m; the squares and cubes of larger coordinates overflow
-CHUNK = 2_000  # cells at a time, so that what is known of their points stays in the cache
+CHUNK = 2_000  # cells at a time, so that the arrays at their points stay in the processor cache
 
 
 def check(source: MeshSource) -> None:
     """Check a whole mesh.
 
     Raises:
-        MeshError: for nodes at no finite or at the same place, cells that are there twice or overlap, inverted or flat
-            cells, and groups that are empty, overlap, leave cells out, or name facets that no cell has.
+        MeshError: for node coordinates that are not finite or are duplicated, cells that are duplicated, overlap, are
+            inverted or flat, and groups that are empty, overlap, omit cells, or contain facets of no cell.
     """
     if not np.isfinite(source.points).all():
-        raise MeshError(f"{source.path}: some node coordinates are not finite", "Write the mesh anew.")
+        raise MeshError(f"{source.path}: some node coordinates are not finite", "Write the mesh again.")
     if (np.abs(source.points) > FARTHEST).any():
         raise MeshError(f"{source.path}: some node coordinates are beyond {FARTHEST:g} m", "Write the mesh again.")
     table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
     problems = [
-        *_double_nodes(source),
-        *_double_cells(source),
+        *_duplicate_nodes(source),
+        *_duplicate_cells(source),
         *_overlaps(source, table),
         *_bad_cells(source),
         *_bad_groups(source, table),
@@ -46,37 +46,37 @@ type Problems = Iterator[tuple[str, str]]
 
 
 def check_nodes(source: MeshSource) -> None:
-    """Raise ``MeshError`` where a cell or facet has a node that is not there: nothing else can be asked before."""
+    """Raise ``MeshError`` if a cell or facet has a missing node; all other checks rely on this one."""
     for what, entities, tags in (("cell", source.cells, source.cell_tags), ("facet", source.facets, None)):
         wrong = ((entities < 0) | (entities >= len(source.points))).any(axis=1)
         if wrong.any():
-            which = f" ({_some(tags[wrong], what)})" if tags is not None else ""
+            which = f" ({_first_of(tags[wrong], what)})" if tags is not None else ""
             raise MeshError(
-                f"{source.path}: {wrong.sum()} {what}s have nodes that are not there{which};"
-                f" there are {len(source.points)}",
+                f"{source.path}: {wrong.sum()} {what}s have nodes that do not exist{which};"
+                f" the mesh has {len(source.points)} nodes",
                 "Write the mesh again.",
             )
 
 
-def _double_cells(source: MeshSource) -> Problems:
+def _duplicate_cells(source: MeshSource) -> Problems:
     vertices = np.sort(source.cells[:, : vertex_count(source.kind)], axis=1)
     _, place = unique_rows(vertices)
     twice = np.bincount(place)[place] > 1
     if twice.any():
         yield (
-            f"{twice.sum()} cells have the same vertices as another ({_some(source.cell_tags[twice], 'cell')})",
-            "Remove the cells that are there twice.",
+            f"{twice.sum()} cells have the same vertices as another ({_first_of(source.cell_tags[twice], 'cell')})",
+            "Remove the duplicate cells.",
         )
 
 
-def _double_nodes(source: MeshSource) -> Problems:
+def _duplicate_nodes(source: MeshSource) -> Problems:
     order = np.lexsort(source.points.T)
     same = (source.points[order[1:]] == source.points[order[:-1]]).all(axis=1)
     if same.any():
         first = int(np.flatnonzero(same)[0])
         pair = sorted(source.node_tags[order[first : first + 2]].tolist())
         yield (
-            f"{same.sum()} nodes lie exactly on another (first: nodes {pair[0]} and {pair[1]}); the body is cut there",
+            f"{same.sum()} nodes coincide with another (first: nodes {pair[0]} and {pair[1]}); the body is cut there",
             "Join the parts: gmsh's fragment on the volumes, or model.mesh.removeDuplicateNodes() on the mesh.",
         )
 
@@ -86,8 +86,8 @@ def _overlaps(source: MeshSource, table: FacetTable) -> Problems:
     if crowded.any():
         cells = np.flatnonzero(crowded[table.of_cell].any(axis=1))
         yield (
-            f"{crowded.sum()} facets have more than two cells ({_some(source.cell_tags[cells], 'cell')})",
-            "Remove the cells that are there twice or overlap, as when a volume was saved in two physical groups.",
+            f"{crowded.sum()} facets have more than two cells ({_first_of(source.cell_tags[cells], 'cell')})",
+            "Remove duplicate or overlapping cells, such as those of a volume that was saved in two physical groups.",
         )
 
 
@@ -96,22 +96,22 @@ def _bad_cells(source: MeshSource) -> Problems:
     flat = np.minimum(np.abs(least), np.abs(most)) < FLAT
     if flat.any():
         yield (
-            f"{flat.sum()} cells have no volume ({_some(source.cell_tags[flat], 'cell')})",
-            "Mesh anew with a better size, or optimise it (gmsh: model.mesh.optimize()).",
+            f"{flat.sum()} cells have no volume ({_first_of(source.cell_tags[flat], 'cell')})",
+            "Mesh again with another size, or optimise the mesh (gmsh: model.mesh.optimize()).",
         )
-    # A whole mesh may be numbered left-handed: DOLFINx needs only that all cells agree.
+    # All cells may be numbered left-handed: DOLFINx only needs the same orientation in all of them.
     handed = 1.0 if (least > 0).sum() >= (most < 0).sum() else -1.0
     inverted = ~flat & (np.minimum(least * handed, most * handed) < 0)
     if inverted.any():
         yield (
-            f"{inverted.sum()} cells are inverted, det J < 0 in them ({_some(source.cell_tags[inverted], 'cell')})",
-            "Mesh finer where it is curved (gmsh: model.mesh.optimize('HighOrder')), or turn cells only numbered"
-            + " the other way round than the rest (gmsh: model.mesh.reverseElements).",
+            f"{inverted.sum()} cells are inverted, with det J < 0 ({_first_of(source.cell_tags[inverted], 'cell')})",
+            "Refine the mesh where it is curved (gmsh: model.mesh.optimize('HighOrder')), or reverse the cells whose"
+            " node numbering is opposite to that of the others (gmsh: model.mesh.reverseElements).",
         )
 
 
 def determinants(source: MeshSource) -> tuple[Floats, Floats]:
-    """Least and greatest det J / ∏|∂x/∂ξᵢ| of each cell, over its own nodes and those of degree 4."""
+    """Smallest and largest det J / ∏|∂x/∂ξᵢ| of each cell, over its nodes and the nodes of degree 4."""
     constant = source.kind == "tetrahedron" and source.degree == 1
     at = np.zeros((1, 3))
     if not constant:
@@ -127,7 +127,7 @@ def determinants(source: MeshSource) -> tuple[Floats, Floats]:
 
 
 def _det(matrices: Floats) -> Floats:
-    """Determinants of matrices (…, 3, 3), far faster than by factors of each."""
+    """Determinants of matrices (…, 3, 3); much faster than numpy.linalg.det, which factorizes each of them."""
     a, b, c = np.moveaxis(matrices, -1, 0)
     return np.asarray((a * np.cross(b, c)).sum(axis=-1))
 
@@ -136,7 +136,7 @@ def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:
     found = table.find(source.facets[:, : table.vertices.shape[1]])
     for group in source.groups:
         if not len(group.members):
-            yield f"physical group '{group.name}' is empty", "Give it entities that are meshed, or delete it."
+            yield f"physical group '{group.name}' is empty", "Add meshed entities to it, or delete it."
         elif group.dim == 2 and (found[group.members] < 0).any():
             yield (
                 f"{(found[group.members] < 0).sum()} facets of physical group '{group.name}' belong to no cell",
@@ -151,13 +151,14 @@ def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:
     if grouped.any() and not grouped.all():
         ungrouped = np.flatnonzero(~grouped)
         yield (
-            f"{len(ungrouped)} cells are in no physical group ({_some(source.cell_tags[ungrouped], 'cell')})",
-            "Others are: put these in a physical volume too, or delete them if they are not of the body.",
+            f"{len(ungrouped)} cells are in no physical group ({_first_of(source.cell_tags[ungrouped], 'cell')});"
+            " others are",
+            "Put them in a physical volume, or delete them if they are not part of the body.",
         )
 
 
 def _shared(source: MeshSource, dim: int, place: Ints) -> Problems:
-    """Tell of entities of one dimension that are in more than one group."""
+    """Entities of one dimension that are in more than one group."""
     groups = [g for g in source.groups if g.dim == dim]
     rows = [np.stack([place[g.members], np.full(len(g.members), i)], axis=1) for i, g in enumerate(groups)]
     if not rows:
@@ -169,11 +170,11 @@ def _shared(source: MeshSource, dim: int, place: Ints) -> Problems:
         names = sorted({f"'{groups[distinct[i, 1]].name}' and '{groups[distinct[i + 1, 1]].name}'" for i in twice})
         yield (
             f"{len(twice)} {'cells' if dim == 3 else 'facets'} are in several physical groups: {'; '.join(names)}",
-            "Keep one group on each and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
+            "Keep one group for each and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
         )
 
 
-def _some(tags: Ints, what: str) -> str:
-    """The first few tags, to be looked up in the file."""
+def _first_of(tags: Ints, what: str) -> str:
+    """The first five tags as text."""
     head = ", ".join(str(t) for t in tags[:5])
     return f"{what}{'s' if len(tags) > 1 else ''} {head}{', …' if len(tags) > 5 else ''}"

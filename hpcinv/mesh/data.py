@@ -1,4 +1,4 @@
-"""Data arrays of a mesh file on a distributed body: each rank's rows, and functions of them."""
+"""Data arrays of a mesh file on a distributed body: their local values, and functions of these."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ SHAPES: dict[int, tuple[int, ...]] = {1: (), 3: (3,), 9: (3, 3)}  # by the numbe
 
 
 def distribute(body: Body, name: str) -> DataArray:
-    """The data array called ``name`` at the local geometry nodes or in the local cells, ghosts too; collective.
+    """The data array ``name`` at the local geometry nodes or in the local cells, with ghosts; collective.
 
     Raises:
-        MeshError: on all ranks, if the mesh has no such array, or where values of it are missing or not finite.
+        MeshError: on all ranks, if the mesh has no such array, or if values of it are missing or not finite.
     """
     array, mesh = _find(body, name), body.mesh
     rows = Rows.of(mesh.comm, len(array.values))
@@ -34,9 +34,9 @@ def distribute(body: Body, name: str) -> DataArray:
 
 
 def as_function(body: Body, array: DataArray) -> fem.Function:
-    """Local values, as ``distribute`` gives them, as a function of the same name; collective.
+    """Function with the local values that ``distribute`` returns, and with their name; collective.
 
-    Piecewise constant for cells, Lagrange of the geometry's degree for nodes; scalar, (3,) or (3, 3).
+    Piecewise constant for cells, Lagrange of the geometry degree for nodes; of shape (), (3,) or (3, 3).
     """
     mesh, geometry = body.mesh, body.mesh.geometry
     components = array.values.shape[1]
@@ -52,14 +52,14 @@ def as_function(body: Body, array: DataArray) -> fem.Function:
 
 
 def _find(body: Body, name: str) -> DataArray:
-    """The array with those of its values that this rank's source has."""
+    """The array with the values that this rank's source has."""
     data = body.source.data
     if name in data:
         return data[name]
     there = ", ".join(f"{a.name} ({a.on}, {a.values.shape[1]})" for a in data.values())
     raise MeshError(
         f"{body.source.path}: no data array '{name}'.{did_you_mean(name, data, list_all=False)}",
-        (f"There are, with place and number of components: {there}." if data else "There are none.")
+        (f"The mesh has, with place and number of components: {there}." if data else "The mesh has none.")
         + " A data array of a .vtu, .xdmf or .msh file has 1, 3 or 9 numbers for each node or for each solid cell.",
     )
 
@@ -73,5 +73,5 @@ def _check(body: Body, array: DataArray, rows: Rows) -> None:
         raise MeshError(
             f"{body.source.path}: data array '{array.name}' is missing or not finite on {count} of {rows.total}"
             f" {array.on} (first: {array.on.removesuffix('s')} {first})",
-            f"Give it a finite value on all {array.on} of the body.",
+            f"Give the array a finite value on all {array.on} of the body.",
         )

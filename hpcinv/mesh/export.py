@@ -1,4 +1,4 @@
-"""A body written as a mesh for others: with the topology, tags, groups and data it came with, at other coordinates."""
+"""Mesh files of a body at other coordinates, with the topology, tags, groups and data of its source."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {".msh": save_ms
 
 
 def write_mesh(path: Path, body: Body, coordinates: Floats) -> None:
-    """Write the body at ``coordinates`` (m) of its local geometry nodes, as the suffix of ``path`` says; collective.
+    """Write the body at ``coordinates`` (m) of its local geometry nodes, in the format of the suffix; collective.
 
-    Node order, node and cell tags, physical groups and data arrays are those of the source (vectors too: they are not
-    turned with the body); the file appears whole or not at all. A ``.bp`` is written by all ranks, in metres; others by
-    rank 0, which cannot of a partitioned mesh, in the unit of the source's own file, which they state.
+    Node order, node and cell tags, physical groups and data arrays are those of the source (vectors are not rotated
+    with the body); the file is written completely or not at all. A ``.bp`` is written by all ranks, in metres. Other
+    formats are written by rank 0, in the length unit of the source's file, and not from a partitioned mesh.
 
     Raises:
         OutputError: on every rank, if it cannot be written.
@@ -37,27 +37,17 @@ def write_mesh(path: Path, body: Body, coordinates: Floats) -> None:
 
 
 def save(path: Path, source: MeshSource, points: Floats) -> None:
-    """Write a whole mesh at ``points`` (n, 3) m as the suffix of ``path`` says; the file appears whole or not at all.
+    """Write a whole mesh at ``points`` (n, 3) m in the format of the suffix, completely or not at all.
 
-    Its coordinates are in ``source.unit``, which the file states.
+    The coordinates in the file are in ``source.unit``, which the file states.
 
     Raises:
         OutputError: it cannot be written.
     """
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
-        SAVERS[path.suffix](partial, source, source.in_its_unit(points))
+        SAVERS[path.suffix](partial, source, source.in_file_unit(points))
         partial.replace(path)
     except Exception as exc:  # gmsh and VTK raise nothing narrower
         partial.unlink(missing_ok=True)
-        raise OutputError(f"{path}: cannot be written: {exc}", "Is there such a directory, and space?") from exc
-
-
-def write_msh(path: Path, body: Body, coordinates: Floats) -> None:
-    """Write MSH 4.1 (binary, so that coordinates are exact); see ``write_mesh``."""
-    write_mesh(path.with_suffix(".msh"), body, coordinates)
-
-
-def write_vtu(path: Path, body: Body, coordinates: Floats) -> None:
-    """Write VTU with an array ``region:NAME`` for each physical group; see ``write_mesh``."""
-    write_mesh(path.with_suffix(".vtu"), body, coordinates)
+        raise OutputError(f"{path}: cannot be written: {exc}", "Does the directory exist, and is there space?") from exc

@@ -1,13 +1,10 @@
-"""Where points are in a distributed mesh: on which rank, in which cell, and where in that."""
+"""Location of points in a distributed mesh: rank, cell, and reference coordinates."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import numpy as np
 from dolfinx import geometry
 
@@ -15,14 +12,14 @@ if TYPE_CHECKING:
     from hpcinv.mesh.body import Body
     from hpcinv.mesh.source import Floats
 
-# A point is taken to be in a cell up to this far outside, as a share of the cell: points on a truly curved surface lie
-# outside of straight cells, by about h/6R of them where the radius is R, and coarse cells are as large as R.
+# Distance outside a cell, relative to its size, up to which a point still counts as inside: points on a curved surface
+# lie outside straight cells, by about h/6R of their size where the radius is R, and coarse cells are as large as R.
 _MARGIN = 0.2
 
 
 @dataclass(frozen=True)
 class Location:
-    """A rank, one of its cells, and a point (3,) of the reference cell."""
+    """A rank, one of its cells, and reference coordinates (3,) in the cell."""
 
     rank: int
     cell: int
@@ -30,7 +27,7 @@ class Location:
 
 
 def locate(body: Body, point: Floats) -> Location | None:
-    """Where a point (3,) m of the body is, the same on all ranks; ``None`` if it is outside; collective."""
+    """Location of a point (3,) m of the body, the same on all ranks; ``None`` if it is outside; collective."""
     mesh, scaled = body.mesh, point / body.length_scale
     x, dofmap = mesh.geometry.x, mesh.geometry.dofmaps[0]
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
@@ -54,6 +51,6 @@ def _pulled_back(cmap: Any, point: Floats, nodes: Floats) -> Floats | None:
 
 
 def _outside(kind: str, xi: Floats) -> float:
-    """How far a point is outside of the reference cell; at most 0 inside."""
+    """Distance of a point from the reference cell; at most 0 inside."""
     beyond = xi.sum() - 1 if kind == "tetrahedron" else xi.max() - 1
     return float(max(-xi.min(), beyond))

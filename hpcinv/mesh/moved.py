@@ -1,4 +1,4 @@
-"""A mesh put at other coordinates for as long as something needs it there."""
+"""Temporary coordinates of a mesh."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def placed(mesh: Mesh, nodes: Floats) -> Iterator[None]:
-    """Put the local geometry nodes of ``mesh`` at ``nodes`` (n, 3), and exactly back at the end, come what may."""
+    """Context in which the local geometry nodes of ``mesh`` are at ``nodes`` (n, 3); restored exactly at its end."""
     x = mesh.geometry.x
     before = x.copy()
     x[:] = nodes

@@ -1,4 +1,4 @@
-"""One reader for each suffix; all run on one process and give a whole ``MeshSource``."""
+"""A reader for each suffix; all run on one process and return a whole ``MeshSource``."""
 
 from __future__ import annotations
 
@@ -14,50 +14,52 @@ from typing import Any
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.job.mesh_generators import Value
 from hpcinv.job.msh_format import fault_of
-from hpcinv.mesh.cell_count import MeshingWatch, watched
+from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.cells import DEGREES
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.parts import by_tags
-from hpcinv.mesh.io.apart import rehearse_msh
 from hpcinv.mesh.io.gmsh_model import extract, session
 from hpcinv.mesh.io.gmsh_views import read_views
-from hpcinv.mesh.io.length_unit import stated_in_model
+from hpcinv.mesh.io.isolated import check_readable_by_gmsh
+from hpcinv.mesh.io.length_unit import stored_unit
 from hpcinv.mesh.io.vtu import read_vtu
 from hpcinv.mesh.io.xdmf import read_xdmf
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI
 
 
-def build_python(path: Path, parameters: Mapping[str, Value], degree: int | None, watch: MeshingWatch) -> MeshSource:
+def build_python(
+    path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor
+) -> MeshSource:
     """Mesh a generator: a Python file whose ``build(gmsh, *, size=0.002, …)`` meshes the current model, in metres."""
     with session(path.stem) as gmsh:
         try:
             build = runpy.run_path(str(path)).get("build")
             if not callable(build):
                 raise MeshError(f"{path}: no function 'build'", "Write: def build(gmsh, *, size=0.002) -> None: …")
-            with watched(gmsh, path, watch):
+            with monitored(gmsh, path, monitor):
                 build(gmsh, **parameters)
         except HpcinvError:
             raise
-        except BaseException as exc:  # whatever the user's own code raises, KeyboardInterrupt and GeneratorExit too
+        except BaseException as exc:  # user code may raise anything, KeyboardInterrupt and GeneratorExit too
             lines = [f.lineno for f in traceback.extract_tb(exc.__traceback__) if f.filename == str(path)]
             line = f", line {lines[-1]}" if lines else ""
             raise MeshError(
-                f"{path}{line}: {type(exc).__name__}: {exc}", "Mend the generator or its parameters."
+                f"{path}{line}: {type(exc).__name__}: {exc}", "Correct the generator or its parameters."
             ) from exc
         if not gmsh.isInitialized():
             raise MeshError(f"{path}: build() finalised gmsh", "Leave gmsh running: its mesh is read after build().")
         return _of_degree(gmsh, path, degree)
 
 
-def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None, watch: MeshingWatch) -> MeshSource:
+def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor) -> MeshSource:
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
     with session(path.stem) as gmsh:
         for name, value in parameters.items():
             gmsh.parser.setNumber(name, [value])
-        _merge(gmsh, path)  # merge, not open, which would forget the numbers just set
+        _merge(gmsh, path)  # not open, which would discard the numbers set above
         try:
-            with watched(gmsh, path, watch):
+            with monitored(gmsh, path, monitor):
                 if not len(gmsh.model.mesh.getElementTypes(3)):
                     gmsh.model.mesh.generate(3)
         except HpcinvError:
@@ -68,42 +70,44 @@ def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None, w
 
 
 def read_msh(path: Path) -> MeshSource:
-    """Read MSH 2.2 or 4.1, ASCII or binary; its sections $NodeData and $ElementData are data."""
+    """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays."""
     try:
         fault = fault_of(path)
     except OSError as exc:
         raise MeshError(f"{path}: cannot be read: {exc.strerror}") from exc
     if fault:
-        raise MeshError(f"{path}: {fault}", "Export the mesh anew (gmsh: gmsh.write, or -save).")
-    with session(path.stem) as gmsh, tempfile.TemporaryDirectory(prefix="hpcinv-mesh-") as alone:
-        # gmsh executes a file NAME.msh.opt that lies beside NAME.msh: let there be none.
-        link = Path(alone) / "mesh.msh"
+        raise MeshError(f"{path}: {fault}", "Export the mesh again (gmsh: gmsh.write, or -save).")
+    with session(path.stem) as gmsh, tempfile.TemporaryDirectory(prefix="hpcinv-mesh-") as empty:
+        # gmsh executes a file NAME.msh.opt beside NAME.msh: read it through a link in an empty directory.
+        link = Path(empty) / "mesh.msh"
         link.symlink_to(path.absolute())
-        rehearse_msh(link, path)
+        check_readable_by_gmsh(link, path)
         _merge(gmsh, link, path)
         if gmsh.model.getNumberOfPartitions():
             gmsh.model.mesh.unpartition()
         source = extract(gmsh, path)
-        return dataclasses.replace(source, data=read_views(gmsh, source), unit=stated_in_model(gmsh))
+        return dataclasses.replace(source, data=read_views(gmsh, source), unit=stored_unit(gmsh))
 
 
 def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
-    """Read a file into gmsh's current model; ``called`` is the name that errors have instead of ``path``."""
+    """Read a file into gmsh's current model; errors name ``called`` instead of ``path``, if given."""
     called = called or path
     try:
         gmsh.merge(str(path))
     except Exception as exc:  # gmsh raises nothing narrower
-        # After a syntax error gmsh's parser keeps the rest of the line for the next file: give it one to spoil.
+        # After a syntax error gmsh's parser keeps the rest of the line for the next file: let it read another one.
         with tempfile.NamedTemporaryFile("w", suffix=".geo") as scrap, suppress(Exception):
             scrap.write("scrap = 0;\n")
             scrap.flush()
             gmsh.merge(scrap.name)
         reason = str(exc).replace(str(path), str(called))
-        raise MeshError(f"{called}: gmsh cannot read it: {reason}", "Is it whole, and what its suffix says?") from exc
+        raise MeshError(
+            f"{called}: gmsh cannot read it: {reason}", "Is the file complete, and of the format of its suffix?"
+        ) from exc
 
 
 def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
-    """The generated mesh, the nodes that a higher degree adds put on the CAD."""
+    """The generated mesh, with the additional nodes of a higher degree on the CAD surfaces."""
     if degree is None:
         return extract(gmsh, path)
     if len(gmsh.model.mesh.getElementTypes(3)):
@@ -111,7 +115,7 @@ def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     return extract(gmsh, path, (*DEGREES, degree))
 
 
-GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, MeshingWatch], MeshSource]] = {
+GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, MeshingMonitor], MeshSource]] = {
     ".py": build_python,
     ".geo": build_geo,
 }

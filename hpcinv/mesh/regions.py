@@ -27,7 +27,7 @@ type Mesh = dolfinx.mesh.Mesh[np.float64]
 
 @dataclass(frozen=True)
 class Region:
-    """A named set of facets and cells: local indices of this rank, and how many there are on all ranks together."""
+    """A named set of facets and cells: local indices of this rank, and their numbers on all ranks together."""
 
     name: str
     origin: str  # "physical", "geometric" or "built in"
@@ -42,12 +42,12 @@ def build_regions(
 ) -> dict[str, Region]:
     """All regions of a distributed mesh; collective.
 
-    A geometric region holds the boundary facets all of whose vertices satisfy its condition in SI coordinates, and the
-    cells all of whose vertices do. The comparison has no tolerance of its own: write ``x < 1e-6 m``, not ``x == 0``.
+    A geometric region contains the boundary facets and the cells all of whose vertices satisfy its condition in SI
+    coordinates. The comparison has no tolerance: write ``x < 1e-6 m``, not ``x == 0``.
 
     Raises:
         MeshError: on all ranks, if a condition matches nothing, cannot be evaluated, or has the name of a physical
-            group, or if a physical group called "boundary" is not the whole of it.
+            group, or if a physical group called "boundary" is not the whole boundary.
     """
     topology = mesh.topology
     topology.create_entities(2)
@@ -55,11 +55,11 @@ def build_regions(
     topology.create_connectivity(2, 0)
     exterior = dolfinx.mesh.exterior_facet_indices(topology).astype(np.int32)
     none = np.zeros(0, dtype=np.int32)
-    boundary = _count(mesh, BOUNDARY, "built in", exterior, none)
+    boundary = _region(mesh, BOUNDARY, "built in", exterior, none)
     regions = {BOUNDARY: boundary} | _physical(mesh, source)
-    problems = [f"region '{name}' is a physical group of the mesh too" for name in conditions if name in regions]
+    problems = [f"region '{name}' is also a physical group of the mesh" for name in conditions if name in regions]
     if not mesh.comm.allreduce(np.array_equal(regions[BOUNDARY].facets, exterior), MPI.LAND):
-        problems.append("the physical group 'boundary' is not the whole boundary, which has that name")
+        problems.append("the physical group 'boundary' is not the whole boundary, for which that name is reserved")
     error: HpcinvError | None = None
     points = mesh.geometry.x * length_scale
     for name, condition in conditions.items():
@@ -73,20 +73,21 @@ def build_regions(
         facets = exterior[_all_vertices(mesh, 2, exterior, inside)]
         owned = np.arange(topology.index_map(3).size_local, dtype=np.int32)
         cells = owned[_all_vertices(mesh, 3, owned, inside)]
-        regions[name] = region = _count(mesh, name, "geometric", facets, cells)
+        regions[name] = region = _region(mesh, name, "geometric", facets, cells)
         if region.facet_count == region.cell_count == 0:
             problems.append(f"region '{name}': no boundary facet and no cell satisfies '{condition}'")
     if problems:
         low, high = (", ".join(f"{v:g}" for v in corner) for corner in extent(mesh.comm, points))
         raise MeshError(
             "\n".join(f"{source.path}: {p}" for p in problems),
-            f"The mesh extends from ({low}) to ({high}) m; a condition must hold at all vertices of a facet or a cell.",
+            f"The mesh extends from ({low}) to ({high}) m;"
+            " a condition must be true at all vertices of a facet or a cell.",
         )
     return regions
 
 
 def evaluate(name: str, condition: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Which of the ``points`` (n, 3), in metres, satisfy the condition."""
+    """Mask (n,) of the ``points`` (n, 3), in metres, that satisfy the condition of region ``name``."""
     inside = np.asarray(condition.evaluate(x=points[:, 0], y=points[:, 1], z=points[:, 2]))
     if inside.dtype != np.bool_:
         raise MeshError(f"region '{name}': '{condition}' is a number, not a condition", "Compare it: x < 1 mm")
@@ -94,23 +95,23 @@ def evaluate(name: str, condition: Expression, points: npt.NDArray[np.float64]) 
 
 
 def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region:
-    """The region called ``name``; raises ``MeshError`` with what there is instead."""
+    """The region ``name``; raises ``MeshError`` with the names of all regions if there is no such region."""
     if name in regions:
         return regions[name]
     hint = f".{did_you_mean(name, regions, list_all=False)}"
     if name in source.thin_groups:
         hint = ": it is a physical group of points or curves, and regions are surfaces or volumes"
     physical = [r.name for r in regions.values() if r.origin == "physical"]
-    lacking = "" if physical else " The mesh has no physical groups."
+    no_groups = "" if physical else " The mesh has no physical groups."
     raise MeshError(
         f"{source.path}: no region '{name}'{hint}",
-        f"There are: {', '.join(sorted(regions))}.{lacking}"
+        f"The regions are: {', '.join(sorted(regions))}.{no_groups}"
         f" Name surfaces and volumes in the mesh (physical groups), or in the job: regions: {{{name}: 'x < 1e-6 m'}}",
     )
 
 
 def _physical(mesh: Mesh, source: MeshSource) -> dict[str, Region]:
-    """Regions of the physical groups; a surface and a volume of one name make one region."""
+    """Regions of the physical groups; a surface and a volume of the same name are one region."""
     names = dict.fromkeys(g.name for g in source.groups)
     local = {dim: _distribute(mesh, source, dim) for dim in (2, 3)}
     regions = {}
@@ -119,12 +120,12 @@ def _physical(mesh: Mesh, source: MeshSource) -> dict[str, Region]:
         for dim, (entities, labels) in local.items():
             of_name = [i for i, g in enumerate(source.groups) if g.name == name and g.dim == dim]
             parts[dim] = entities[np.isin(labels, of_name)]
-        regions[name] = _count(mesh, name, "physical", parts[2], parts[3])
+        regions[name] = _region(mesh, name, "physical", parts[2], parts[3])
     return regions
 
 
 def _distribute(mesh: Mesh, source: MeshSource, dim: int) -> tuple[LocalIndices, LocalIndices]:
-    """Local entities of dimension ``dim`` that are in a group, and the place of that group in the source's."""
+    """Local entities of dimension ``dim`` that are in a group, and the index of the group in the source."""
     nodes, label = source.cells if dim == 3 else source.facets, source.labels(dim).astype(np.int32)
     known = label >= 0
     entities, labels = dolfinx.io.distribute_entity_data(mesh, dim, nodes[known], label[known])
@@ -137,12 +138,12 @@ def _all_vertices(mesh: Mesh, dim: int, entities: LocalIndices, inside: npt.NDAr
     if not len(entities):
         return np.zeros(0, dtype=bool)
     kind = mesh.topology.cell_type.name
-    vertices = vertex_count(kind if dim == 3 else FACET_KIND[kind])  # they come first; nodes inside edges do not count
+    vertices = vertex_count(kind if dim == 3 else FACET_KIND[kind])  # vertices come first; other nodes do not count
     return np.asarray(inside[dolfinx.mesh.entities_to_geometry(mesh, dim, entities)[:, :vertices]].all(axis=1))
 
 
-def _count(mesh: Mesh, name: str, origin: str, facets: LocalIndices, cells: LocalIndices) -> Region:
-    """A region and its size; ranks on both sides of a facet inside the body know it, and its owner counts it."""
+def _region(mesh: Mesh, name: str, origin: str, facets: LocalIndices, cells: LocalIndices) -> Region:
+    """A region with its total counts; a facet between two ranks is counted by its owner."""
     owned = mesh.topology.index_map(2).size_local
     counts = np.array([np.count_nonzero(facets < owned), len(cells)], dtype=np.int64)
     total = np.empty_like(counts)

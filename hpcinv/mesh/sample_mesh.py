@@ -1,4 +1,4 @@
-"""A few cells of a mesh that stand for all of it: one of each kind that a job tells apart, each by itself."""
+"""Sample of a mesh: one cell of each kind that a job distinguishes, without shared nodes."""
 
 from __future__ import annotations
 
@@ -6,16 +6,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import dolfinx
 import numpy as np
 import numpy.typing as npt
 
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import coordinate_element, vertex_count
-from hpcinv.mesh.distributed.partition import measure
+from hpcinv.mesh.distributed.partition import partition_of
 from hpcinv.mesh.refine.finer_geometry import FinerGeometry
 from hpcinv.mesh.regions import Region, build_regions, evaluate
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -27,25 +24,27 @@ if TYPE_CHECKING:
     from hpcinv.quantity.expressions import Expression
 
 HELD = "one facet of each cell"
-"""A region of every specimen."""
+"""A region of every sample body."""
 
 
-def specimen(
+def sample_body(
     source: MeshSource,
     conditions: Mapping[str, Expression],
     points: Iterable[Floats],
     finer: FinerGeometry | None = None,
 ) -> Body:
-    """A body of a few cells on this process alone, with the regions of the whole one, and `HELD`.
+    """Body of a few cells on this process alone, with the regions of the whole body, and `HELD`.
 
-    Cells are alike if they, and their facets, are in the same regions; those next to one of the ``points`` (m) are all
-    there. They share no nodes: what holds one of them does not hold another. ``finer`` is what is known of the geometry
-    of the whole mesh.
+    It has one cell for each combination of regions that a cell and its facets are in, and all cells next to one of the
+    ``points`` (m). Cells share no nodes, so that each needs supports.
+
+    Args:
+        finer: true geometry of the whole mesh, if known.
     """
-    chosen = np.unique([*_first_of_each(source, conditions), *_around(source, points)])
-    part = _apart(source, chosen)
+    chosen = np.unique([*_first_of_each(source, conditions), *_cells_near(source, points)])
+    part = _separated(source, chosen)
     if finer is not None and finer.source is not None:
-        finer = replace(finer, source=_apart(finer.source, chosen))
+        finer = replace(finer, source=_separated(finer.source, chosen))
     length_scale = power_of_two(float(np.linalg.norm(np.ptp(part.points, axis=0))))
     comm = MPI.COMM_SELF
     element = coordinate_element(part.kind, part.degree)
@@ -55,11 +54,11 @@ def specimen(
     first = np.sort(mesh.topology.connectivity(3, 2).array.reshape(len(chosen), -1)[:, 0])
     held = Region(HELD, "built in", first, np.zeros(0, dtype=np.int32), len(first), 0)
     read = None if finer is None else lambda: finer
-    return Body(mesh, length_scale, regions | {HELD: held}, measure(mesh, "none"), part, read)
+    return Body(mesh, length_scale, regions | {HELD: held}, partition_of(mesh, "none"), part, read)
 
 
 def _first_of_each(source: MeshSource, conditions: Mapping[str, Expression]) -> Ints:
-    """The first of the cells that are alike."""
+    """First cell of each combination of regions."""
     table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
     marks = np.stack([np.zeros(len(source.cells), dtype=bool), *_memberships(source, table, conditions)], axis=1)
     return np.asarray(np.unique(marks, axis=0, return_index=True)[1], dtype=np.int64)
@@ -68,7 +67,7 @@ def _first_of_each(source: MeshSource, conditions: Mapping[str, Expression]) -> 
 def _memberships(
     source: MeshSource, table: FacetTable, conditions: Mapping[str, Expression]
 ) -> Iterator[npt.NDArray[np.bool_]]:
-    """For each region two flags of each cell: whether it is in there, and whether a facet of it is."""
+    """For each region two flags of each cell: whether the cell is in it, and whether a facet of the cell is in it."""
     on_facets = table.find(source.facets[:, : table.vertices.shape[1]])
     for group in source.groups:
         if group.dim == 3:
@@ -83,8 +82,8 @@ def _memberships(
         yield (exterior & inside[table.vertices].all(axis=1))[table.of_cell].any(axis=1)
 
 
-def _around(source: MeshSource, points: Iterable[Floats]) -> Iterator[int]:
-    """The cells into whose bounding boxes the points fall, which are taken a quarter larger than they are."""
+def _cells_near(source: MeshSource, points: Iterable[Floats]) -> Iterator[int]:
+    """Cells whose bounding boxes, enlarged by a quarter, contain one of the points."""
     nodes = source.points[source.cells]
     low, high = nodes.min(axis=1), nodes.max(axis=1)
     margin = 0.25 * (high - low).max(axis=1, keepdims=True)
@@ -92,8 +91,8 @@ def _around(source: MeshSource, points: Iterable[Floats]) -> Iterator[int]:
         yield from np.flatnonzero(((low - margin <= point) & (point <= high + margin)).all(axis=1)).tolist()
 
 
-def _apart(source: MeshSource, chosen: Ints) -> MeshSource:
-    """These cells of a mesh, each with nodes of its own, in their groups and with their data."""
+def _separated(source: MeshSource, chosen: Ints) -> MeshSource:
+    """The ``chosen`` cells of a mesh without shared nodes, with their groups and data."""
     nodes = source.cells[chosen]
     new = np.arange(nodes.size).reshape(nodes.shape)
     facets, groups = list[list[int]](), list[Group]()

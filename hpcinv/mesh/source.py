@@ -1,4 +1,4 @@
-"""A mesh as it was read: plain arrays, in the order and with the tags of the file that it came from."""
+"""A mesh as it was read: plain arrays, in the order and with the tags of its file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ type Ints = npt.NDArray[np.int64]
 type Floats = npt.NDArray[np.float64]
 type Place = Literal["nodes", "cells"]
 
-COMPONENTS = (1, 3, 9)  # of numbers, vectors and tensors (row by row)
+COMPONENTS = (1, 3, 9)  # of scalars, vectors and tensors (row by row)
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class DataArray:
 
 
 def data_arrays(found: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]) -> dict[str, DataArray]:
-    """Those arrays of a file, (n,) or (n, components), that are numbers of 1, 3 or 9 components.
+    """Numeric arrays of 1, 3 or 9 components among the arrays (n,) or (n, components) of a file.
 
-    Where nodes and cells have arrays of one name, they are told apart as ``NAME (nodes)`` and ``NAME (cells)``.
+    If nodes and cells have arrays of the same name, these are renamed ``NAME (nodes)`` and ``NAME (cells)``.
     """
     kept: dict[tuple[str, Place], Floats] = {}
     for name, on, values in found:
@@ -58,12 +58,12 @@ def data_arrays(found: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]) -> 
 class MeshSource:
     """Nodes, cells and named groups of one mesh; every array is empty on ranks other than 0.
 
-    Of a partitioned mesh each rank has some rows of every array, in rank order; ``parts`` are then the rows of all
-    ranks at which its parts begin, and the number of cells.
+    Of a partitioned mesh each rank has some rows of every array, in rank order; ``parts`` are then the global rows at
+    which its parts begin, followed by the number of cells.
 
-    ``points`` (n, 3) in metres; ``cells`` (m, k) and ``facets`` (f, l) are rows of all ranks' ``points``, vertices
-    first, in the node order of DOLFINx. ``facets`` are only those that a group names. ``unit`` (m) is what coordinates
-    in its files are in: what a file states, or as the job says; ``None`` is not known, and taken as metres.
+    ``points`` (n, 3) are in metres; ``cells`` (m, k) and ``facets`` (f, l) contain global rows of ``points``, vertices
+    first, in the node order of DOLFINx. ``facets`` are only those of groups. ``unit`` (m) is the length unit of the
+    file, by the file itself or by the job; ``None`` is unknown, and taken as metres.
     """
 
     path: Path
@@ -75,19 +75,19 @@ class MeshSource:
     cell_tags: Ints
     facets: Ints
     groups: tuple[Group, ...] = ()
-    thin_groups: tuple[str, ...] = ()  # names of groups of points and curves, which are no regions
-    data: Mapping[str, DataArray] = field(default_factory=dict)  # by name; cell arrays are of ``cells`` alone
+    thin_groups: tuple[str, ...] = ()  # names of groups of points and curves, which cannot be regions
+    data: Mapping[str, DataArray] = field(default_factory=dict)  # by name; cell arrays have rows for ``cells`` only
     parts: tuple[int, ...] = ()
     unit: float | None = None
-    on_cad: bool = False  # whether nodes between the vertices lie on the surfaces of a CAD model
+    on_cad: bool = False  # nodes between the vertices lie on the surfaces of a CAD model
 
     @property
     def is_partitioned(self) -> bool:
-        """Whether no rank has all of it."""
+        """True if each rank has some rows of the mesh, and none has all."""
         return bool(self.parts)
 
     def labels(self, dim: int) -> Ints:
-        """The place in ``groups`` of the one that each facet (``dim`` 2) or cell (3) is in, -1 for none."""
+        """Index in ``groups`` of the group of each facet (``dim`` 2) or cell (3), -1 for none."""
         label = np.full(len(self.cells if dim == 3 else self.facets), -1, dtype=np.int64)
         for i, group in enumerate(self.groups):
             if group.dim == dim:
@@ -95,7 +95,7 @@ class MeshSource:
         return label
 
     def header(self) -> MeshSource:
-        """The same source without its data: what ranks other than 0 know."""
+        """The same source with empty arrays, for ranks other than 0."""
         return dataclasses.replace(
             self,
             points=self.points[:0],
@@ -108,20 +108,20 @@ class MeshSource:
         )
 
     def in_metres(self, unit: float) -> MeshSource:
-        """The same mesh, its coordinates having been given in ``unit`` (m)."""
+        """The same mesh in metres, from coordinates in ``unit`` (m)."""
         return dataclasses.replace(self, points=self.points if unit == 1.0 else self.points * unit, unit=unit)
 
-    def in_its_unit(self, points: Floats) -> Floats:
-        """Coordinates (m) as its files have them."""
+    def in_file_unit(self, points: Floats) -> Floats:
+        """Coordinates in the length unit of the file, from ``points`` (n, 3) in metres."""
         return points if self.unit in (None, 1.0) else points / self.unit
 
     def without_unused_nodes(self) -> MeshSource:
-        """Drop the nodes that no cell has (centres of arcs, left-overs of surfaces); the others keep order and tags."""
+        """The same mesh without nodes of no cell (such as centres of arcs); the others keep order and tags."""
         used = np.zeros(len(self.points), dtype=bool)
         used[self.cells] = True
         if used.all():
             return self
-        # A facet on dropped nodes belongs to no cell: -1 lets the check of facets say so.
+        # A facet with removed nodes belongs to no cell: the check of facets reports nodes of -1.
         new = np.where(used, np.cumsum(used) - 1, -1)
         return dataclasses.replace(
             self,
@@ -133,7 +133,7 @@ class MeshSource:
         )
 
     def nodal_data(self, change: Callable[[Floats], Floats]) -> dict[str, DataArray]:
-        """The data arrays where those at nodes have gone through ``change``."""
+        """The data arrays, with ``change`` applied to the values at nodes."""
         return {
             name: dataclasses.replace(a, values=change(a.values)) if a.on == "nodes" else a
             for name, a in self.data.items()

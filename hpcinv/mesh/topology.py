@@ -1,17 +1,18 @@
-"""Facets of a cell array, and rows of integers matched as sets of vertices; numpy alone."""
+"""Facets of a cell array, and integer rows matched as sets of vertices."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from hpcinv.mesh.cells import sub_entities
 from hpcinv.mesh.source import Ints
 
 
 def unique_rows(rows: Ints) -> tuple[Ints, Ints]:
-    """The distinct rows, sorted, and for each given row its place among them."""
+    """Distinct rows, sorted, and the index among them of each given row."""
     order = np.lexsort(rows.T[::-1])
     ordered = rows[order]
     starts = np.ones(len(rows), dtype=bool)
@@ -22,7 +23,7 @@ def unique_rows(rows: Ints) -> tuple[Ints, Ints]:
 
 
 def find_rows(rows: Ints, table: Ints) -> Ints:
-    """For each row its place in ``table`` (distinct rows), or -1 where it is not there."""
+    """Index of each row in ``table`` (distinct rows), or -1 if ``table`` does not contain it."""
     _, place = unique_rows(np.concatenate([table, rows]))
     where = np.full(len(place), -1, dtype=np.int64)
     where[place[: len(table)]] = np.arange(len(table))
@@ -30,13 +31,13 @@ def find_rows(rows: Ints, table: Ints) -> Ints:
 
 
 def vertex_sets(entities: Ints, local: Ints) -> Ints:
-    """Sorted vertices of every sub-entity ``local`` (s, v) of every entity, entity by entity: (entities·s, v)."""
+    """Sorted vertices (entities·s, v) of the sub-entities ``local`` (s, v) of every entity, entity by entity."""
     return np.sort(entities[:, local].reshape(-1, local.shape[1]), axis=1)
 
 
 @dataclass(frozen=True)
 class FacetTable:
-    """Every facet of a mesh once: sorted ``vertices`` (f, v), and the number of cells that have it."""
+    """All distinct facets of a mesh: sorted ``vertices`` (f, v), and the number of cells that share each."""
 
     vertices: Ints
     sharing: Ints
@@ -44,30 +45,29 @@ class FacetTable:
 
     @classmethod
     def of(cls, kind: str, cells: Ints) -> FacetTable:
-        """Build the table of a mesh of ``cells``."""
+        """Table of the facets of ``cells`` (c, vertices)."""
         local = sub_entities(kind, 2)
         vertices, place = unique_rows(vertex_sets(cells, local))
         return cls(vertices, np.bincount(place, minlength=len(vertices)), place.reshape(-1, len(local)))
 
     def find(self, facets: Ints) -> Ints:
-        """Rows of the table for ``facets`` given by their vertices in any order; -1 for what is no facet."""
+        """Rows of the table for ``facets`` given by their vertices in any order; -1 if it is no facet of the mesh."""
         return find_rows(np.sort(facets, axis=1), self.vertices)
 
-    def edge_cut(self, part: Ints) -> int:
-        """Number of facets between two cells of different ``part``: the cut edges of the dual graph."""
-        of_cell = np.broadcast_to(part[:, None], self.of_cell.shape)
-        least = np.full(len(self.vertices), np.iinfo(np.int64).max)
-        most = np.full(len(self.vertices), -1)
-        np.minimum.at(least, self.of_cell, of_cell)
-        np.maximum.at(most, self.of_cell, of_cell)
-        return int((least != most).sum())
+    def separates(self, label: Ints) -> npt.NDArray[np.bool_]:
+        """Mask (f,) of the facets between two cells of different ``label`` (cells,)."""
+        first = np.empty(len(self.vertices), dtype=label.dtype)
+        first[self.of_cell] = label[:, None]
+        mask = np.zeros(len(self.vertices), dtype=bool)
+        mask[self.of_cell[first[self.of_cell] != label[:, None]]] = True
+        return mask
 
 
 def connected(cells: Ints, nodes: int) -> Ints:
-    """Number of the part of a mesh that each cell belongs to, from 0; cells that share a node are of one part.
+    """Connected component (c,) of each cell, from 0; cells that share a node are in the same component.
 
-    Every node takes the least number around it, and jumps to that of the node it has it from (Shiloach and Vishkin,
-    1982, doi:10.1016/0196-6774(82)90008-6), which ends after about as many rounds as the number of nodes has digits.
+    Every node takes the smallest label around it, and then the label of the node that it stems from (Shiloach and
+    Vishkin, 1982, doi:10.1016/0196-6774(82)90008-6); the number of rounds is about logarithmic in the number of nodes.
     """
     root = np.arange(nodes, dtype=np.int64)
     while True:

@@ -20,7 +20,7 @@ from hpcinv.errors import HpcinvError
 from hpcinv.job.fingerprint import file_digest
 from hpcinv.job.reuse_key import reuse_group_of
 from hpcinv.mesh import build_body
-from hpcinv.mesh.cell_count import silent
+from hpcinv.mesh.cell_count import no_report
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.problem import Model
 
@@ -47,8 +47,8 @@ class Workspace:
     def __exit__(self, *_: object) -> None:
         self.clear()
 
-    def body(self, job: Job, told: Callable[[str], None] = silent) -> Body:
-        """The body of a job as its mesh gives it; ``told`` as `build_body` has it.
+    def body(self, job: Job, report: Callable[[str], None] = no_report) -> Body:
+        """The body of a job as its mesh gives it; ``report`` as in `build_body`.
 
         Raises:
             MeshError, SystemPartMissing: the same on every rank.
@@ -57,7 +57,7 @@ class Workspace:
         if self._body is not None and self._body[0] == key:
             return self._body[1]
         self.clear()
-        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, told=told)
+        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, report=report)
         self._body = key, body
         return body
 

@@ -12,7 +12,7 @@ from helpers.verification import HERE
 
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job, parse
-from hpcinv.mesh import build_body, write_msh
+from hpcinv.mesh import build_body, write_mesh
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.shape_distance import closure, distance, read_expected
 
@@ -37,7 +37,7 @@ def test_the_recovered_shape_is_measured_from_the_expected_one(comm: MPI.Intraco
     body = build_body(origin.mesh, {}, comm, resolve=origin.resolve)
     assert read_expected(origin, body) is None
     forward = made_up(body, "forward", u)
-    write_msh(run_directory / "given.msh", body, forward.other_nodes)
+    write_mesh(run_directory / "given.msh", body, forward.other_nodes)
 
     given = {"file": str(run_directory / "given.msh"), "partition": "scotch"}
     inverse_job = job(given, generator)

@@ -15,7 +15,7 @@ from helpers.mesh_cases import conditions, spec
 
 from hpcinv.errors import OutputError
 from hpcinv.job.sections import MeshSpec
-from hpcinv.mesh import Body, MeshSource, build_body, in_source_order, read_source, write_msh, write_vtu
+from hpcinv.mesh import Body, MeshSource, build_body, in_source_order, read_source, write_mesh
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.io.gmsh_model import metis
@@ -168,9 +168,9 @@ def test_what_is_written_is_read_back_bit_for_bit(comm: MPI.Intracomm, meshes: P
         assert 0.7 < diagonal / body.length_scale < 1.5
         given = body.mesh.geometry.x * body.length_scale
         moved = given + 0.01 * np.sin(7 * given[:, [1, 2, 0]] / body.length_scale) * body.length_scale
-        for write, suffix in ((write_msh, ".msh"), (write_vtu, ".vtu")):
+        for suffix in (".msh", ".vtu"):
             path = run_directory / f"moved{suffix}"
-            write(path, body, moved)
+            write_mesh(path, body, moved)
             again = build_body(spec(path, partition="scotch"), {}, comm)
             assert (again.source.kind, again.source.degree) == (body.source.kind, body.source.degree)
             expected = in_source_order(body, moved)
@@ -194,9 +194,9 @@ def test_a_mesh_that_cannot_be_written_is_an_error_on_all_ranks(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path
 ) -> None:
     body = build_body(spec(meshes / "single_tetrahedron.msh"), {}, comm)
-    for write in (write_msh, write_vtu):
+    for suffix in (".msh", ".vtu"):
         with pytest.raises(OutputError, match="cannot be written"):
-            write(run_directory / "none" / "mesh", body, body.mesh.geometry.x)
+            write_mesh(run_directory / "none" / f"mesh{suffix}", body, body.mesh.geometry.x)
 
 
 def test_the_paths_of_a_job_are_resolved_before_reading(comm: MPI.Intracomm, meshes: Path) -> None:

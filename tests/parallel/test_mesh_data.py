@@ -139,7 +139,7 @@ def test_an_array_that_cannot_be_used_is_an_error_on_all_ranks(
     body = build_body(spec(msh), {}, comm)
     with pytest.raises(MeshError, match=r"'stiffness' is missing or not finite on 1 of 2 cells \(first: cell 1\)"):
         distribute(body, "stiffness")
-    with pytest.raises(MeshError, match="There are none"):
+    with pytest.raises(MeshError, match="The mesh has none"):
         distribute(build_body(spec(meshes / "box.py"), {}, comm), "stiffness")
 
 

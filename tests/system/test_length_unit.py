@@ -37,7 +37,7 @@ def test_a_shape_goes_back_with_the_unit_of_the_job_and_with_no_other(tmp_path: 
             job = write_job(tmp_path / "wrong.yaml", JOB, mesh=mesh, analysis="forward")
             wrong = hpcinv(1, "run", job, "--output", "wrong", cwd=tmp_path)
             assert wrong.returncode == 2
-            assert f"{name}: its coordinates are in mm, as it says itself" in wrong.stderr
+            assert f"{name}: the file states that its coordinates are in mm" in wrong.stderr
             assert "Write 'unit: mm'" in wrong.stderr
             assert not (tmp_path / "wrong").exists()
     mesh = {"file": str(tmp_path / "there" / "shape.msh"), "unit": "mm"}
@@ -95,7 +95,7 @@ def test_what_states_the_unit_is_no_obstacle_to_gmsh_and_what_states_none_is_tak
         assert read_source(spec(damaged, unit="cm"), damaged).points.max() == pytest.approx(10.0)
     damaged.write_bytes(stated.replace(section, b""))
     assert read_source(spec(damaged), damaged).points.max() == pytest.approx(1000.0)
-    with pytest.raises(MeshError, match="are in mm, as it says itself, but the unit given for it is m, which is the"):
+    with pytest.raises(MeshError, match="are in mm, but the unit given for it is m, which is the"):
         read_source(spec(path), path)
 
 

@@ -14,7 +14,7 @@ from helpers.command_line import BLOCK, CUBE, ROOT, environment, hpcinv, write_j
 
 from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
-from hpcinv.mesh.sample_mesh import HELD, specimen
+from hpcinv.mesh.sample_mesh import HELD, sample_body
 from hpcinv.quantity.docstrings import meanings
 from hpcinv.quantity.expressions import Expression
 
@@ -100,7 +100,7 @@ def test_a_specimen_has_a_cell_of_each_kind_apart_from_the_others() -> None:
     divisions = {"nx": 3, "ny": 3, "nz": 3}
     job = parse({**BLOCK, "mesh": {**BLOCK["mesh"], "parameters": divisions, "geometry_degree": 2}}, ROOT / "job.yaml")
     source = read_source(job.mesh, job.resolve(job.mesh.file))
-    body = specimen(source, {"low": Expression("z < 0.35")}, [np.array([0.5, 0.5, 0.5])])
+    body = sample_body(source, {"low": Expression("z < 0.35")}, [np.array([0.5, 0.5, 0.5])])
     assert body.source.kind == "tetrahedron"
     assert body.source.degree == 2
     for face in ("x0", "x1", "y0", "y1", "z0", "z1", "low", "boundary"):

@@ -102,7 +102,7 @@ def test_a_region_must_be_one_of_the_boundary(name: str, tmp_path: Path) -> None
     unknown = refused(case({"effect": name, "region": "x10"}))
     assert unknown.startswith("effects[0].region: ")
     assert "box.py: no region 'x10'. Did you mean 'x1'?" in unknown
-    assert "There are: block, boundary, x0, x1, y0, y1, z0, z1." in unknown
+    assert "The regions are: block, boundary, x0, x1, y0, y1, z0, z1." in unknown
     assert "box.py: region 'block' has cells but no facets" in refused(case({"effect": name, "region": "block"}))
     # Two tetrahedra, and the triangle between them.
     write_msh22(
@@ -114,7 +114,7 @@ def test_a_region_must_be_one_of_the_boundary(name: str, tmp_path: Path) -> None
     effect = effects()[name].example | {"region": "between"}
     data = {"mesh": {"file": "two.msh"}, "material": MATERIAL, "supports": HELD, "effects": [effect]}
     inside = refused(parse(data, tmp_path / "job.yaml"))
-    assert "two.msh: region 'between' has 1 facets inside of the body\n  What acts on a surface needs one of" in inside
+    assert "two.msh: region 'between' has 1 facets inside the body\n  A surface load needs a region of" in inside
 
 
 def test_a_stretch_that_is_not_positive_somewhere_is_told_before_the_solve() -> None:

@@ -47,7 +47,7 @@ BAD_MESHES = {
         ((11, 1, 1, tuple(range(1, 11))),),
     ),
     "double node": Bad(
-        r"1 nodes lie exactly on another \(first: nodes 1 and 6\)",
+        r"1 nodes coincide with another \(first: nodes 1 and 6\)",
         (*TWO, TWO[0]),
         (FIRST, SECOND, (4, 1, 1, (2, 3, 6, 5))),
     ),
@@ -128,7 +128,7 @@ def test_every_bad_region_is_refused_on_all_ranks(comm: MPI.Intracomm, run_direc
     both = build(bare, tip="x > 2", top="z > 3")
     assert fails_everywhere(comm, "region 'tip'", both).message.count("satisfies") == 2
     fails_everywhere(comm, "is a number, not a condition", build(bare, tip="x + 1"))
-    fails_everywhere(comm, "region 'body' is a physical group of the mesh too", build(curve, body="x > 0"))
+    fails_everywhere(comm, "region 'body' is also a physical group of the mesh", build(curve, body="x > 0"))
 
     body = build_body(spec(bare), conditions(clamp="z <= 0"), comm)
     assert (
@@ -171,7 +171,7 @@ def test_a_mesh_that_is_left_handed_throughout_is_accepted(comm: MPI.Intracomm, 
 def test_a_second_use_of_gmsh_is_refused_with_what_to_do(comm: MPI.Intracomm, meshes: Path) -> None:
     gmsh.initialize(interruptible=False)
     try:
-        fails_everywhere(comm, "gmsh is already in use", lambda: build_body(spec(meshes / "box.py"), {}, comm))
+        fails_everywhere(comm, "gmsh is already initialized", lambda: build_body(spec(meshes / "box.py"), {}, comm))
     finally:
         gmsh.finalize()
 

@@ -258,8 +258,8 @@ def test_files_that_cannot_be_read_say_so(tmp_path: Path) -> None:
         "text.msh": ("$MeshFormat\nnonsense", "gmsh cannot read it"),
         "short.msh": ("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 3", "gmsh cannot read it"),
         "empty.msh": ("$MeshFormat\n", "gmsh cannot read it"),
-        "text.vtu": ("nonsense", "VTK cannot read it|no unstructured grid"),
-        "text.xdmf": ("nonsense", "no XML"),
+        "text.vtu": ("nonsense", "VTK cannot read it|has no unstructured grid"),
+        "text.xdmf": ("nonsense", "is not valid XML"),
         "empty.xdmf": ("<Xdmf><Domain/></Xdmf>", "no grid with a topology"),
         "lost.xdmf": (
             '<Xdmf><Domain><Grid><Topology TopologyType="Tetrahedron"><DataItem Format="HDF">gone.h5:/t</DataItem>'

@@ -256,7 +256,7 @@ def test_stress_on_facets_inside_or_without_a_value_is_refused_on_all_ranks(
     body = build_body(spec(path), {}, comm)
     check_points([quantity("nodes", "X", on="between", reduce="mean")], body)
     for bad in ({"of": "sxx", "reduce": "mean"}, {"of": "1", "reduce": "integral", "over": "current"}):
-        with pytest.raises(MeshError, match=r"quantities: stress: .*'between' has 1 facets inside of the body"):
+        with pytest.raises(MeshError, match=r"quantities: stress: .*'between' has 1 facets inside the body"):
             check_points([quantity("stress", on="between", **bad)], body)
     with pytest.raises(JobError, match=r"no finite value at \d+ of the quadrature points of 'block'"):
         values(comm, "forward", lambda x: 0.1 * x, [quantity("root", "sqrt(-energy)", on="block", reduce="max")])

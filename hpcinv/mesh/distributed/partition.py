@@ -1,4 +1,4 @@
-"""Which rank owns which cell: METIS through gmsh, now or beforehand, or PT-SCOTCH; and how good the partition is."""
+"""Partition of the cells among the ranks: METIS through gmsh, now or beforehand, or PT-SCOTCH; and its quality."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
 
-_UNEVEN = 0.1  # share of cells beyond the mean, of the fullest rank, above which a partition is made anew
+_MOST_IMBALANCE = 0.1  # above which the parts of a partitioned mesh are partitioned again
 
 
 @dataclass(frozen=True)
 class Partition:
-    """How the cells are spread over the ranks: measured on the mesh as it stands, whoever made the partition."""
+    """Distribution of the cells over the ranks, measured on the distributed mesh."""
 
     method: str
     cells: tuple[int, ...]  # owned by each rank
@@ -29,39 +29,39 @@ class Partition:
 
     @property
     def imbalance(self) -> float:
-        """Cells of the fullest rank over the mean, less 1."""
+        """Largest number of cells of a rank divided by the mean, less 1."""
         return max(self.cells) * len(self.cells) / sum(self.cells) - 1.0
 
 
 def partitioner(comm: MPI.Intracomm, source: MeshSource, wanted: str) -> tuple[str, Callable[..., Any]]:
-    """What distributes the cells of a source, for ``dolfinx.mesh.create_mesh``, and its name; collective.
+    """Name of the method and partitioner for ``dolfinx.mesh.create_mesh``; collective.
 
     Args:
-        wanted: "metis" or "scotch"; METIS has partitioned a partitioned mesh beforehand, and SCOTCH does it again where
-            the ranks cannot have equal numbers of its parts.
+        wanted: "metis" or "scotch". The parts of a partitioned mesh (METIS) are kept, unless they would be distributed
+            unevenly over the ranks: then SCOTCH partitions the mesh again.
     """
-    if wanted == "scotch" or (source.is_partitioned and not _fit(source.parts, comm.size)):
+    if wanted == "scotch" or (source.is_partitioned and not _balanced(source.parts, comm.size)):
         scotch = dolfinx.graph.partitioner_scotch()
         return "scotch", dolfinx.mesh.create_cell_partitioner(scotch, dolfinx.mesh.GhostMode.none, 2)
     if source.is_partitioned:
-        return "parts", _sends(np.full(len(source.cells), comm.rank))
-    # Run now, not inside DOLFINx, where an exception on rank 0 would leave the others waiting.
+        return "parts", _partitioner_to(np.full(len(source.cells), comm.rank))
+    # Not inside DOLFINx, where the other ranks would wait forever after an exception on rank 0.
     owner: list[Ints] = []
     corners = source.cells[:, : vertex_count(source.kind)]
     on_root(comm, lambda: owner.append(metis(corners, source.kind, comm.size)))
-    return "metis", _sends(owner[0] if owner else np.zeros(0, dtype=np.int64))
+    return "metis", _partitioner_to(owner[0] if owner else np.zeros(0, dtype=np.int64))
 
 
-def _fit(parts: tuple[int, ...], size: int) -> bool:
-    """Whether as many ranks have about as many cells each, if they take the parts of a mesh as they are."""
+def _balanced(parts: tuple[int, ...], size: int) -> bool:
+    """Return whether ``size`` ranks have about equal numbers of cells if the parts are distributed as they are."""
     if size >= len(parts):
         return False
     fullest = max(last - first for first, last in (cells_of(parts, size, rank) for rank in range(size)))
-    return fullest * size <= (1 + _UNEVEN) * parts[-1]
+    return fullest * size <= (1 + _MOST_IMBALANCE) * parts[-1]
 
 
-def _sends(destinations: Ints) -> Callable[..., Any]:
-    """A partitioner that sends each cell of this rank to a rank that is known."""
+def _partitioner_to(destinations: Ints) -> Callable[..., Any]:
+    """Partitioner that sends each cell of this rank to its given destination."""
 
     def send(_comm: Any, _parts: int, _kinds: Any, _cells: Any) -> Any:
         return dolfinx.graph.adjacencylist(destinations.astype(np.int32).reshape(-1, 1))._cpp_object
@@ -69,10 +69,10 @@ def _sends(destinations: Ints) -> Callable[..., Any]:
     return send
 
 
-def measure(mesh: Mesh, method: str) -> Partition:
-    """Cells of each rank and the edge cut, of a mesh with facets and without ghost cells; collective.
+def partition_of(mesh: Mesh, method: str) -> Partition:
+    """Partition of a distributed mesh with facets and without ghost cells; collective.
 
-    Of the two ranks that share a facet one does not own it.
+    The edge cut is the number of facets that a rank has without owning them.
     """
     cells = mesh.comm.allgather(mesh.topology.index_map(3).size_local)
     return Partition(method, tuple(cells), mesh.comm.allreduce(int(mesh.topology.index_map(2).num_ghosts)))

@@ -1,18 +1,18 @@
-"""Partitioned meshes: written and read by all ranks together, of which each has some rows of every array.
+"""Partitioned meshes: written and read by all ranks together; each rank has some rows of every array.
 
-The file is a directory ``NAME.bp`` of ADIOS2 (BP4) with `Header` in it. Its cells stand part by part, and so, as far as
-that is possible, do its nodes and facets.
+The file is a directory ``NAME.bp`` of ADIOS2 (BP4) that contains a `Header`. Cells are ordered by part, and so are
+nodes and facets as far as possible.
 
 ============== ================= ======================================================
 array          rows              content
 ============== ================= ======================================================
 points         nodes             coordinates in m
-node_tags      nodes             tag in the file that the mesh was made of
+node_tags      nodes             tag in the original mesh file
 cells          cells             nodes, in the order of DOLFINx
 cell_tags      cells             tag
-cell_groups    cells             place of the physical group in the header, or -1
+cell_groups    cells             index of the physical group in the header, or -1
 facets         facets            nodes
-facet_groups   facets            place of the physical group in the header
+facet_groups   facets            index of the physical group in the header
 data-0, …      nodes or cells    the data arrays of the header
 ============== ================= ======================================================
 """
@@ -26,9 +26,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import adios2
 import numpy as np
 import numpy.typing as npt
@@ -47,7 +44,7 @@ type Array = npt.NDArray[Any]
 def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> None:
     """Write a mesh, of which each rank has some rows, as the directory ``path``; collective.
 
-    It appears whole or not at all. A mesh without parts is written as one part.
+    It is written completely or not at all. A mesh without parts is written as one part.
 
     Raises:
         OutputError: on every rank, if it cannot be written.
@@ -82,12 +79,13 @@ def write_partitioned(path: Path, comm: MPI.Intracomm, source: MeshSource) -> No
 
 
 def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
-    """The rows that each rank has of the mesh at ``path``: of cells those of some parts, of others as many; collective.
+    """Read the rows of this rank from the mesh at ``path``; collective.
 
-    Where there are more ranks than parts, each has as many cells.
+    A rank reads the cells of some parts, or an equal share of the cells if there are more ranks than parts, and equal
+    shares of nodes and facets.
 
     Raises:
-        MeshError: on every rank, if it cannot be read, or is not what was written.
+        MeshError: on every rank, if the mesh cannot be read or is damaged.
     """
     header = on_root(comm, lambda: read_header(path))
     rank, size = comm.rank, comm.size
@@ -99,13 +97,16 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
     arrays, error = dict[str, Array](), None
     try:
         arrays = _read(path, comm, header, ranges)
-    except (RuntimeError, ValueError, OSError) as exc:  # ADIOS2 knows no narrower ones
+    except (RuntimeError, ValueError, OSError) as exc:  # ADIOS2 raises nothing narrower
         reason = (str(exc).strip().splitlines() or [type(exc).__name__])[-1]
-        error = MeshError(f"{path}: cannot be read: {reason}", "Do all ranks see the file?")
+        error = MeshError(f"{path}: cannot be read: {reason}", "Can all ranks access the file?")
     agree(comm, error)
     for name, array in arrays.items():
         if Rows.of(comm, len(array)).checksum(array) != header.checksums[name]:
-            raise MeshError(f"{path}: its array '{name}' is not what was written", "Copy it again, or make it anew.")
+            raise MeshError(
+                f"{path}: the array '{name}' is damaged: its checksum is wrong",
+                "Copy the mesh again, or partition it again.",
+            )
     labels = {3: arrays["cell_groups"], 2: arrays["facet_groups"]}
     return MeshSource(
         path=path,
@@ -127,7 +128,7 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
 
 
 def cells_of(parts: tuple[int, ...], size: int, rank: int) -> tuple[int, int]:
-    """The cells that one of ``size`` ranks reads: those of the parts that are its share, or an even share."""
+    """Range of the cells that one of ``size`` ranks reads: some whole parts, or an equal share."""
     if size > len(parts) - 1:
         return even_range(parts[-1], size, rank)
     first, last = even_range(len(parts) - 1, size, rank)
@@ -135,7 +136,7 @@ def cells_of(parts: tuple[int, ...], size: int, rank: int) -> tuple[int, int]:
 
 
 def _read(path: Path, comm: MPI.Intracomm, header: Header, ranges: Mapping[str, tuple[int, int]]) -> dict[str, Array]:
-    """This rank's rows of every array; none of what has none at all is in the file."""
+    """Rows of this rank of every array; arrays without rows are not in the file."""
     found = {}
     with adios2.Stream(_io(comm), str(path), "rra", comm) as stream:
         for name, on, none in _arrays(_blank(path, header)):
@@ -147,7 +148,7 @@ def _read(path: Path, comm: MPI.Intracomm, header: Header, ranges: Mapping[str, 
 
 
 def _blank(path: Path, header: Header) -> MeshSource:
-    """The same mesh without rows: it has the types and widths of the arrays."""
+    """Mesh of the header without rows: its arrays have the right types and widths."""
     none: Ints = np.zeros(0, dtype=np.int64)
     cells, facets = (no_cells(kind, header.degree) for kind in (header.kind, FACET_KIND[header.kind]))
     data = {name: DataArray(name, _place(on), np.zeros((0, components))) for name, on, components in header.data}
@@ -159,7 +160,7 @@ def _place(on: str) -> Place:
 
 
 def _arrays(source: MeshSource) -> list[tuple[str, str, Array]]:
-    """The arrays of a source: their names in the file, what their rows are of, and the rows of this rank."""
+    """Name in the file, kind of rows (nodes, cells or facets) and rows of this rank for each array."""
     return [
         ("points", "nodes", source.points),
         ("node_tags", "nodes", source.node_tags),
@@ -181,15 +182,15 @@ def _io(comm: MPI.Intracomm) -> Any:
 
 @contextmanager
 def _published(partial: Path, path: Path, comm: MPI.Intracomm, header: Header) -> Iterator[None]:
-    """Let all ranks write ``partial``, and give it its name once they have, with its header; else remove it."""
-    unwritable = f"{path}: cannot be written", "Is there such a directory, and space left?"
+    """Context in which all ranks write ``partial``; it is then renamed to ``path``, or removed after an error."""
+    unwritable = f"{path}: cannot be written", "Does the directory exist, and is there space?"
 
     def prepare() -> None:
         shutil.rmtree(partial, ignore_errors=True)
         if path.exists() and not (path / HEADER).is_file():
-            raise OutputError(f"{path}: is there already, and no partitioned mesh", "Choose another name.")
+            raise OutputError(f"{path}: already exists, and is not a partitioned mesh", "Choose another name.")
         if not path.parent.is_dir():
-            raise OutputError(f"{path.parent}: no such directory", "Make it, or choose another place.")
+            raise OutputError(f"{path.parent}: no such directory", "Create it, or choose another place.")
 
     on_root(comm, prepare)
     error: HpcinvError | None = None
@@ -198,7 +199,7 @@ def _published(partial: Path, path: Path, comm: MPI.Intracomm, header: Header) -
     except (RuntimeError, ValueError, OSError) as exc:
         error = OutputError(f"{unwritable[0]}: {str(exc).strip().splitlines()[-1]}", unwritable[1])
     try:
-        agree(comm, error)  # also the barrier that all have written
+        agree(comm, error)  # also a barrier: all ranks have written
     except HpcinvError:
         on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
         raise

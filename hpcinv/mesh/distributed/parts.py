@@ -1,4 +1,4 @@
-"""A mesh on one process put in the order of its parts, and back in the order of its tags."""
+"""Order of a mesh on one process: by parts, and back by tags."""
 
 from __future__ import annotations
 
@@ -14,22 +14,24 @@ from hpcinv.mesh.topology import FacetTable
 
 
 def partitioned(source: MeshSource, count: int) -> tuple[MeshSource, int]:
-    """A whole mesh cut into ``count`` parts by METIS, and the number of facets between them.
+    """A whole mesh divided into ``count`` parts by METIS, and the number of facets between parts.
 
     Raises:
-        MeshError: it has fewer cells.
+        MeshError: the mesh has fewer cells than parts.
     """
     if count > len(source.cells):
-        raise MeshError(f"{source.path}: has {len(source.cells)} cells, too few for {count} parts", "Take fewer parts.")
+        raise MeshError(
+            f"{source.path}: has {len(source.cells)} cells, too few for {count} parts", "Choose fewer parts."
+        )
     corners = source.cells[:, : vertex_count(source.kind)]
     part = metis(corners, source.kind, count)
-    return by_parts(source, part, count), FacetTable.of(source.kind, corners).edge_cut(part)
+    return by_parts(source, part, count), int(FacetTable.of(source.kind, corners).separates(part).sum())
 
 
 def by_parts(source: MeshSource, part: Ints, count: int) -> MeshSource:
-    """Its cells part by part, given the ``part`` (cells,) of each out of ``count``; nodes and facets follow suit.
+    """A whole mesh ordered by the ``part`` (cells,) of its cells, of ``count`` parts.
 
-    A node stands with the first part that has it, a facet with the first that has all of its nodes or a later one.
+    A node belongs to the first part that has it, a facet to the last of the parts of its nodes.
     """
     cells = np.argsort(part, kind="stable")
     first = np.full(len(source.points), count, dtype=np.int64)
@@ -42,7 +44,7 @@ def by_parts(source: MeshSource, part: Ints, count: int) -> MeshSource:
 
 
 def by_tags(source: MeshSource) -> MeshSource:
-    """A whole mesh without parts, its nodes and cells in the order of their tags, and facets in that of their nodes."""
+    """A whole mesh without parts, its nodes and cells sorted by their tags, and facets by their nodes."""
     ordered = _ordered(
         source, np.argsort(source.node_tags), np.argsort(source.cell_tags), np.arange(len(source.facets))
     )
@@ -53,7 +55,7 @@ def by_tags(source: MeshSource) -> MeshSource:
 
 
 def _ordered(source: MeshSource, nodes: Ints, cells: Ints, facets: Ints) -> MeshSource:
-    """The mesh with these of its nodes, cells and facets first, second, …"""
+    """The mesh with its nodes, cells and facets reordered by the given permutations."""
     new = np.empty_like(nodes)
     new[nodes] = np.arange(len(nodes))
     labels = {dim: source.labels(dim)[order] for dim, order in ((3, cells), (2, facets))}

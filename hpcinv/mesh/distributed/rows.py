@@ -1,4 +1,4 @@
-"""Arrays whose rows are spread over the ranks, in rank order: rows fetched from, and delivered to, where they are."""
+"""Arrays whose rows are distributed over the ranks, in rank order: access to rows of other ranks."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _CHUNK = 1 << 20
 
 @dataclass(frozen=True)
 class Rows:
-    """Which rows each rank has: those from ``offsets[rank]`` to ``offsets[rank + 1]``; all methods are collective."""
+    """Distribution of rows: a rank has those from ``offsets[rank]`` to ``offsets[rank + 1]``; collective."""
 
     comm: MPI.Intracomm
     offsets: Ints
 
     @classmethod
     def of(cls, comm: MPI.Intracomm, count: int) -> Rows:
-        """Rows of which this rank has ``count``."""
+        """Distribution in which this rank has ``count`` rows."""
         return cls(comm, np.concatenate([[0], np.cumsum(comm.allgather(count))]).astype(np.int64))
 
     @property
@@ -34,20 +34,20 @@ class Rows:
         return int(self.offsets[-1])
 
     def fetch[T: np.generic](self, values: npt.NDArray[T], wanted: npt.NDArray[np.integer]) -> npt.NDArray[T]:
-        """The rows ``wanted`` (w,), of any rank, of an array of which this rank has the rows ``values``."""
+        """The rows ``wanted`` (w,), of any ranks, of an array of which this rank has the rows ``values``."""
         route = _Route.to(self.comm, self.offsets, wanted)
-        return route.back(values[route.forth(np.asarray(wanted, dtype=np.int64)[:, None])[:, 0] - self.first])
+        return route.send_back(values[route.send(np.asarray(wanted, dtype=np.int64)[:, None])[:, 0] - self.first])
 
     def deliver(self, values: Floats, rows: npt.NDArray[np.integer]) -> Floats:
-        """This rank's rows of an array whose ``rows`` (w,) with these ``values`` may come from anywhere; else NaN."""
+        """Rows of this rank of an array whose ``rows`` (w,) have ``values`` (w, c), given by any rank; else NaN."""
         route = _Route.to(self.comm, self.offsets, rows)
-        mine = route.forth(np.asarray(rows, dtype=np.int64)[:, None])[:, 0] - self.first
+        mine = route.send(np.asarray(rows, dtype=np.int64)[:, None])[:, 0] - self.first
         result = np.full((int(self.offsets[self.comm.rank + 1]) - self.first, values.shape[1]), np.nan)
-        result[mine] = route.forth(values)
+        result[mine] = route.send(values)
         return result
 
     def checksum(self, values: npt.NDArray[np.generic]) -> str:
-        """16 hex digits for an array of which this rank has ``values``, the same whatever rows each rank has."""
+        """Checksum (16 hex digits) of an array of which this rank has ``values``, independent of the distribution."""
         width = int(np.prod(values.shape[1:]))
         numbers = np.ascontiguousarray(values).reshape(-1).view(np.uint64)
         total = np.zeros(1, dtype=np.uint64)
@@ -60,34 +60,34 @@ class Rows:
 
 
 def even_range(total: int, size: int, rank: int) -> tuple[int, int]:
-    """The rows of one of ``size`` ranks, where all have as many, to within one."""
+    """Range of the rows of one of ``size`` ranks, if all have equal numbers to within one."""
     return rank * total // size, (rank + 1) * total // size
 
 
 @dataclass(frozen=True)
 class _Route:
-    """Rows sorted by the rank that has them, how many go to each, and how many come."""
+    """Exchange of rows: their order by the rank that owns them, and the numbers sent to and received from each rank."""
 
     comm: MPI.Intracomm
     order: Ints
-    going: Ints
-    coming: Ints
+    sent: Ints
+    received: Ints
 
     @classmethod
     def to(cls, comm: MPI.Intracomm, offsets: Ints, rows: npt.NDArray[np.integer]) -> _Route:
-        owner = np.searchsorted(offsets, rows, side="right") - 1  # of equal offsets the last: ranks may have none
-        going = np.bincount(owner, minlength=comm.size).astype(np.int64)
-        coming = np.empty_like(going)
-        comm.Alltoall(going, coming)
-        return cls(comm, np.argsort(owner, kind="stable"), going, coming)
+        owner = np.searchsorted(offsets, rows, side="right") - 1  # side="right": ranks may have no rows
+        sent = np.bincount(owner, minlength=comm.size).astype(np.int64)
+        received = np.empty_like(sent)
+        comm.Alltoall(sent, received)
+        return cls(comm, np.argsort(owner, kind="stable"), sent, received)
 
-    def forth[T: np.generic](self, values: npt.NDArray[T]) -> npt.NDArray[T]:
-        """What the others send of the rows, as they come."""
-        return self._exchanged(values[self.order], self.going, self.coming)
+    def send[T: np.generic](self, values: npt.NDArray[T]) -> npt.NDArray[T]:
+        """Send a row of ``values`` (w, c) for each row; return those that this rank receives."""
+        return self._exchanged(values[self.order], self.sent, self.received)
 
-    def back[T: np.generic](self, answers: npt.NDArray[T]) -> npt.NDArray[T]:
-        """The answers to what came, in the order that was asked for."""
-        found = self._exchanged(answers, self.coming, self.going)
+    def send_back[T: np.generic](self, answers: npt.NDArray[T]) -> npt.NDArray[T]:
+        """Send a row of ``answers`` for each row received; return those to this rank's rows, in their order."""
+        found = self._exchanged(answers, self.received, self.sent)
         result = np.empty_like(found)
         result[self.order] = found
         return result
@@ -100,7 +100,7 @@ class _Route:
 
 
 def _mixed(numbers: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    """Each number scattered over 64 bits.
+    """Hash of each number to 64 bits.
 
     Source: Steele, Lea & Flood, "Fast splittable pseudorandom number generators" (2014), doi:10.1145/2660193.2660195.
     """

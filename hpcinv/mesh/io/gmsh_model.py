@@ -1,4 +1,4 @@
-"""The only module that talks to gmsh's models: sessions, reading the current model, laying a mesh into it, METIS."""
+"""Interface to gmsh models: sessions, extraction of the mesh, export to MSH, and METIS."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.cells import DEGREES, FACET_KIND, degree_of, node_order
 from hpcinv.mesh.io.gmsh_views import write_views
-from hpcinv.mesh.io.length_unit import state_in_model
+from hpcinv.mesh.io.length_unit import store_unit
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.parallel.signals import ended_by_signals, handlers_kept
 
@@ -29,7 +29,7 @@ GMSH_NAMES = {
 
 
 def _load() -> Any:
-    """Import gmsh, whose library is linked to X and OpenGL even where no window is ever opened."""
+    """Import gmsh, whose library needs X and OpenGL libraries even without a window."""
     try:
         return importlib.import_module("gmsh")
     except OSError as exc:
@@ -43,10 +43,12 @@ def _load() -> Any:
 
 @contextmanager
 def session(name: str) -> Iterator[Any]:
-    """gmsh with an empty current model; quiet, single-threaded and with fixed defaults: meshes are repeatable."""
+    """Context with gmsh and an empty model; quiet, with one thread and fixed defaults: meshes are repeatable."""
     gmsh = _load()
     if gmsh.isInitialized():
-        raise MeshError("gmsh is already in use by this process", "Call gmsh.finalize() before hpcinv builds a mesh.")
+        raise MeshError(
+            "gmsh is already initialized in this process", "Call gmsh.finalize() before hpcinv builds a mesh."
+        )
     with handlers_kept():  # gmsh resets SIGTERM
         gmsh.initialize(argv=[], readConfigFiles=False, run=False, interruptible=False)
     try:
@@ -56,13 +58,13 @@ def session(name: str) -> Iterator[Any]:
         with ended_by_signals():
             yield gmsh
     finally:
-        if gmsh.isInitialized():  # a generator may have ended it
+        if gmsh.isInitialized():  # a generator may have finalized it
             gmsh.finalize()
 
 
 @dataclass(frozen=True)
 class ElementType:
-    """gmsh's number of a kind of element, its node count, and permutations of its nodes to and from DOLFINx order."""
+    """gmsh's code of an element type, its number of nodes, and the permutations to and from DOLFINx order."""
 
     code: int
     size: int
@@ -71,7 +73,7 @@ class ElementType:
 
     @classmethod
     def of(cls, gmsh: Any, kind: str, degree: int) -> ElementType:
-        """Ask gmsh for its complete Lagrange element."""
+        """gmsh's complete Lagrange element of this degree."""
         code = gmsh.model.mesh.getElementType(GMSH_NAMES[kind], degree)
         _, dim, _, size, reference, _ = gmsh.model.mesh.getElementProperties(code)
         order = node_order(kind, degree, np.asarray(reference).reshape(-1, dim))
@@ -79,13 +81,13 @@ class ElementType:
 
 
 def extract(gmsh: Any, path: Path, degrees: tuple[int, ...] = DEGREES) -> MeshSource:
-    """The mesh of gmsh's current model: all its cells, and of its facets those in a physical group.
+    """Mesh of gmsh's current model: all cells, and the facets in physical groups.
 
     Args:
-        degrees: geometry degrees that are supported.
+        degrees: supported geometry degrees.
 
     Raises:
-        MeshError: where it is no solid of one supported kind of cell, or an entity is in several physical groups.
+        MeshError: there are no solid cells of one supported kind, or an entity is in several physical groups.
     """
     mesh = gmsh.model.mesh
     tags, coordinates, _ = mesh.getNodes()
@@ -109,19 +111,19 @@ def extract(gmsh: Any, path: Path, degrees: tuple[int, ...] = DEGREES) -> MeshSo
 
 
 def _is_on_cad(gmsh: Any) -> bool:
-    """Whether the model has CAD surfaces only, none that is but a mesh, and nodes are put on them."""
+    """Return whether all surfaces of the model are CAD surfaces and nodes of higher degree are put on them."""
     surfaces = gmsh.model.getEntities(2)
     straight = gmsh.option.getNumber("Mesh.SecondOrderLinear") != 0
     return bool(surfaces) and not straight and not any(gmsh.model.getType(*s).startswith("Discrete") for s in surfaces)
 
 
 def _solid(gmsh: Any, path: Path, degrees: tuple[int, ...]) -> tuple[str, int]:
-    """Kind and degree of the one type of solid element in the model."""
+    """Kind and degree of the solid elements of the model, which must be of one type."""
     found = [gmsh.model.mesh.getElementProperties(t) for t in gmsh.model.mesh.getElementTypes(3)]
     if not found:
         raise MeshError(
             f"{path}: no solid cells",
-            "Mesh the volume, not only its surface: tetrahedra or hexahedra are needed (gmsh: model.mesh.generate(3)).",
+            "Mesh the volume, not only its surface, with tetrahedra or hexahedra (gmsh: model.mesh.generate(3)).",
         )
     kinds = {gmsh_name: kind for kind, gmsh_name in GMSH_NAMES.items()}
     name, _, _, size, *_ = found[0]
@@ -129,13 +131,13 @@ def _solid(gmsh: Any, path: Path, degrees: tuple[int, ...]) -> tuple[str, int]:
     if len(found) > 1 or kind is None:
         raise MeshError(
             f"{path}: cells are {' and '.join(sorted(name for name, *_ in found))}",
-            "One kind is supported in a mesh: all tetrahedra or all hexahedra, all of one degree.",
+            "Use one kind of cell in a mesh: all tetrahedra or all hexahedra, all of one degree.",
         )
     return kind, degree_of(path, kind, size, degrees)
 
 
 def _elements(gmsh: Any, path: Path, dim: int, element: ElementType) -> tuple[Ints, Ints, list[Group]]:
-    """Tags, node tags and groups of the elements of one dimension, by tag: all cells, but only facets in a group."""
+    """Tags, node tags and groups of all cells (``dim`` 3) or of the facets in groups (2), sorted by tag."""
     label_of = _labels(gmsh, path, dim)
     tags, nodes, labels = [np.zeros(0, dtype=np.int64)], [np.zeros((0, element.size), dtype=np.int64)], []
     for _, entity in gmsh.model.getEntities(dim):
@@ -156,7 +158,7 @@ def _elements(gmsh: Any, path: Path, dim: int, element: ElementType) -> tuple[In
 
 
 def _labels(gmsh: Any, path: Path, dim: int) -> dict[int, int]:
-    """The physical group of each entity that is in one."""
+    """Tag of the physical group of each entity; raises ``MeshError`` if an entity is in several."""
     groups_of: dict[int, list[int]] = defaultdict(list)
     for _, group in gmsh.model.getPhysicalGroups(dim):
         for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, group):
@@ -166,13 +168,13 @@ def _labels(gmsh: Any, path: Path, dim: int) -> dict[int, int]:
         names = [" and ".join(f"'{_group_name(gmsh, dim, t)}'" for t in tags) for tags in several]
         raise MeshError(
             f"{path}: one {DIMENSION_NAMES[dim]} is in several physical groups: {'; '.join(names)}",
-            "Keep one group on it and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
+            "Keep one group for it and define the other as a geometric region (regions: {name: 'x < 1 mm'}).",
         )
     return {entity: tags[0] for entity, tags in groups_of.items()}
 
 
 def _group_name(gmsh: Any, dim: int, tag: int) -> str:
-    """Name of a physical group; one without a name is called after its dimension and number, as in ``surface-3``."""
+    """Name of a physical group, or its dimension and tag, such as ``surface-3``, if it has no name."""
     return gmsh.model.getPhysicalName(dim, tag) or f"{DIMENSION_NAMES[dim]}-{tag}"
 
 
@@ -182,16 +184,16 @@ def save_msh(path: Path, source: MeshSource, points: Floats) -> None:
     The points are in ``source.unit``.
     """
     with session(path.stem) as gmsh:
-        _lay(gmsh, source, points)
-        state_in_model(gmsh, source.unit or 1.0)
+        _add_mesh(gmsh, source, points)
+        store_unit(gmsh, source.unit or 1.0)
         for option, value in (("Binary", 1), ("MshFileVersion", 4.1), ("SaveAll", 1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(path))
         write_views(gmsh, path, source)
 
 
-def _lay(gmsh: Any, source: MeshSource, points: Floats) -> None:
-    """Lay the topology, tags and groups of ``source`` at ``points`` (n, 3) into gmsh's current model."""
+def _add_mesh(gmsh: Any, source: MeshSource, points: Floats) -> None:
+    """Add the topology, tags and groups of ``source`` at ``points`` (n, 3) to gmsh's current model."""
     model = gmsh.model
     facet_tags = source.cell_tags.max() + 1 + np.arange(len(source.facets))
     home = 0
@@ -208,7 +210,7 @@ def _lay(gmsh: Any, source: MeshSource, points: Floats) -> None:
             if not len(group.members):
                 continue
             entity = model.addDiscreteEntity(dim)
-            if not home:  # all nodes live on one entity; elements of the others refer to them by tag
+            if not home:  # all nodes belong to one entity; elements of other entities refer to them by tag
                 home = entity
                 model.mesh.addNodes(dim, home, source.node_tags, points.ravel())
             on = source.node_tags[nodes[group.members][:, element.back]]
@@ -218,18 +220,18 @@ def _lay(gmsh: Any, source: MeshSource, points: Floats) -> None:
 
 
 def metis(corners: Ints, kind: str, parts: int) -> Ints:
-    """Part of each cell (m,), 0 ≤ part < ``parts``, by METIS on the dual graph of cells given by their ``corners``."""
+    """Part (m,) of each cell, 0 ≤ part < ``parts``, by METIS on the dual graph of cells with these vertices (m, k)."""
     if parts == 1:
         return np.zeros(len(corners), dtype=np.int64)
     with session("partition") as gmsh:
         for what in ("Topology", "GhostCells", "Physicals"):
             gmsh.option.setNumber(f"Mesh.PartitionCreate{what}", 0)
-        gmsh.option.setNumber("Mesh.MetisAlgorithm", 1)  # recursive bisection: parts equal to within a cell or so
+        gmsh.option.setNumber("Mesh.MetisAlgorithm", 1)  # recursive bisection: sizes differ by about one cell
         mesh = gmsh.model.mesh
         nodes = int(corners.max()) + 1
         element = ElementType.of(gmsh, kind, 1)
         entity = gmsh.model.addDiscreteEntity(3)
-        mesh.addNodes(3, entity, np.arange(1, nodes + 1), np.zeros(3 * nodes))  # METIS asks for no coordinates
+        mesh.addNodes(3, entity, np.arange(1, nodes + 1), np.zeros(3 * nodes))  # METIS needs no coordinates
         mesh.addElementsByType(
             entity, element.code, np.arange(1, len(corners) + 1), corners[:, element.back].ravel() + 1
         )

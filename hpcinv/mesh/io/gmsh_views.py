@@ -1,4 +1,4 @@
-"""Data arrays of MSH files, $NodeData and $ElementData, which gmsh reads and writes as views."""
+"""Data arrays of MSH files ($NodeData and $ElementData), which gmsh reads and writes as views."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ PLACES: dict[str, Place] = {"NodeData": "nodes", "ElementData": "cells"}
 
 
 def read_views(gmsh: Any, source: MeshSource) -> dict[str, DataArray]:
-    """The views of gmsh's session on nodes or cells of ``source``, at their last time step.
+    """Values of gmsh's views at the nodes or in the cells of ``source``, at their last time step.
 
-    NaN stands where a view has no value; views on surfaces alone are left out.
+    Missing values are NaN; views on surfaces only are ignored.
     """
     return data_arrays(_matched(gmsh, source))
 
@@ -38,7 +38,7 @@ def _matched(gmsh: Any, source: MeshSource) -> Iterator[tuple[str, Place, Floats
 
 
 def write_views(gmsh: Any, path: Path, source: MeshSource) -> None:
-    """Append the data of ``source``, which is gmsh's current model, to the MSH file at ``path``."""
+    """Append the data of ``source``, whose mesh is gmsh's current model, to the MSH file at ``path``."""
     gmsh.option.setNumber("PostProcessing.SaveMesh", 0)
     tags = {"nodes": source.node_tags, "cells": source.cell_tags}
     kinds = {on: kind for kind, on in PLACES.items()}

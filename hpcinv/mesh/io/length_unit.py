@@ -1,7 +1,7 @@
-"""The length unit that a mesh file says its coordinates are in, where its format has a place for that.
+"""Length unit of the coordinates that a mesh file states, in formats that can store it.
 
-MSH files have it in a section ``$Comments``, which gmsh passes on; VTU files in a field array; partitioned meshes in
-their header, which is about the file that they were made of, since their own coordinates are in metres.
+MSH files state it in a section ``$Comments``, VTU files in a field array, and partitioned meshes in their header: there
+it is the unit of the original file, since partitioned meshes themselves are in metres.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ _SECTION = "Comments"
 _FOUND = re.compile(r"hpcinv: coordinates in units of (\S{1,30}) m")
 
 
-def state_in_model(gmsh: Any, unit: float) -> None:
-    """Let gmsh state the unit (m) in the MSH file of its current model."""
+def store_unit(gmsh: Any, unit: float) -> None:
+    """Add the unit (m) to gmsh's current model, which writes it to an MSH file."""
     gmsh.model.setAttribute(_SECTION, [f"hpcinv: coordinates in units of {unit!r} m"])
 
 
-def stated_in_model(gmsh: Any) -> float | None:
-    """The unit (m) that the MSH file of gmsh's current model states, ``None`` if it states none."""
+def stored_unit(gmsh: Any) -> float | None:
+    """The unit (m) that the MSH file of gmsh's current model states, or ``None``."""
     if _SECTION not in gmsh.model.getAttributeNames():
         return None
     found = filter(None, map(_FOUND.fullmatch, map(str.strip, gmsh.model.getAttribute(_SECTION))))
@@ -33,7 +33,7 @@ def stated_in_model(gmsh: Any) -> float | None:
 
 
 def as_unit(value: str | float) -> float | None:
-    """A unit (m) as a file has it, ``None`` if it cannot be one."""
+    """A unit (m) as stated by a file, ``None`` if it is not a valid one."""
     try:
         unit = float(value)
     except (TypeError, ValueError):
@@ -44,10 +44,12 @@ def as_unit(value: str | float) -> float | None:
 def check_unit(path: Path, stated: float | None, unit: float) -> None:
     """Raise ``MeshError`` if a file states another unit (m) than the job does."""
     if stated is not None and not math.isclose(stated, unit, rel_tol=1e-12):
-        said, given = length_symbol(stated), length_symbol(unit)
+        in_file, given = length_symbol(stated), length_symbol(unit)
         default = ", which is the default" if unit == 1.0 else ""
         raise MeshError(
-            f"{path}: its coordinates are in {said}, as it says itself, but the unit given for it is {given}{default}",
-            f"Write 'unit: {said}' beside the file's name (mesh.unit, expected_shape.unit, or --unit). If its"
-            " coordinates were scaled since, remove that: in .msh the section $Comments, in .vtu the field array.",
+            f"{path}: the file states that its coordinates are in {in_file}, but the unit given for it is {given}"
+            f"{default}",
+            f"Write 'unit: {in_file}' next to the file's name (mesh.unit, expected_shape.unit, or --unit). If the"
+            " coordinates were scaled since, remove the statement: in .msh the section $Comments, in .vtu the field"
+            " array.",
         )

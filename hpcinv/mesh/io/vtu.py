@@ -1,4 +1,4 @@
-"""VTU files of VTK: the body's cells, its named facets as surface cells, an integer array for each region, and data."""
+"""VTU files: cells, facets of groups as surface cells, an integer array for each region, and data arrays."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
-from hpcinv.mesh.io.apart import run_apart
+from hpcinv.mesh.io.isolated import run_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays
 
-# Of degree 1, of degree 2, of any degree; the last two are ordered alike.
+# Of degree 1, of degree 2, of any degree; the last two have the same node order.
 VTK_TYPES = {
     "triangle": ("TRIANGLE", "QUADRATIC_TRIANGLE", "LAGRANGE_TRIANGLE"),
     "quadrilateral": ("QUAD", "BIQUADRATIC_QUAD", "LAGRANGE_QUADRILATERAL"),
     "tetrahedron": ("TETRA", "QUADRATIC_TETRA", "LAGRANGE_TETRAHEDRON"),
     "hexahedron": ("HEXAHEDRON", "TRIQUADRATIC_HEXAHEDRON", "LAGRANGE_HEXAHEDRON"),
 }
-REGION = "region:"  # cell arrays "region:NAME" hold the region's tag on its cells and 0 elsewhere
+REGION = "region:"  # cell arrays "region:NAME" have the tag of the region on its cells and 0 elsewhere
 NODE_TAG, CELL_TAG = "node_tag", "cell_tag"
-OF_VTK = "vtk"  # names that begin so, as vtkGhostType, have a meaning of VTK's own
+OF_VTK = "vtk"  # prefix of names reserved by VTK, such as vtkGhostType
 
 
 def read_vtu(path: Path) -> MeshSource:
-    """Read an unstructured grid; cell arrays called ``region:NAME`` are its physical groups where they are not 0.
+    """Read an unstructured grid; the cells where an array ``region:NAME`` is not 0 are a physical group.
 
-    Other arrays are data. VTK reads it in a process of its own, which a damaged file may end.
+    Other arrays are data. VTK reads the file in a separate process, which may crash on a damaged file.
 
     Raises:
-        MeshError: it cannot be read, or is no mesh.
+        MeshError: the file cannot be read, or is not a mesh.
     """
     names, arrays = _read(path)
     if "types" not in arrays:
-        raise MeshError(f"{path}: no unstructured grid with cells in it", "Save the mesh as VTU (unstructured grid).")
+        raise MeshError(f"{path}: has no unstructured grid with cells", "Save the mesh as VTU (unstructured grid).")
     types, points = arrays["types"], np.asarray(arrays["points"], dtype=np.float64)
     kind = _solid_kind(path, sorted(names.values()))
     rows = {
@@ -54,7 +54,7 @@ def read_vtu(path: Path) -> MeshSource:
         _connectivity(path, arrays, FACET_KIND[kind], rows[2]) if len(rows[2]) else no_cells(FACET_KIND[kind], degree)
     )
     if degree_of(path, FACET_KIND[kind], facets.shape[1]) != degree:
-        raise MeshError(f"{path}: surface cells are not of the degree of the solid cells", "Save both of one degree.")
+        raise MeshError(f"{path}: surface cells and solid cells are of different degree", "Save both with one degree.")
 
     groups = []
     for name in arrays:
@@ -74,14 +74,14 @@ def read_vtu(path: Path) -> MeshSource:
 
 
 def _read(path: Path) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
-    """Names of the cell types in a file, and its arrays: ``points``, …, ``nodes:NAME`` and ``cells:NAME`` for data."""
+    """Names of the cell types in a file, and its arrays: ``points``, …, and data ``nodes:NAME`` or ``cells:NAME``."""
     wanted = [name for kinds in VTK_TYPES.values() for name in kinds]
-    with path.open("rb"):  # what cannot be opened is told as any other file
-        done = run_apart("vtu", path, *wanted)
+    with path.open("rb"):  # raises OSError if the file cannot be opened
+        done = run_isolated("vtu", path, *wanted)
     complaints = [match[1] for match in _COMPLAINT.finditer(done.stderr.decode(errors="replace"))]
     if done.returncode or complaints:
-        reason = complaints[0] if complaints else f"it ended ({_ending(done.returncode)}) while it did"
-        raise MeshError(f"{path}: VTK cannot read it: {reason}", "Is it a whole .vtu file?")
+        reason = complaints[0] if complaints else f"it crashed ({_ending(done.returncode)})"
+        raise MeshError(f"{path}: VTK cannot read it: {reason}", "Is it a complete .vtu file?")
     head, _, content = done.stdout.partition(b"\n")
     listed = json.loads(head)
     arrays, start = {}, 0
@@ -101,23 +101,23 @@ def _ending(code: int) -> str:
 
 
 def _tags(path: Path, name: str, values: npt.NDArray[Any] | None, count: int) -> Ints:
-    """Tags of nodes or cells, 1, 2, … where the file has none."""
+    """Tags of nodes or cells; 1, 2, … if the file has none."""
     return np.arange(1, count + 1) if values is None else _whole_numbers(path, name, values, count)
 
 
 def _whole_numbers(path: Path, name: str, values: npt.NDArray[Any], count: int) -> Ints:
-    """An array with one whole number for each entity."""
+    """Array with one integer for each entity, as integers."""
     if values.shape != (count,) or values.dtype.kind not in "iuf":
         raise MeshError(f"{path}: the array '{name}' is not one number for each entity", "Correct or remove it.")
     with np.errstate(invalid="ignore"):
         whole = values.astype(np.int64)
     if not (whole == values).all():
-        raise MeshError(f"{path}: the array '{name}' holds what is no whole number", "Correct or remove it.")
+        raise MeshError(f"{path}: the array '{name}' has values that are not integers", "Correct or remove it.")
     return np.asarray(whole)
 
 
 def _data(arrays: Mapping[str, npt.NDArray[Any]], solids: Ints) -> Iterator[tuple[str, Place, npt.NDArray[np.generic]]]:
-    """The arrays that are not of this program's or of VTK's own, those of cells on the ``solids`` alone."""
+    """Data arrays: those without a special meaning here or for VTK; rows of cells for the ``solids`` only."""
     for key, values in arrays.items():
         on, _, name = key.partition(":")
         if on == "nodes" and name != NODE_TAG and not name.startswith(OF_VTK):
@@ -127,39 +127,41 @@ def _data(arrays: Mapping[str, npt.NDArray[Any]], solids: Ints) -> Iterator[tupl
 
 
 def _unit(arrays: Mapping[str, npt.NDArray[Any]]) -> float | None:
-    """The length unit (m) that the file states."""
+    """Length unit (m) that the file states, or ``None``."""
     stated = arrays.get(f"field:{FIELD}", np.zeros(0))
     return as_unit(float(stated[0])) if stated.shape == (1,) else None
 
 
 def _solid_kind(path: Path, names: list[str]) -> str:
-    """The one kind of solid cell among the VTK cell types of a file."""
+    """Kind of the solid cells among the VTK cell types of a file; raises ``MeshError`` if there is not exactly one."""
     solid = {k for k in FACET_KIND for n in names if n in VTK_TYPES[k]}
     flat = {n for k in FACET_KIND.values() for n in VTK_TYPES[k]} | {"VERTEX", "LINE", "QUADRATIC_EDGE", "POLY_LINE"}
     other = [n for n in names if n not in flat and not any(n in VTK_TYPES[k] for k in FACET_KIND)]
     if len(solid) == 1 and not other:
         return solid.pop()
     if not solid and not other:
-        raise MeshError(f"{path}: no solid cells", "A body of tetrahedra or hexahedra is needed, not only its surface.")
+        raise MeshError(
+            f"{path}: no solid cells", "Save the tetrahedra or hexahedra of the body, not only its surface."
+        )
     raise MeshError(
         f"{path}: cells are {' and '.join(n for n in names if n not in flat)}",
-        "One kind is supported in a mesh: all tetrahedra or all hexahedra, of 4 or 10, or of 8 or 27 nodes.",
+        "Use one kind of cell in a mesh: all tetrahedra (4 or 10 nodes) or all hexahedra (8 or 27 nodes).",
     )
 
 
 def _connectivity(path: Path, arrays: Mapping[str, npt.NDArray[Any]], kind: str, rows: Ints) -> Ints:
-    """Nodes of the cells ``rows``, in DOLFINx order."""
+    """Nodes of the cells ``rows`` in DOLFINx order."""
     start = arrays["offsets"].astype(np.int64)
     sizes = np.unique(start[rows + 1] - start[rows])
     if len(sizes) > 1:
-        raise MeshError(f"{path}: {kind}s of {' and '.join(map(str, sizes))} nodes", "Save them all of one degree.")
+        raise MeshError(f"{path}: {kind}s of {' and '.join(map(str, sizes))} nodes", "Save them all with one degree.")
     size = int(sizes[0])
     nodes: Ints = arrays["connectivity"].astype(np.int64)[start[rows][:, None] + np.arange(size)]
     return nodes[:, vtk_order(kind, degree_of(path, kind, size))]
 
 
 def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
-    """Keep of the facets only those in a group."""
+    """Facets that are in a group, and the groups with indices of these."""
     named = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.members for g in groups if g.dim == 2)]))
     kept = [g if g.dim == 3 else Group(g.name, 2, g.tag, np.searchsorted(named, g.members)) for g in groups]
     return facets[named], tuple(kept)
@@ -167,7 +169,7 @@ def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
 
 def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
     """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) in ``source.unit``; not collective."""
-    # VTK itself: pyvista takes a second to load, as long as a small job takes to solve.
+    # VTK itself: pyvista takes a second to import, as long as a small job takes to solve.
     from vtkmodules import vtkCommonDataModel
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkCommonCore import vtkPoints
@@ -203,7 +205,7 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
     grid.SetPoints(positions)
     grid.SetCells(support.numpy_to_vtk(np.concatenate(types), deep=True), cells)
 
-    for name, data in source.data.items():  # first: an array of the same name takes the place of another
+    for name, data in source.data.items():  # before the arrays below, which replace data arrays of the same name
         if data.on == "nodes":
             grid.GetPointData().AddArray(array(name, data.values))
         else:

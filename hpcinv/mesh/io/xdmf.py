@@ -1,4 +1,4 @@
-"""XDMF meshes as DOLFINx writes them: one grid of cells, a grid for each set of mesh tags, and functions as data."""
+"""XDMF meshes as written by DOLFINx: a grid of cells, a grid for each set of mesh tags, and functions as data."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place, data_a
 from hpcinv.mesh.topology import find_rows
 
 KIND_OF = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "qua": "quadrilateral"}
-MOST_COMPRESSED = 1100  # times that compression makes zeros smaller, zlib's limit being 1032
+MOST_COMPRESSED = 1100  # largest ratio of compression; that of zlib is 1032
 PLACES: dict[str, Place] = {"Node": "nodes", "Cell": "cells"}
 
 
 def read_xdmf(path: Path) -> MeshSource:
-    """Read the first mesh of the file; tags called NAME with a value V become the physical group ``NAME-V``.
+    """Read the first mesh of the file; tags NAME with a value V become the physical group ``NAME-V``.
 
-    Tags are the first attribute on the cells of a grid, and in that of the mesh the first one of integers. The other
+    Tags are the first attribute on the cells of a grid; in the grid of the mesh, the first attribute of integers. Other
     attributes of the mesh, and functions on it, are data; functions of time at their last time.
     """
     try:
         root = ET.parse(path).getroot()
         grids = [g for g in root.findall("Domain/Grid") if g.find("Topology") is not None]
-    except (ET.ParseError, ValueError, LookupError) as exc:  # the last two: an encoding that is none
-        raise MeshError(f"{path}: no XML: {exc}", "Is it a whole .xdmf file?") from exc
+    except (ET.ParseError, ValueError, LookupError) as exc:  # ValueError, LookupError: an unknown encoding
+        raise MeshError(f"{path}: is not valid XML: {exc}", "Is it a complete .xdmf file?") from exc
     mesh = next((g for g in grids if g.find("Geometry/DataItem") is not None), None)
     if mesh is None:
-        raise MeshError(f"{path}: no grid with a topology and a geometry", "Write one with dolfinx.io.XDMFFile.")
+        raise MeshError(f"{path}: has no grid with a topology and a geometry", "Write one with dolfinx.io.XDMFFile.")
     kind, cells = _topology(path, mesh)
     if kind not in FACET_KIND:
-        raise MeshError(f"{path}: cells are {kind}s", "A body of tetrahedra or hexahedra is needed.")
+        raise MeshError(f"{path}: cells are {kind}s", "Use a mesh of tetrahedra or hexahedra.")
     points = _data(path, mesh.find("Geometry/DataItem")).astype(np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise MeshError(f"{path}: the coordinates are not three to a node", "A body in three dimensions is needed.")
+        raise MeshError(f"{path}: nodes do not have three coordinates", "Use a mesh in three dimensions.")
 
     degree = degree_of(path, kind, cells.shape[1])
     facets = [no_cells(FACET_KIND[kind], degree)]
@@ -64,13 +64,18 @@ def read_xdmf(path: Path) -> MeshSource:
             facets.append(entities)
         tags = _data(path, values).ravel()
         if not np.isfinite(tags.astype(np.float64)).all() or np.abs(tags.astype(np.float64)).max(initial=0.0) > 2.0**53:
-            raise MeshError(f"{path}: '{grid.get('Name', 'tags')}' has tags that are no numbers", "Correct the tags.")
+            raise MeshError(
+                f"{path}: '{grid.get('Name', 'tags')}' has tags that are not finite numbers below 2^53",
+                "Correct the tags.",
+            )
         if len(tags) != len(entities):
             name = grid.get("Name", "tags")
-            raise MeshError(f"{path}: '{name}' has {len(tags)} tags of {len(entities)} entities", "Is the file whole?")
+            raise MeshError(
+                f"{path}: '{name}' has {len(tags)} tags for {len(entities)} entities", "Is the file complete?"
+            )
         if on == kind and (rows < 0).any():
             name = grid.get("Name", "tags")
-            raise MeshError(f"{path}: '{name}' has cells that the mesh has not", "Write the tags with this mesh.")
+            raise MeshError(f"{path}: '{name}' has cells that are not in the mesh", "Write the tags with this mesh.")
         for value in np.unique(tags):
             name = f"{grid.get('Name', 'tags')}-{int(value)}"
             groups.append(Group(name, 3 if on == kind else 2, len(groups) + 1, rows[tags == value]))
@@ -97,7 +102,7 @@ def _is_tags(path: Path, attribute: ET.Element, cells: int) -> bool:
 
 
 def _arrays(path: Path, attributes: list[ET.Element], sizes: Mapping[Place, int]) -> dict[str, DataArray]:
-    """The attributes that have a row for each node or cell."""
+    """Attributes with a row for each node or cell."""
     found = {
         (a.get("Name", ""), PLACES[center]): a.find("DataItem")
         for a in attributes
@@ -108,16 +113,18 @@ def _arrays(path: Path, attributes: list[ET.Element], sizes: Mapping[Place, int]
 
 
 def _topology(path: Path, grid: ET.Element) -> tuple[str, Ints]:
-    """Kind of the grid's cells, and their nodes in DOLFINx order."""
+    """Kind of the cells of a grid, and their nodes in DOLFINx order."""
     topology = grid.find("Topology")
     assert topology is not None
     name = topology.get("TopologyType") or topology.get("Type") or ""
     kind = KIND_OF.get(name[:3].lower())
     if kind is None:
-        raise MeshError(f"{path}: cells are '{name}'", "One kind is supported in a mesh: tetrahedra or hexahedra.")
+        raise MeshError(f"{path}: cells are '{name}'", "Use one kind of cell in a mesh: tetrahedra or hexahedra.")
     nodes = _data(path, topology.find("DataItem"))
     if nodes.ndim != 2 or nodes.dtype.kind not in "iu":
-        raise MeshError(f"{path}: the topology is no table of nodes, a row for each cell", "Write the mesh anew.")
+        raise MeshError(
+            f"{path}: the topology is not an integer table with a row for each cell", "Write the mesh again."
+        )
     rows = nodes.astype(np.int64)
     return kind, rows[:, vtk_order(kind, degree_of(path, kind, rows.shape[1]))]
 
@@ -132,27 +139,29 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
         raise MeshError(f"{path}: data in the format '{form}'", "HDF and XML are supported.")
     match = re.fullmatch(r"(.+?):(/.+)", text)
     if match is None:
-        raise MeshError(f"{path}: '{text[:80]}' is no FILE:/DATASET", "Write the mesh anew.")
+        raise MeshError(f"{path}: '{text[:80]}' is not of the form FILE:/DATASET", "Write the mesh again.")
     file_of, dataset = path.parent / match[1], match[2]
     if not is_file(file_of):
-        raise MeshError(f"{path}: there is no file '{file_of}'", "Keep the .h5 file beside the .xdmf file.")
+        raise MeshError(f"{path}: there is no file '{file_of}'", "Keep the .h5 file next to the .xdmf file.")
     try:
-        import h5py  # where it is needed, so that not all ranks of all runs read it
+        import h5py  # here, since few runs need it
 
         with h5py.File(file_of) as file:
             found = file[dataset]
             if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf":
-                raise MeshError(f"{path}: {text[:80]} is no array of numbers", "Write the mesh anew.")
+                raise MeshError(f"{path}: {text[:80]} is not an array of numbers", "Write the mesh again.")
             if found.size * found.dtype.itemsize > MOST_COMPRESSED * file_of.stat().st_size:
-                raise MeshError(f"{path}: {text[:80]} has a shape that the file cannot hold", "Write the mesh anew.")
+                raise MeshError(
+                    f"{path}: {text[:80]} has a shape that is too large for the file", "Write the mesh again."
+                )
             return np.asarray(found)
     except (OSError, KeyError, RuntimeError, ValueError, TypeError) as exc:
         reason = str(exc).partition(", flags =")[0]
-        raise MeshError(f"{path}: {text[:80]} cannot be read: {reason}", "Is the .h5 file whole?") from exc
+        raise MeshError(f"{path}: {text[:80]} cannot be read: {reason}", "Is the .h5 file complete?") from exc
 
 
 def _inline(path: Path, item: ET.Element, text: str) -> npt.NDArray[np.generic]:
-    """The numbers in the text of a data item."""
+    """Numbers in the text of a data item."""
     dimensions = item.get("Dimensions", "")
     declared = item.get("NumberType", item.get("DataType", "Float"))
     kind = np.dtype(np.int64 if declared in ("Int", "UInt") else np.float64)
@@ -161,10 +170,10 @@ def _inline(path: Path, item: ET.Element, text: str) -> npt.NDArray[np.generic]:
         shape = tuple(int(n) for n in dimensions.split())
         if min(shape, default=0) < 0 or math.prod(shape) != len(numbers):
             text = f"has {len(numbers)} numbers, but its Dimensions are '{dimensions[:40]}'"
-            raise MeshError(f"{path}: a DataItem {text}", "Is the file whole?")
+            raise MeshError(f"{path}: a DataItem {text}", "Is the file complete?")
         return np.array(numbers, dtype=kind).reshape(shape)
     except (ValueError, OverflowError) as exc:
-        what = "whole numbers" if kind.kind == "i" else "numbers"
+        what = "integers" if kind.kind == "i" else "numbers"
         raise MeshError(
-            f"{path}: a DataItem does not hold {what} only: {str(exc)[:100]}", "Is the file whole?"
+            f"{path}: a DataItem has values that are not {what}: {str(exc)[:100]}", "Is the file complete?"
         ) from exc

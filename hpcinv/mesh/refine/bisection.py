@@ -1,4 +1,4 @@
-"""Tetrahedra and triangles bisected at their longest edges, in such a way that neighbours still fit; numpy alone.
+"""Conforming longest-edge bisection of tetrahedra and triangles.
 
 Source: Plaza & Carey, *Local refinement of simplicial grids based on the skeleton*, Appl. Numer. Math. 32 (2000),
 doi:10.1016/S0168-9274(99)00022-7.
@@ -22,17 +22,17 @@ SIMPLICES = {3: "triangle", 4: "tetrahedron"}  # by the number of vertices
 
 @cache
 def _edges_of_faces() -> list[list[int]]:
-    """The local edges of each face of a tetrahedron."""
+    """Local edges of each face of a tetrahedron."""
     edges, faces = (sub_entities("tetrahedron", dim).tolist() for dim in (1, 2))
     return [[i for i, edge in enumerate(edges) if set(edge) <= set(face)] for face in faces]
 
 
 @dataclass(frozen=True)
 class CutEdges:
-    """The edges of a mesh that are bisected: sorted ``vertices`` (e, 2), the ``middle`` node of each, and its ``rank``.
+    """Edges that are bisected: sorted ``vertices`` (e, 2), ``middle`` node (e,) and ``rank`` (e,) by length.
 
-    The longer an edge, the higher its rank; no two have the same. A longer edge is cut before a shorter one, in every
-    cell that has both: that is why the pieces of neighbours fit.
+    Longer edges have higher ranks, and no two edges have the same rank. Every cell cuts its longer edges first, so that
+    the pieces of neighbours conform.
     """
 
     vertices: Ints
@@ -41,10 +41,13 @@ class CutEdges:
 
 
 def edges_to_cut(points: Floats, cells: Ints, middles: Ints, marked: npt.NDArray[np.bool_]) -> CutEdges:
-    """All edges of the ``marked`` tetrahedra, and those that have to be cut with them.
+    """All edges of the ``marked`` (c,) tetrahedra, and further edges that must be cut for conformity.
 
-    Where an edge is cut, so is the longest one of every face and of every tetrahedron that has it. ``cells`` (c, 4) are
-    the vertices, and ``middles`` (c, 6) the nodes in the middle of their edges.
+    If an edge is cut, so is the longest edge of every face and every tetrahedron that contains it.
+
+    Args:
+        cells: vertices (c, 4).
+        middles: nodes (c, 6) in the middle of the edges of ``cells``.
     """
     vertices, of_cell = unique_rows(vertex_sets(cells, sub_entities("tetrahedron", 1)))
     of_cell = of_cell.reshape(-1, 6)
@@ -53,7 +56,7 @@ def edges_to_cut(points: Floats, cells: Ints, middles: Ints, marked: npt.NDArray
     lengths = np.linalg.norm(points[vertices[:, 1]] - points[vertices[:, 0]], axis=1)
     rank = np.empty(len(vertices), dtype=np.int64)
     rank[np.argsort(lengths, kind="stable")] = np.arange(len(vertices))
-    # Faces and cells alike are sets of edges.
+    # Each row is the edges of a cell or of a face.
     sets = [of_cell, *(of_cell[:, edges] for edges in _edges_of_faces())]
     longest = [np.take_along_axis(s, rank[s].argmax(axis=1)[:, None], axis=1)[:, 0] for s in sets]
     cut = np.zeros(len(vertices), dtype=bool)
@@ -66,7 +69,7 @@ def edges_to_cut(points: Floats, cells: Ints, middles: Ints, marked: npt.NDArray
 
 
 def bisected(simplices: Ints, edges: CutEdges) -> Pieces:
-    """Simplices (s, k) cut at those ``edges``, the longest first; pieces of one simplex follow each other."""
+    """Pieces of simplices (s, k) cut at ``edges``, the longest first; ordered by simplex."""
     kind = SIMPLICES[simplices.shape[1]]
     at: Floats = scalar_element(kind, 1).points
     pieces = Pieces(simplices, np.arange(len(simplices)), np.broadcast_to(at, (len(simplices), *at.shape)))
@@ -87,7 +90,7 @@ def bisected(simplices: Ints, edges: CutEdges) -> Pieces:
 
 
 def _halves(pieces: Pieces, ends: Ints, middle: Ints) -> Pieces:
-    """Two of each: one end (local vertices (s, 2)) of an edge or the other gives way to its middle."""
+    """Two halves of each piece: one or the other end (local vertices (s, 2)) of an edge is replaced by its middle."""
     rows = np.arange(len(pieces.of))
     vertices, at = [], []
     half = (pieces.at[rows, ends[:, 0]] + pieces.at[rows, ends[:, 1]]) / 2

@@ -1,4 +1,4 @@
-"""Geometry of degree 1 made degree 2, with straight edges, and the other way round."""
+"""Conversion of the geometry of a mesh between degree 1 and degree 2 with straight edges."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from hpcinv.mesh.topology import find_rows, unique_rows, vertex_sets
 
 
 def of_degree(source: MeshSource, degree: int) -> MeshSource:
-    """The same mesh with a geometry of another degree; nodes that stay keep their tags, new ones come after them."""
+    """The same mesh with a geometry of another degree; remaining nodes keep their tags, new ones follow."""
     if degree == source.degree:
         return source
     return raised(source) if degree == 2 else lowered(source)
 
 
 def lowered(source: MeshSource) -> MeshSource:
-    """Vertices alone."""
+    """The mesh with its vertices only, of degree 1."""
     vertices, of_facet = vertex_count(source.kind), vertex_count(FACET_KIND[source.kind])
     flat = dataclasses.replace(source, degree=1, cells=source.cells[:, :vertices], facets=source.facets[:, :of_facet])
     return flat.without_unused_nodes()
 
 
 def raised(source: MeshSource) -> MeshSource:
-    """A node more at the middle of every edge, and of every quadrilateral and hexahedron.
+    """The mesh with additional nodes in the middle of every edge, quadrilateral and hexahedron, of degree 2.
 
-    Data arrays of nodes have the mean of its vertices there.
+    Nodal data arrays have the mean of the vertices there.
     """
     between: list[Ints] = []
     cells = with_room(source.kind, source.cells)
@@ -44,7 +44,7 @@ def raised(source: MeshSource) -> MeshSource:
         if dim < 3 and len(source.facets):
             on_facet = inner_dofs(facet_kind, dim)
             found = find_rows(vertex_sets(source.facets, sub_entities(facet_kind, dim)), sets)
-            # An edge of no cell: the facet is none of the mesh, and the check of facets will say so.
+            # -1 for an edge of no cell: the check of facets reports it.
             facets[:, on_facet] = np.where(found < 0, -1, count + found).reshape(-1, len(on_facet))
         between.append(sets)
         count += len(sets)
@@ -66,12 +66,12 @@ def raised(source: MeshSource) -> MeshSource:
 
 
 def inner_dofs(kind: str, dim: int) -> Ints:
-    """Local numbers of the nodes that degree 2 puts inside the sub-entities of dimension ``dim``, one each or none."""
+    """Local nodes of degree 2 in the interior of the sub-entities of dimension ``dim``: one for each, or none."""
     return np.array(scalar_element(kind, 2).entity_dofs[dim], dtype=np.int64).ravel()
 
 
 def with_room(kind: str, entities: Ints) -> Ints:
-    """The same vertices, and room for the nodes to come."""
+    """Node array of degree 2 with the vertices of ``entities``, -1 for the other nodes."""
     wide = np.full((len(entities), scalar_element(kind, 2).dim), -1, dtype=np.int64)
     wide[:, : entities.shape[1]] = entities
     return wide

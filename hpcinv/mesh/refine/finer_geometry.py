@@ -1,7 +1,7 @@
-"""The geometry of a body beyond that of its mesh: the same cells with a geometry of a higher degree.
+"""True geometry of a body: the same cells with a geometry of higher degree.
 
-A generator has the body's CAD and can put the nodes of a higher degree on it; a mesh file of degree 2 that a job reads
-as degree 1 has them too. Of any other mesh nothing more is known than its cells.
+It is known for generators, which put the nodes of a higher degree on the CAD surfaces, and for mesh files of degree 2
+that a job reads as degree 1.
 """
 
 from __future__ import annotations
@@ -11,9 +11,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import basix
 import basix.cell
 import numpy as np
@@ -28,9 +25,11 @@ if TYPE_CHECKING:
     from hpcinv.mesh.regions import Mesh
     from hpcinv.mesh.source import Floats, Ints, MeshSource
 
-SAME = 1e-6  # distance of nodes, relative to the size of their cell, that is only the generator's rounding
+SAME = (
+    1e-6  # distance of nodes, relative to the cell size, up to which they count as the same (rounding of the generator)
+)
 NO_CAD = "the mesh file has no more of the body's shape than its cells"
-EDGE = 0.0025  # share of the second direction of normals from which they meet in an edge: 0.1 between them
+EDGE = 0.0025  # smallest ratio of eigenvalues of the sum of n⊗n at an edge: about 0.1 rad between normals
 OTHER_CELLS = "its generator or file gives other cells"
 
 
@@ -39,8 +38,8 @@ class FinerGeometry:
     """The same cells with a geometry of a higher degree.
 
     Attributes:
-        unknown: why there is none that is known; empty where it is.
-        source: the cells; ``None`` where the geometry of the mesh is the same, or nothing is known.
+        unknown: reason why the true geometry is unknown; empty if it is known.
+        source: the cells; ``None`` if the geometry of the mesh is the true one, or if that is unknown.
     """
 
     unknown: str = ""
@@ -48,7 +47,7 @@ class FinerGeometry:
 
 
 def of_file(source: MeshSource, read: Callable[[], MeshSource]) -> FinerGeometry:
-    """What a mesh file that can be ``read`` has beyond a mesh that was made of it; not collective."""
+    """Geometry of a mesh file, which ``read`` returns, beyond the degree of ``source``; not collective."""
     try:
         whole = read()
     except MeshError as error:
@@ -59,12 +58,12 @@ def of_file(source: MeshSource, read: Callable[[], MeshSource]) -> FinerGeometry
 
 
 def of_generator(source: MeshSource, generate: Callable[[int], MeshSource]) -> FinerGeometry:
-    """What the CAD of a generator has beyond a mesh that was made by it, or refined from such a one; not collective.
+    """Geometry of the CAD model of a generator for a mesh that it made, or a refinement of it; not collective.
 
-    Straight cells become cells of degree 2, and those of degree 2 cells of degree 4.
+    Cells of degree 1 become cells of degree 2, and cells of degree 2 become cells of degree 4.
 
     Args:
-        generate: makes the cells with a geometry of this degree.
+        generate: returns the generated mesh with a geometry of this degree.
     """
     try:
         finer = generate(2 * source.degree)
@@ -76,9 +75,9 @@ def of_generator(source: MeshSource, generate: Callable[[int], MeshSource]) -> F
 
 
 def _compared(source: MeshSource, finer: MeshSource, take: Callable[[], MeshSource]) -> FinerGeometry:
-    """What to ``take`` if the ``finer`` one has the same cells at other places.
+    """Result of ``take()`` if ``finer`` has the same cells with nodes at other places, otherwise none.
 
-    A mesh that was refined has other cells; it has the body's geometry where all faces of the body are flat.
+    A refined mesh has other cells; its geometry is then the true one only if all faces of the body are flat.
     """
     corners = [s.points[s.cells[:, : vertex_count(s.kind)]] for s in (source, finer)]
     alike = corners[0].shape == corners[1].shape
@@ -94,7 +93,7 @@ def _compared(source: MeshSource, finer: MeshSource, take: Callable[[], MeshSour
 
 
 def _agrees(degree: int, nodes: Floats, finer: MeshSource) -> bool:
-    """Whether the nodes of a finer geometry are where cells of this ``degree``, with ``nodes`` (c, n, 3), have them."""
+    """Return whether cells of this ``degree`` with ``nodes`` (c, n, 3) have the geometry of ``finer``."""
     shapes = _shapes(finer.kind, degree, scalar_element(finer.kind, finer.degree).points)
     for start in range(0, len(nodes), CHUNK):
         part = slice(start, start + CHUNK)
@@ -105,21 +104,21 @@ def _agrees(degree: int, nodes: Floats, finer: MeshSource) -> bool:
 
 
 def _sizes(nodes: Floats) -> Floats:
-    """Diagonal of the bounding box of each cell by its nodes (c, n, 3)."""
+    """Diagonals (c,) of the bounding boxes of cells with nodes (c, n, 3)."""
     return np.asarray(np.linalg.norm(np.ptp(nodes, axis=1), axis=1))
 
 
 def _shapes(kind: str, degree: int, at: Floats) -> Floats:
-    """The coordinate element's shape functions (points, nodes) at points of the reference cell."""
+    """Shape functions (points, nodes) of the coordinate element at points of the reference cell."""
     return np.asarray(scalar_element(kind, degree).tabulate(0, at)[0, :, :, 0])
 
 
 def _along_normals(quadratic: MeshSource, quartic: MeshSource) -> MeshSource:
-    """The cells of degree 2, made degree 4: nodes of the surface go along its normals to where ``quartic`` has it.
+    """The cells of degree 2 with degree 4: surface nodes move along the normals onto the surface of ``quartic``.
 
-    Surfaces of degree 3 would be no better than those of degree 2: interpolation at equidistant nodes is more exact by
-    an order than an even degree promises. Nodes do not go along the surface, and those inside stay where cells of
-    degree 2 have them: else finite-element spaces would approximate what is smooth on those cells less well.
+    Degree 3 would be no better than degree 2, because interpolation at equidistant nodes gains an order at even
+    degrees. Nodes do not move along the surface, and inner nodes stay where cells of degree 2 have them: otherwise
+    finite-element spaces would approximate smooth functions on the cells of degree 2 less well.
     """
     kind, nodes = quadratic.kind, scalar_element(quadratic.kind, 4)
     before = np.empty_like(quartic.points)
@@ -143,20 +142,15 @@ def _chunks(cells: Ints) -> list[Ints]:
 
 
 def _surface(source: MeshSource) -> Iterator[Ints]:
-    """For each facet of the reference cell the cells that have it on the boundary or between two volume groups."""
+    """For each facet of the reference cell, the cells where it is on the boundary or between two volume groups."""
     table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
-    label = source.labels(3)
-    of_facet = [np.full(len(table.sharing), fill, dtype=np.int64) for fill in (np.iinfo(np.int64).max, -2)]
+    on_surface = (table.sharing == 1) | table.separates(source.labels(3))
     for facets in table.of_cell.T:
-        np.minimum.at(of_facet[0], facets, label)
-        np.maximum.at(of_facet[1], facets, label)
-    there = (table.sharing == 1) | (of_facet[0] != of_facet[1])
-    for facets in table.of_cell.T:
-        yield np.flatnonzero(there[facets])
+        yield np.flatnonzero(on_surface[facets])
 
 
 def _along(normals: Floats, offset: Floats) -> Floats:
-    """The part of each ``offset`` (n, 3) along the normals that meet there, given the sums of their dyads (n, 3, 3)."""
+    """Component of each ``offset`` (n, 3) in the span of its normals, given the sums of their dyads (n, 3, 3)."""
     share, directions = np.linalg.eigh(normals)
     used = share > EDGE * np.maximum(share[:, -1:], 1e-300)
     components = np.einsum("nji,nj->ni", directions, offset) * used
@@ -164,7 +158,7 @@ def _along(normals: Floats, offset: Floats) -> Floats:
 
 
 def on_mesh(mesh: Mesh, function: fem.Function) -> fem.Function:
-    """A function taken by reference coordinates to another mesh of the same cells, as `with_geometry` makes it."""
+    """The function with the same reference coordinates on another mesh of the same cells (see `with_geometry`)."""
     given = function.function_space
     if given.mesh is mesh:
         return function

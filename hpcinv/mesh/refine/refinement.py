@@ -1,6 +1,6 @@
-"""A finer mesh of the same body: every cell cut into eight, or some cells bisected and their neighbours with them.
+"""Refinement of a mesh: all cells cut into eight, or marked cells bisected, with neighbours for conformity.
 
-New nodes lie where the map of their cell puts them, so that a curved body keeps its shape exactly.
+New nodes are mapped by the geometry of their cell, so that a curved body keeps its shape exactly.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ CHUNK = 50_000
 
 @dataclass(frozen=True)
 class Refined:
-    """A finer mesh, and for each of its cells the one that it is a piece of."""
+    """A refined mesh, and the index (cells,) of the parent of each of its cells."""
 
     source: MeshSource
     parent: Ints
 
 
 def refine(source: MeshSource, marked: Ints | None = None) -> Refined:
-    """Cut every cell into eight, or halve all edges of the ``marked`` tetrahedra and as many more as it takes.
+    """Cut every cell into eight, or bisect all edges of the ``marked`` tetrahedra and others for conformity.
 
-    Nodes and cells that stay keep their tags, and the pieces of a cell stand where it stood. Groups and data arrays go
-    along: those of nodes are interpolated, those of cells inherited. The source must have passed the check of meshes.
-    Runs on one rank.
+    Remaining nodes and cells keep their tags; the pieces of a cell take its place in the order of cells. Groups are
+    kept, nodal data are interpolated, and cell data are inherited. The source must be a valid mesh (`checks.check`).
+    Not collective.
 
     Raises:
-        ValueError: if hexahedra are marked, which can only be refined everywhere.
+        ValueError: hexahedra are marked; they can only be refined everywhere.
     """
     if marked is not None and source.kind != "tetrahedron":
         raise ValueError("only tetrahedra can be refined in places")
-    fine = of_degree(source, 2)  # has a node wherever a cell can be cut
+    fine = of_degree(source, 2)  # has nodes at all places where a cell can be cut
     if marked is None:
         cells, facets = eighths(fine), quarters(FACET_KIND[fine.kind], fine.facets)
     else:
@@ -66,7 +66,7 @@ def refine(source: MeshSource, marked: Ints | None = None) -> Refined:
 
 
 def _bisected(fine: MeshSource, marked: Ints) -> tuple[Pieces, Pieces]:
-    """Cells and facets of a mesh of degree 2, cut where the marked cells ask for it."""
+    """Pieces of cells and facets of a mesh of degree 2 after bisection of the ``marked`` cells."""
     chosen = np.zeros(len(fine.cells), dtype=bool)
     chosen[marked] = True
     corners, middles = fine.cells[:, :4], fine.cells[:, inner_dofs(fine.kind, 1)]
@@ -75,13 +75,13 @@ def _bisected(fine: MeshSource, marked: Ints) -> tuple[Pieces, Pieces]:
 
 
 def _cell_tags(source: MeshSource, parent: Ints) -> Ints:
-    """Tags of the old cells where they are whole, new ones for the pieces."""
+    """Old tags for cells that were not cut, new ones for pieces."""
     is_piece = np.bincount(parent, minlength=len(source.cells))[parent] > 1
     return np.where(is_piece, source.cell_tags.max() + np.cumsum(is_piece), source.cell_tags[parent])
 
 
 def _curved(refined: MeshSource, fine: MeshSource, pieces: Pieces) -> MeshSource:
-    """The ``refined`` mesh with nodes of degree 2, put where the maps of the cells of ``fine`` take them."""
+    """The ``refined`` mesh with degree 2, its nodes mapped by the geometry of the cells of ``fine``."""
     kind, facet_kind = refined.kind, FACET_KIND[refined.kind]
     cells, facets = with_room(kind, refined.cells), with_room(facet_kind, refined.facets)
     count = len(fine.points)
@@ -101,7 +101,7 @@ def _curved(refined: MeshSource, fine: MeshSource, pieces: Pieces) -> MeshSource
             found = find_rows(vertex_sets(refined.facets, sub_entities(facet_kind, dim)), sets)
             facets[:, on_facet] = middle[found].reshape(-1, len(on_facet))
         one = np.empty(len(sets), dtype=np.int64)
-        one[place] = np.arange(len(place))  # of the cells that share it, whichever comes last
+        one[place] = np.arange(len(place))  # any one of the cells that share it
         cell, entity = np.divmod(one[new], len(local))
         parents.append(pieces.of[cell])
         places.append(pieces.at[cell[:, None], local[entity]].mean(axis=1))
@@ -122,7 +122,7 @@ def _curved(refined: MeshSource, fine: MeshSource, pieces: Pieces) -> MeshSource
 
 
 def _middles(fine: MeshSource, dim: int, sets: Ints) -> Ints:
-    """The node in the middle of each entity (its sorted vertices) that ``fine`` has too, -1 for the others."""
+    """Node in the middle of each entity (given by sorted vertices) of ``fine``, -1 for other entities."""
     local = sub_entities(fine.kind, dim)
     old, place = unique_rows(vertex_sets(fine.cells[:, : vertex_count(fine.kind)], local))
     middle = np.full(len(old) + 1, -1, dtype=np.int64)
@@ -133,8 +133,8 @@ def _middles(fine: MeshSource, dim: int, sets: Ints) -> Ints:
 def mapped(source: MeshSource, values: Floats, cell: Ints, at: Floats) -> Floats:
     """Nodal ``values`` (n, c) at reference coordinates ``at`` (m, 3) of the cells ``cell`` (m,).
 
-    Where all nodes of an edge or a face have the same value, its points have exactly that value too: a plane end of the
-    body stays one for conditions such as ``x >= 1 m``.
+    If all nodes of an edge or a face have the same value, its points have exactly that value too, so that conditions
+    such as ``x >= 1 m`` remain true on a plane end of the body.
     """
     element = scalar_element(source.kind, source.degree)
     result = np.empty((len(cell), values.shape[1]))

@@ -1,4 +1,4 @@
-"""Cells cut into eight, and their facets into four, at the nodes of degree 2."""
+"""Subdivision of cells into eight and of facets into four, at the nodes of degree 2."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from hpcinv.mesh.source import Floats, Ints, MeshSource
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces of cells or facets: their ``vertices`` (s, k), and the cell or facet that each is a piece ``of``.
+    """Pieces of cells or facets.
 
-    ``at`` (s, k, d) are the reference coordinates that the vertices have in it.
+    Attributes:
+        vertices: of each piece (s, k).
+        of: parent (s,) of each piece.
+        at: reference coordinates (s, k, d) of the vertices in the parent.
     """
 
     vertices: Ints
@@ -24,7 +27,7 @@ class Pieces:
 
 
 def eighths(source: MeshSource) -> Pieces:
-    """Every cell of a mesh of degree 2 cut into eight, octahedra inside tetrahedra along their shortest diagonal."""
+    """Pieces of every cell of a mesh of degree 2; octahedra in tetrahedra are cut along their shortest diagonal."""
     if source.kind == "hexahedron":
         return _cut(source.kind, source.cells, _octants())
     ways = _tetrahedra()
@@ -34,7 +37,7 @@ def eighths(source: MeshSource) -> Pieces:
 
 
 def quarters(kind: str, facets: Ints) -> Pieces:
-    """Triangles or quadrilaterals of degree 2 cut into four."""
+    """Pieces of triangles or quadrilaterals of degree 2."""
     corners = _nodes(kind)[: vertex_count(kind)]
     pieces = list((corners[:, None] + corners) / 2)
     if kind == "triangle":
@@ -43,7 +46,7 @@ def quarters(kind: str, facets: Ints) -> Pieces:
 
 
 def _cut(kind: str, entities: Ints, template: Ints) -> Pieces:
-    """Pieces whose vertices are the nodes ``template``, (pieces, k) for all entities, or one such for each of them."""
+    """Pieces with the local nodes ``template``: (pieces, k) for all entities, or (entities, pieces, k)."""
     count, k = template.shape[-2:]
     templates = np.broadcast_to(template, (len(entities), count, k))
     rows = np.arange(len(entities))
@@ -56,20 +59,20 @@ def _cut(kind: str, entities: Ints, template: Ints) -> Pieces:
 
 @cache
 def _octants() -> Ints:
-    """A hexahedron cut into eight, (8, 8)."""
+    """Local nodes (8, 8) of the pieces of a hexahedron."""
     corners = _nodes("hexahedron")[:8]
     return _nearest("hexahedron", (corners[:, None] + corners) / 2)
 
 
 @cache
 def _tetrahedra() -> Ints:
-    """A tetrahedron cut into eight in three ways, (3, 8, 4): four at its corners, four around a diagonal."""
+    """Local nodes (3, 8, 4) of the pieces of a tetrahedron for each diagonal: four at its corners, four around it."""
     corners = _nodes("tetrahedron")[:4]
     middle = (corners[:, None] + corners) / 2
     ways = []
     for i in (1, 2, 3):
         j, k = (n for n in (1, 2, 3) if n != i)
-        # The middles of the edges 0–i and j–k are opposite; the other four go around between them.
+        # The midpoints of the edges 0–i and j–k are opposite; the other four are on a ring around this diagonal.
         ring = [middle[0, j], middle[i, j], middle[i, k], middle[0, k]]
         inside = [[middle[0, i], middle[j, k], ring[n], ring[(n + 1) % 4]] for n in range(4)]
         ways.append([*middle, *inside])
@@ -86,5 +89,5 @@ def _nodes(kind: str) -> Floats:
 
 
 def _nearest(kind: str, at: Floats) -> Ints:
-    """The nodes of degree 2 that lie at reference coordinates (…, d)."""
+    """Nodes of degree 2 at reference coordinates (…, d)."""
     return np.asarray(np.abs(at[..., None, :] - _nodes(kind)).max(axis=-1).argmin(axis=-1), dtype=np.int64)

@@ -1,8 +1,8 @@
-"""Program that opens one mesh file with a library that ends its process, or prints, where the file is damaged.
+"""Program that reads one mesh file with a library that crashes, or prints messages, if the file is damaged.
 
-``python process.py vtu PATH TYPE…`` writes the arrays of a VTU file to standard output: a line of JSON, the names,
-types and shapes of arrays, and then their bytes one after the other. ``python process.py msh PATH`` lets gmsh read a
-file and says nothing. It imports nothing of the package, whose meshes load MPI.
+``python isolated_reader.py vtu PATH TYPE…`` writes the arrays of a VTU file to standard output: a line of JSON with the
+names, types and shapes of arrays, then their bytes in this order. ``python isolated_reader.py msh PATH`` lets gmsh read
+a file and writes nothing. It imports nothing from the package, whose mesh modules load MPI.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from vtkmodules import vtkCommonDataModel
 from vtkmodules.util import numpy_support
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
-MOST_COMPRESSED = 1100  # times that a compressor makes zeros smaller, zlib's limit being 1032
+MOST_COMPRESSED = 1100  # largest ratio of compression; that of zlib is 1032
 vtk_to_numpy: Any = numpy_support.vtk_to_numpy
 FLAT = ("VERTEX", "LINE", "QUADRATIC_EDGE", "POLY_LINE")
 
 
 def read_msh(path: str) -> None:
-    """Let gmsh read the file and give what is asked of it; what it says of a file is told where it is read again."""
+    """Read the file with gmsh, and all data that the package asks for; errors are reported where it is read again."""
     import gmsh
 
     limit_memory()
@@ -50,12 +50,9 @@ def read_msh(path: str) -> None:
 
 
 def read_vtu(path: str, wanted: list[str]) -> None:
-    """Read the file at ``path``; ``wanted`` are the names of cell types that are to be known by them."""
+    """Write the arrays of the file to standard output, with names for the cell types in ``wanted``."""
     if fault := fault_of_header(Path(path)):
         sys.exit(f"ERR| {fault}")
-    from vtkmodules.util import numpy_support
-
-    vtk_to_numpy: Any = numpy_support.vtk_to_numpy
     limit_memory()
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(path)
@@ -69,13 +66,11 @@ def read_vtu(path: str, wanted: list[str]) -> None:
         arrays["types"] = vtk_to_numpy(grid.GetCellTypes())
         arrays["offsets"] = vtk_to_numpy(cells.GetOffsetsArray())
         arrays["connectivity"] = vtk_to_numpy(cells.GetConnectivityArray())
-        arrays |= dict(data_of(grid.GetPointData(), "nodes", vtk_to_numpy))
-        arrays |= dict(data_of(grid.GetCellData(), "cells", vtk_to_numpy))
-        arrays |= dict(data_of(grid.GetFieldData(), "field", vtk_to_numpy))
+        arrays |= dict(data_of(grid.GetPointData(), "nodes"))
+        arrays |= dict(data_of(grid.GetCellData(), "cells"))
+        arrays |= dict(data_of(grid.GetFieldData(), "field"))
         known = {getattr(vtkCommonDataModel, f"VTK_{name}"): name for name in (*wanted, *FLAT)}
-        names = {
-            int(t): known.get(int(t)) or other_name(vtkCommonDataModel, int(t)) for t in np.unique(arrays["types"])
-        }
+        names = {t: known.get(t) or other_name(t) for t in np.unique(arrays["types"]).tolist()}
     arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     shapes = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
     sys.stdout.buffer.write(json.dumps({"names": names, "arrays": shapes}).encode() + b"\n")
@@ -89,14 +84,14 @@ class _HeaderRead(Exception):
 
 
 def fault_of_header(path: Path) -> str | None:
-    """What cannot be true of the numbers that a file says it has: VTK takes memory for them before it reads any."""
+    """Impossible array size in the XML header, if there is one: VTK allocates memory for it before it reads data."""
     size, faults = path.stat().st_size, list[str]()
-    most = [size]  # each value takes a byte at least
+    most = [size]  # each value takes at least one byte
 
     def begins(tag: str, attributes: dict[str, str]) -> None:
         if tag == "VTKFile" and "compressor" in attributes:
             most[0] = size * MOST_COMPRESSED
-        elif tag == "AppendedData":  # what follows need not be XML
+        elif tag == "AppendedData":  # what follows may not be XML
             raise _HeaderRead
         for name in ("NumberOfPoints", "NumberOfCells", "NumberOfComponents", "NumberOfTuples"):
             text = attributes.get(name, "0").strip()
@@ -105,27 +100,27 @@ def fault_of_header(path: Path) -> str | None:
 
     parser = expat.ParserCreate()
     parser.StartElementHandler = begins
-    with contextlib.suppress(_HeaderRead, expat.ExpatError), path.open("rb") as file:  # VTK tells what is no XML
+    with contextlib.suppress(_HeaderRead, expat.ExpatError), path.open("rb") as file:  # VTK reports invalid XML
         parser.ParseFile(file)
     return faults[0] if faults else None
 
 
-def data_of(attributes: Any, on: str, as_numpy: Any) -> Any:
-    """The arrays of numbers at the nodes, in the cells or of the whole."""
+def data_of(attributes: Any, on: str) -> Any:
+    """Numeric arrays of the nodes, cells or fields, with their names."""
     for i in range(attributes.GetNumberOfArrays()):
-        array = attributes.GetArray(i)  # nothing where it holds text
+        array = attributes.GetArray(i)  # None for text
         if array is not None:
-            yield f"{on}:{attributes.GetArrayName(i) or ''}", as_numpy(array)
+            yield f"{on}:{attributes.GetArrayName(i) or ''}", vtk_to_numpy(array)
 
 
-def other_name(vtk: Any, number: int) -> str:
+def other_name(number: int) -> str:
     """Name of a cell type."""
-    name = str(vtk.vtkCellTypes.GetClassNameFromTypeId(number))
+    name = str(vtkCommonDataModel.vtkCellTypes.GetClassNameFromTypeId(number))
     return name.removeprefix("vtk") if name != "UnknownClass" else f"of the type {number}"
 
 
 def limit_memory() -> None:
-    """Let no damaged number of values take more memory than there is."""
+    """Limit the memory of this process to the available memory, in case of wrong array sizes."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     free = [line.split()[1] for line in Path("/proc/meminfo").read_text().splitlines() if "MemAvailable" in line]
     taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
