@@ -12,9 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import dolfinx.fem.petsc as fem_petsc
 import ufl
 from dolfinx import fem

@@ -5,9 +5,6 @@ from __future__ import annotations
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import basix.ufl
 import numpy as np
 import ufl

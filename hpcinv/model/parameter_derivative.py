@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import basix.ufl
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np

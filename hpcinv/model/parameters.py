@@ -14,9 +14,6 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import numpy as np
 import numpy.typing as npt
 import ufl

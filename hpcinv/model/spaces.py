@@ -5,9 +5,6 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import basix.ufl
 import numpy as np
 import numpy.typing as npt

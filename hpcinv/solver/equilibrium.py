@@ -7,9 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import numpy as np
 from petsc4py import PETSc
 

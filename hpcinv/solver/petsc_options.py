@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from petsc4py import PETSc
 
 type Value = str | float | int | bool | None  # None is a flag

@@ -11,9 +11,6 @@ import json
 from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from petsc4py import PETSc
 
 from hpcinv.errors import HpcinvError

@@ -11,9 +11,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import norm

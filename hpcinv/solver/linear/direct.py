@@ -9,9 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import norm

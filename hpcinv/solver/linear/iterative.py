@@ -22,9 +22,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 import numpy.typing as npt
