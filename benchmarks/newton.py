@@ -147,7 +147,7 @@ def add_second_order(farthest: float) -> None:
         system = self.system
         start = system.position()
         found = along_tangent(self, load, new_tangent=new_tangent)
-        if not found.is_taken or max(found.increment.turn, found.increment.stretch) > farthest:
+        if not found.is_taken or max(found.increment.rotation, found.increment.strain) > farthest:
             return found
         end, first, between = system.position(), system.rhs.duplicate(), start.copy()
         system.set_state(start)

@@ -15,7 +15,8 @@ from hpcinv.accuracy import Search
 from hpcinv.certificate import certify
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.mesh.moved import placed
-from hpcinv.methods.solve_direction import Start, solve_direction
+from hpcinv.methods.method import Start
+from hpcinv.methods.solve_direction import solve_direction
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
 from hpcinv.output.run_report import RunReport
@@ -27,9 +28,8 @@ from hpcinv.results.shape_distance import differences, read_expected
 from hpcinv.results.solution import solution_of
 from hpcinv.results.totals import totals_of
 from hpcinv.sensitivity.analysis import sensitivities
-from hpcinv.solver.observer import Observer, Observers
+from hpcinv.solver.observer import Observer, Observers, StopSignal
 from hpcinv.solver.problem_cache import Workspace
-from hpcinv.solver.stop_signal import StopSignal
 
 if TYPE_CHECKING:
     from hpcinv.accuracy import AccuracyRecord
@@ -128,7 +128,7 @@ def _prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timing
         progress.detail(f"{sum(body.partition.cells):,} cells")
         expected = read_expected(job, body)
         check_points(job.quantities, body)
-    return _Problem(workspace.model(job, timings), expected)
+    return _Problem(workspace.model(job, body, timings), expected)
 
 
 def _search(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> _Problem:

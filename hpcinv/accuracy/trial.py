@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hpcinv.methods import Method
     from hpcinv.parallel.timings import Timings
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.equilibrium import Solve
+    from hpcinv.solver.newton import Solve
     from hpcinv.solver.observer import Observer
 
 
@@ -125,7 +125,7 @@ def _solve(model: Model, method: Method, *, near: bool) -> Iterator[Solve]:
         if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
             return
     model.unknowns.state.x.array[:] = 0.0
-    yield from method.solves(0.0, resumed=False)
+    yield from method.solves()
 
 
 @contextmanager

@@ -96,7 +96,7 @@ def _without_potential(asymmetry: float) -> str:
 def _limit_points(solution: Solution, *, has_spurious_modes: bool = False) -> Line:
     """Return the line on limit points, from the signs of the determinant, which spurious modes change too."""
     rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
-    turned = sum(s.turning_point for s in solution.solves)
+    turned = sum(s.limit_point for s in solution.solves)
     if turned:
         note = "another shape may carry the same load: compare with smaller steps"
         if passed := _earlier_passes([s.load for s in solution.solves if s.outcome.accepted]):

@@ -75,7 +75,7 @@ class Solver(Spec):
     """Continuation in the load factor, and the Newton iteration at each of its steps."""
 
     strategy: Literal["adaptive", "fixed", "arc-length"] = "adaptive"
-    """adaptive finds the largest steps that converge, fixed takes equal ones, arc-length passes turning points"""
+    """adaptive finds the largest steps that converge, fixed takes equal ones, arc-length passes limit points"""
     steps: Annotated[int, Field(ge=1)] = 10
     """number of equal steps (strategy: fixed)"""
     initial_step: Annotated[float, Field(gt=0, le=1)] = 1.0
@@ -83,7 +83,7 @@ class Solver(Spec):
     minimum_step: Annotated[float, Field(gt=0, le=1)] = 1e-3
     """step below which the load counts as unreachable (adaptive), relative to the displacement (arc-length)"""
     limit_points: Annotated[int, Field(ge=0)] = 0
-    """turning points of the load to pass before the state at full load counts (strategy: arc-length)"""
+    """limit points of the load to pass before the state at full load counts (strategy: arc-length)"""
     maximum_steps: Annotated[int, Field(ge=1)] = 200
     """steps along the path after which it is given up (strategy: arc-length)"""
     rescue: ListOf[Rescue] = ("bulk-modulus", "arc-length", "line-search", "anderson")

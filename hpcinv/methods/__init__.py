@@ -1,4 +1,4 @@
-"""Solution methods: the direct one, and for inverse problems fixed points of repeated forward solves."""
+"""Solution methods: the direct method, and for inverse problems fixed-point methods with forward solves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def method_for(model: Model, direction: Direction, observer: Observer = SILENT) -> Method:
-    """The method that the model's job asks for; a forward problem is always solved directly."""
+    """Return the method of the model's job; forward problems are always solved directly."""
     if direction == "forward" or model.job.method == "direct":
         return DirectMethod(model, direction, observer)
     return FixedPointMethod(model, observer)

@@ -1,4 +1,4 @@
-"""Continuation in the bulk modulus: the whole load on a softer material first, which is then made as stiff as it is."""
+"""Continuation in the bulk modulus: the full load on a softer material, whose bulk modulus is then raised."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from hpcinv.solver.load_stepping import AdaptiveSteps, follow
 
 if TYPE_CHECKING:
     from hpcinv.materials import MaterialLaw
-    from hpcinv.solver.equilibrium import Equilibrium, Solve
+    from hpcinv.solver.equilibrium import Equilibrium
+    from hpcinv.solver.newton import Solve
     from hpcinv.solver.problem import Model
 
 
 class BulkModulus:
-    """For nearly incompressible bodies in the displacement form: there each large step of Newton's method costs volume.
+    """Continuation for nearly incompressible bodies in the displacement form, where large steps change the volume.
 
-    The bulk modulus of each such law begins at `NEARLY_INCOMPRESSIBLE` times its shear modulus, and grows to its own by
-    powers of that ratio. The pressure hardly changes with it, so that the volume change is in proportion to its
-    reciprocal, which the predictor is linear in.
+    The bulk modulus of each such law grows geometrically from `NEARLY_INCOMPRESSIBLE` times its shear modulus to its
+    value in the job. The pressure hardly depends on the bulk modulus, so that the volume change is in proportion to its
+    reciprocal, in which the predictor is linear.
     """
 
-    _first = 4.0  # times the bulk modulus of before
-    _least = 1.02
-    _easy = 4  # iterations
+    _first = 4.0  # factor of the bulk modulus in the first step
+    _least = 1.02  # smallest such factor
+    _easy = 4  # number of iterations up to which the next step is longer
 
     def __init__(self, model: Model, equilibrium: Equilibrium) -> None:
         self.model, self.equilibrium = model, equilibrium
@@ -38,13 +39,13 @@ class BulkModulus:
         self._ratio = max((ratio for *_, ratio in self._laws), default=1.0)
 
     @property
-    def suits(self) -> bool:
-        """Whether there is a bulk modulus to lower that stands in the way."""
+    def is_applicable(self) -> bool:
+        """True in the displacement form if a law has a large bulk modulus that can be lowered."""
         return self.model.unknowns.p is None and bool(self._laws)
 
     def solves(self) -> Generator[Solve, None, None]:
-        """Yield every solve; the last one is accepted, with the bulk modulus as it is, or tells why it ended."""
-        with self._kept():
+        """Yield every solve; the last one is accepted at the bulk moduli of the job, or has the reason for the end."""
+        with self._restored():
             self._soften(0.0)
             self.equilibrium.system.state.x.array[:] = 0.0
             steps = AdaptiveSteps(cases=self.model.job.case_count)
@@ -71,25 +72,25 @@ class BulkModulus:
                     return
 
     def _soften(self, share: float) -> None:
-        """Set the bulk moduli: 0 is softest, 1 as they are."""
+        """Set the bulk moduli: 0 is softest, 1 as in the job."""
         for number, name, ratio in self._laws:
             self.equilibrium.system.scene.parameters.scale(number, name, ratio ** (share - 1))
 
     def _predict(self, growth: float) -> None:
-        """Move the state along the path, on which the logarithm of the bulk modulus grows, with the factors at hand."""
+        """Predict the state for a larger logarithm of the bulk modulus, with the present factors."""
         equilibrium, start = self.equilibrium, self.equilibrium.system.position()
         step = start.duplicate()
         equilibrium.system.set_load(1.0)
         equilibrium.system.residual(equilibrium.system.rhs)
         if equilibrium.linear.solve(equilibrium.system.rhs, step):
-            # The residual is that of the stiffer material, linear in the bulk modulus and not in its reciprocal.
+            # The residual of the stiffer material is linear in the bulk modulus, not in its reciprocal.
             step.aypx(-math.exp(-growth), start)
             equilibrium.system.set_state(step)
             if equilibrium.system.fault() is not None:
                 equilibrium.system.set_state(start)
 
     @contextmanager
-    def _kept(self) -> Iterator[None]:
+    def _restored(self) -> Iterator[None]:
         try:
             yield
         finally:
@@ -97,7 +98,7 @@ class BulkModulus:
 
 
 def _nearly_incompressible(model: Model) -> Iterator[tuple[int, str, float]]:
-    """Number of each law whose bulk modulus can be lowered, the name of that, and how many times it is too large."""
+    """Yield number, name of the bulk modulus, and ratio of that to its lowest value, for each law with a large one."""
     for number, law in enumerate(model.job.laws.values()):
         ratio = law.stiffness_ratio
         name = _bulk_modulus(law)
@@ -106,7 +107,7 @@ def _nearly_incompressible(model: Model) -> Iterator[tuple[int, str, float]]:
 
 
 def _bulk_modulus(law: MaterialLaw) -> str | None:
-    """The parameter of the volumetric energy: the one that may be 'incompressible', if it is one number everywhere."""
+    """Return the name of the bulk modulus, which may be 'incompressible', if it is one number everywhere."""
     for name, (value, _) in law.quantities().items():
         if name in type(law).model_fields and quantity_of(type(law), name).infinite and value is not None:
             return name if is_uniform(value) else None

@@ -1,4 +1,4 @@
-"""The direct method: equilibrium is written on the body that is given, and one continuation in the load solves it."""
+"""The direct method: equilibrium is formulated on the given body and solved by one continuation in the load."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hpcinv.methods.fallbacks import Problem, reach
-from hpcinv.methods.method import Method
+from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.load_stepping import AdaptiveSteps
@@ -15,26 +15,25 @@ from hpcinv.solver.observer import SILENT, Observer
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
-    from hpcinv.solver.equilibrium import Solve
+    from hpcinv.solver.newton import Solve
     from hpcinv.solver.problem import Model
 
 
 class DirectMethod(Method):
-    """Forward and inverse problems alike (doi:10.1007/s00366-021-01597-z)."""
+    """Direct method for forward and inverse problems (doi:10.1007/s00366-021-01597-z)."""
 
     def __init__(self, model: Model, direction: Direction, observer: Observer = SILENT) -> None:
         self.equilibrium = model.equilibrium(model.scene(direction), observer)
         self.problem = Problem(model, direction, self.equilibrium, observer)
         self.steps = model.steps
         if isinstance(self.steps, ArcLengthSteps) and direction != model.job.directions[0]:
-            self.steps = replace(self.steps, limit_points=0)  # the body that the first direction found has one way back
+            self.steps = replace(self.steps, limit_points=0)  # the way back from the first solution has none
 
-    def solves(self, load: float, *, resumed: bool) -> Iterator[Solve]:
-        self.reached = load
-        # Other strategies are asked for because of the path that they take.
-        if self.guess is not None and load == 0.0 and isinstance(self.steps, AdaptiveSteps):
-            self.guess.begin(self.problem.model)
-            solve = self.guess.follow(self.equilibrium, self.problem.model.job.solver.tolerance)
+    def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
+        self.reached = start.load
+        # The other strategies are chosen for the path that they take, which a guess would skip.
+        if start.guess is not None and start.load == 0.0 and isinstance(self.steps, AdaptiveSteps):
+            solve = start.guess.solve(self.problem.model, self.equilibrium)
             if solve.outcome.accepted:
                 self.reached = 1.0
             else:
@@ -42,7 +41,7 @@ class DirectMethod(Method):
             yield solve
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return
-        for solve in reach(self.problem, self.steps, load=load, turned=self.turned):
+        for solve in reach(self.problem, self.steps, load=start.load, passed=start.limit_points):
             if solve.outcome.accepted:
                 self.reached = solve.load
             yield solve

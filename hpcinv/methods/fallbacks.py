@@ -1,17 +1,17 @@
-"""The direct method where the job's strategy fails: other ways to the full load, one after the other.
+"""Fallbacks of the direct method: other strategies, tried in turn where the strategy of the job fails.
 
-They are tried in the order that the job has them in, by default
+They are tried in the order of the job, by default
 
 ============  =========================================================================================================
 bulk-modulus  for nearly incompressible bodies in the displacement form: the load on a softer material, then stiffened
-arc-length    along the path of solutions in steps of its own length, from the last one known
-line-search   a new tangent and PETSc's l2 line search in each of Newton's iterations, from the last solution known
-anderson      for inverse problems: a fixed point of forward solves, from which Newton's method ends
+arc-length    arc-length continuation from the last solution
+line-search   a new tangent and PETSc's l2 line search in each of Newton's iterations, from the last solution
+anderson      for inverse problems: a fixed point of forward solves, refined by Newton's method
 ============  =========================================================================================================
 
-Each may take `EFFORT` factorizations. Where a turning point of the load seems to lie ahead, arc-length continuation is
-tried before small steps are. Nothing is tried where it would be in vain: where the load has a turning point, where the
-first tangent is singular, and where the discrete equations have a solution that no body can be in.
+Each may take `EFFORT` factorizations. Where a limit point is likely, arc-length continuation is tried before small
+steps. No fallback is tried where none can help: at a limit point of the load, where the first tangent is singular, and
+where the discrete equations have a solution that no body can have.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from hpcinv.methods.bulk_modulus import BulkModulus
 from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
-from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps, follow
+from hpcinv.solver.newton import Solve
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
@@ -43,7 +43,7 @@ type Solves = Generator[Solve, None, None]
 
 @dataclass(frozen=True)
 class Problem:
-    """A direction to be solved, and its equations, whose state is a solution at the load reached so far."""
+    """A direction to solve, and its equations, whose state is a solution at the load reached so far."""
 
     model: Model
     direction: Direction
@@ -51,46 +51,47 @@ class Problem:
     observer: Observer
 
 
-def reach(problem: Problem, steps: Steps, *, load: float = 0.0, turned: int = 0) -> Iterator[Solve]:
-    """Yield every solve of the job's strategy, and of what is tried where that fails, as `follow` does.
+def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0) -> Iterator[Solve]:
+    """Yield every solve of the job's strategy and of the fallbacks, as `follow` does.
 
     Args:
         load: load factor at which the present state is a solution.
-        turned: turning points of the load on the way to it.
+        passed: number of limit points between the unloaded body and the present state.
     """
     solver, last = problem.model.job.solver, None
-    patient = "arc-length" not in solver.rescue
-    for last in follow(problem.equilibrium, steps, solver.tolerance, load=load, turned=turned, patient=patient):
+    stop_early = "arc-length" in solver.rescue
+    for last in follow(problem.equilibrium, steps, solver.tolerance, load=load, passed=passed, stop_early=stop_early):
         load = last.load if last.outcome.accepted else load
-        turned += last.turning_point
+        passed += last.limit_point
         yield last
     if isinstance(steps, FixedSteps) or last is None:
         return
-    early = not patient and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least
+    early = stop_early and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least
     for name in _order(solver.rescue, early=early):
-        if last.outcome.accepted or turned or _in_vain(last, load):
+        if last.outcome.accepted or passed or _is_final(last, load):
             return
         for last in _limited(RESCUES[name](problem, steps, load), EFFORT[name]):
             load = last.load if last.outcome.accepted else load
-            turned += last.turning_point
+            passed += last.limit_point
             yield replace(last, strategy=name)
 
 
 def _order(rescue: Sequence[str], *, early: bool) -> Sequence[str]:
-    """What to try; where load steps ended early, at signs of a turning point, that is looked for first."""
+    """Return the fallbacks in order; arc-length is the first if load steps ended early, at a likely limit point."""
     if not early:
         return rescue
     return ["arc-length", "load steps", *(name for name in rescue if name != "arc-length")]
 
 
-def _in_vain(solve: Solve, load: float) -> bool:
+def _is_final(solve: Solve, load: float) -> bool:
+    """Return whether no fallback can help after a failed solve."""
     if solve.outcome is Outcome.VOLUME_CHANGED:
         return load > 0
     if solve.outcome is Outcome.LINEAR_SOLVER:
         return load == 0
-    if solve.outcome is Outcome.KRYLOV_LIMIT:  # which the others would take as well
+    if solve.outcome is Outcome.KRYLOV_LIMIT:  # fallbacks would exceed it too
         return True
-    if solve.outcome is Outcome.NOT_FINITE:  # a load that exceeds all numbers
+    if solve.outcome is Outcome.NOT_FINITE:  # the load exceeds the range of numbers
         return load == 0 and not solve.factorizations
     return solve.outcome in (Outcome.INTERRUPTED, Outcome.LIMIT_POINT)
 
@@ -103,7 +104,7 @@ def _arc_length(problem: Problem, steps: Steps, load: float) -> Solves:
 
 
 def _load_steps(problem: Problem, steps: Steps, load: float) -> Solves:
-    """Those of the job, from small ones on."""
+    """Load steps of the job, beginning with a small one."""
     if isinstance(steps, AdaptiveSteps):
         small = replace(steps, first=min(16 * steps.smallest, 1.0))
         yield from follow(problem.equilibrium, small, problem.model.job.solver.tolerance, load=load)
@@ -120,7 +121,7 @@ def _line_search(problem: Problem, steps: Steps, load: float) -> Solves:
 
 def _bulk_modulus(problem: Problem, steps: Steps, load: float) -> Solves:
     rescue = BulkModulus(problem.model, problem.equilibrium)
-    if rescue.suits:
+    if rescue.is_applicable:
         yield from _as_one(problem, rescue.solves(), EFFORT["bulk-modulus"])
 
 
@@ -130,7 +131,7 @@ def _anderson(problem: Problem, steps: Steps, load: float) -> Solves:
 
 
 def _fixed_point(problem: Problem) -> Solves:
-    """Solves of the fixed-point method, to a tolerance from which the last one, of the inverse problem, converges."""
+    """Solves of the fixed-point method to a coarse tolerance, and a last one of the inverse problem from there."""
     job = problem.model.job
     near = job.fixed_point.model_copy(update={"tolerance": 1e-3, "maximum_iterations": 20})
     model = copy.copy(problem.model)
@@ -138,7 +139,7 @@ def _fixed_point(problem: Problem) -> Solves:
     model.unknowns.state.x.array[:] = 0.0
     method = FixedPointMethod(model, problem.observer)
     try:
-        for solve in method.solves(0.0, resumed=False):
+        for solve in method.solves():
             yield solve
     finally:
         method.equilibrium.destroy()
@@ -156,7 +157,7 @@ RESCUES: Mapping[str, Callable[[Problem, Steps, float], Solves]] = {
 
 
 def _limited(solves: Solves, effort: int) -> Solves:
-    """Solves until they have taken too many factorizations."""
+    """Yield solves until they have taken too many factorizations."""
     spent = 0
     with closing(solves):
         for solve in solves:
@@ -168,7 +169,7 @@ def _limited(solves: Solves, effort: int) -> Solves:
 
 
 def _as_one(problem: Problem, solves: Solves, effort: int) -> Solves:
-    """The solves of a way on which no state but the last is a solution of the problem, reported as one."""
+    """Report solves as one, since no state but the last is a solution of the problem."""
     start = problem.equilibrium.system.position()
     taken = list(_limited(solves, effort))
     last = taken[-1]
@@ -185,8 +186,8 @@ class Attempt:
     Attributes:
         strategy: ``load steps``, ``arc-length``, or another of `RESCUES`.
         load: load factor of its last accepted solve, ``None`` if there is none.
-        outcome: of its last solve.
-        solves, iterations, factorizations: what it took.
+        outcome: outcome of its last solve.
+        solves, iterations, factorizations: numbers of these.
     """
 
     strategy: str
@@ -198,7 +199,7 @@ class Attempt:
 
 
 def attempts(solves: Sequence[Solve]) -> list[Attempt]:
-    """The strategies tried in one direction, in order; only the last one can have reached the full load."""
+    """Return the strategies tried in one direction, in order; only the last can have reached the full load."""
     found = []
     for strategy, group in groupby(solves, key=lambda solve: solve.strategy):
         own = list(group)

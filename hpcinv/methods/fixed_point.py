@@ -1,5 +1,7 @@
-"""The inverse problem as a fixed point: put the mesh at X, solve the forward problem for u, and move X by what is left,
-the residual ``r = X + u - x``, until the loaded body is the given one.
+"""The inverse problem as a fixed-point problem for the nodes X of the reference body.
+
+Each iteration solves the forward problem on the mesh at X for u, and moves X by an update of the residual
+``r = X + u - x``, until the loaded body is the given one.
 """
 
 from __future__ import annotations
@@ -8,16 +10,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hpcinv.methods.method import Method
+from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.methods.moving_mesh import MovableMesh
 from hpcinv.methods.updates import UPDATES
 from hpcinv.model.outcome import Outcome
-from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
 
 if TYPE_CHECKING:
-    from hpcinv.methods.update import Floats
+    from hpcinv.methods.updates import Floats
     from hpcinv.solver.problem import Model
 
 
@@ -25,26 +27,26 @@ class FixedPointMethod(Method):
     """Sellier's iteration on the nodes X of the reference body, with the update rule that the job names.
 
     It ends when the position residual, ``max |X + u - x|`` over the nodes, is at most ``fixed_point.tolerance`` times
-    the diagonal of the given body. The mesh is then where it was, and the state is ``u = x - X`` and the pressure of
-    the last forward solve: what the direct method leaves, to that tolerance, if the mesh's geometry has the
-    displacement's degree. If it has a lower one, only its nodes move, and between them the loaded body is not the given
-    one: u is then that of the forward solve, corrected so that ``X = x - u`` at the nodes, and shape and stress have an
-    error of their own, which falls with the mesh size and not with the tolerance.
+    the diagonal of the given body. The mesh is then at the given coordinates, and the state is ``u = x - X`` and the
+    pressure of the last forward solve. This is the solution of the direct method, to that tolerance, if the mesh's
+    geometry has the degree of the displacement. If it has a lower one, only its nodes move, and between them the loaded
+    body differs from the given one: u is the displacement of the forward solve, corrected so that ``X = x - u`` at the
+    nodes, and shape and stress have an additional error, which decreases with the mesh size and not with the tolerance.
 
     One set of kernels, one matrix and its symbolic factorization serve all forward solves: coordinates are read when
     forms are assembled.
 
     Args:
-        model: a model on the mesh as the job gives it.
-        observer: of the iterations; it may ask to stop.
+        model: a model on the mesh at the coordinates of the job.
+        observer: observer of the iterations; it may ask to stop.
 
     Attributes:
-        equilibrium: of the forward problem, on the mesh wherever it lies.
+        equilibrium: equations of the forward problem, at the present coordinates of the mesh.
         reached: 1 once the position residual is within the tolerance, else 0.
     """
 
-    _least_shrinkage = 0.1  # of the volume at any point, by one step
-    _patience = 10  # iterations in which the smallest position residual so far must be beaten
+    _least_volume_ratio = 0.1  # of one step, at any point
+    _stagnation = 10  # number of iterations without a smaller position residual after which it has diverged
 
     def __init__(self, model: Model, observer: Observer = SILENT) -> None:
         self.model, self.settings = model, model.job.fixed_point
@@ -55,17 +57,14 @@ class FixedPointMethod(Method):
         self._update = rule(self.settings.relaxation, self.settings.memory, self.mesh.inner)
         self._X = self.mesh.given
 
-    def solves(self, load: float = 0.0, *, resumed: bool = False) -> Iterator[Solve]:
+    def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
         """Yield every forward solve, the last one of each iteration with its ``position_residual``.
 
-        Whenever it yields, the mesh is where the job has it; whenever it yields a position residual, the state is
-        ``u = x - X`` of the body that the search goes on from. The last solve is accepted, or tells why the
-        search ended.
-
-        Args:
-            resumed: begin with the body and the displacement of the model's state, not with the given body, unloaded.
+        After a solve with a position residual the state is ``u = x - X`` of the next body X. A search that is resumed
+        from a solution begins with its body and displacement, others with the given body, unloaded.
         """
-        if load == 1.0:
+        resumed = start.solution is not None
+        if start.load == 1.0:
             self.reached = 1.0
             return
         mesh = self.mesh
@@ -98,7 +97,7 @@ class FixedPointMethod(Method):
         return solve.position_residual is not None
 
     def min_mesh_J(self) -> float:
-        """Smallest determinant of the map from the given to the reference body, as `Equilibrium` has it."""
+        """Return the smallest determinant of the map from the given to the reference body."""
         return self.mesh.least_volume_ratio(self._X)
 
     def _body_of_state(self) -> Floats:
@@ -109,17 +108,17 @@ class FixedPointMethod(Method):
         return self.mesh.given
 
     def _forward(self, *, warm: bool) -> Iterator[Solve]:
-        """Solve the forward problem of the body X; the mesh is there only while it is solved."""
-        attempts = self._attempts(warm)
+        """Solve the forward problem of the body X; the mesh lies at X only during the solves."""
+        solves = self._solves_at_X(warm)
         while True:
             with self.mesh.at(self._X):
-                solve = next(attempts, None)
+                solve = next(solves, None)
             if solve is None:
                 return
             yield solve
 
-    def _attempts(self, warm: bool) -> Iterator[Solve]:
-        """At full load from the displacement known so far, then from no load."""
+    def _solves_at_X(self, warm: bool) -> Iterator[Solve]:
+        """Solve at full load from the last displacement if ``warm``, then from the unloaded body."""
         equilibrium, tolerance = self.equilibrium, self.model.job.solver.tolerance
         if warm:
             solve = equilibrium.solve(1.0, tolerance)
@@ -130,18 +129,20 @@ class FixedPointMethod(Method):
         yield from follow(equilibrium, self.model.steps, tolerance)
 
     def _end(self, solve: Solve, residuals: list[float]) -> Outcome | None:
-        """How the search ends with these position residuals, ``None`` if it goes on."""
+        """Return the outcome of the search with these position residuals, ``None`` if it continues."""
         if residuals[-1] <= self.settings.tolerance * self.mesh.diagonal:
             return solve.outcome
-        if len(residuals) > self._patience and min(residuals[-self._patience :]) >= min(residuals[: -self._patience]):
+        if len(residuals) > self._stagnation and min(residuals[-self._stagnation :]) >= min(
+            residuals[: -self._stagnation]
+        ):
             return Outcome.FIXED_POINT_DIVERGED
         return Outcome.FIXED_POINT_LIMIT if len(residuals) >= self.settings.maximum_iterations else None
 
     def _move(self, step: Floats) -> bool:
-        """Move the body by a step, or by a part of it that turns no element inside out; whether there is one."""
+        """Move the body by a step, halved until no element turns inside out; return whether that succeeded."""
         for halvings in range(10):
             X = self._X + step / 2**halvings
-            if self.mesh.least_volume_ratio(X, of=self._X) > self._least_shrinkage:
+            if self.mesh.least_volume_ratio(X, of=self._X) > self._least_volume_ratio:
                 self._X = X
                 return True
         return False

@@ -1,4 +1,4 @@
-"""A state to begin with at full load: that of a similar problem, or what several of them foretell."""
+"""Initial state at full load: the solution of a similar problem, or an extrapolation of several solutions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from hpcinv.model.outcome import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats
-    from hpcinv.solver.equilibrium import Equilibrium, Solve
+    from hpcinv.solver.equilibrium import Equilibrium
+    from hpcinv.solver.newton import Solve
     from hpcinv.solver.problem import Model
 
 
@@ -18,30 +19,28 @@ class Guess:
     """Local values of the fields on each rank, ghosts included.
 
     Attributes:
-        displacement: of the displacement's degrees of freedom, in m.
-        pressure: of the pressure's, in Pa; ``None`` in the displacement form.
-        sign: that of the tangent's determinant in the similar problem's solution, 0 where it is not known.
+        displacement: values of the degrees of freedom of the displacement, in m.
+        pressure: values of the degrees of freedom of the pressure, in Pa; ``None`` in the displacement form.
+        sign: sign of the tangent's determinant in the similar problem's solution, 0 if it is not known.
     """
 
     displacement: Floats
     pressure: Floats | None
     sign: int = 0
 
-    def begin(self, model: Model) -> None:
-        """Make it the state of a model."""
+    def solve(self, model: Model, equilibrium: Equilibrium) -> Solve:
+        """Solve the equations of a model at full load from the guess.
+
+        The solution is not accepted where the tangent's determinant has another sign than in the similar problem: a
+        limit point or a branching point lies between the two, and the path from the unloaded body has another solution.
+        """
         u, p = model.solution()
         u.x.array[:] = self.displacement
         if p is not None:
             p.x.array[:] = self.pressure
         model.set_solution(u, p)
-
-    def follow(self, equilibrium: Equilibrium, tolerance: float) -> Solve:
-        """One solve at full load from the present state, the guess.
-
-        It is not accepted where the tangent's determinant has another sign than in the similar problem: between the
-        two there is a limit point or a branching point, and on the path from the unloaded body lies another solution.
-        """
-        solve = replace(equilibrium.solve(1.0, tolerance, begins_near=True), strategy="guess")
+        solve = equilibrium.solve(1.0, model.job.solver.tolerance, begins_near=True)
+        solve = replace(solve, strategy="guess")
         if solve.outcome.accepted and self.sign and solve.signs and solve.signs[-1] != self.sign:
             return replace(solve, outcome=Outcome.ANOTHER_PATH)
         return solve

@@ -1,14 +1,43 @@
-"""What the driver asks of a method, whichever it is."""
+"""Interface of the solution methods, and the state from which they start."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
     from hpcinv.methods.initial_guess import Guess
-    from hpcinv.solver.equilibrium import Equilibrium, Solve
+    from hpcinv.solver.equilibrium import Equilibrium
+    from hpcinv.solver.newton import Solve
+
+
+@dataclass(frozen=True)
+class Start:
+    """Start of the solution in one direction, by default the unloaded body.
+
+    Attributes:
+        solution: displacement (m) and pressure (Pa; ``None`` in the displacement form) of a checkpoint.
+        load: share of the load under which that is a solution.
+        solves: completed solves up to there.
+        guess: initial state at full load, for methods that can use it; after a failure, the unloaded body is used.
+    """
+
+    solution: tuple[Function, Function | None] | None = None
+    load: float = 0.0
+    solves: tuple[Solve, ...] = ()
+    guess: Guess | None = None
+
+    @property
+    def limit_points(self) -> int:
+        """Number of limit points passed."""
+        return sum(solve.limit_point for solve in self.solves)
+
+
+UNLOADED = Start()
 
 
 class Method(ABC):
@@ -16,31 +45,24 @@ class Method(ABC):
 
     Attributes:
         equilibrium: the equations that it solves.
-        reached: share of the load under which the present state is a solution; 1 at the end, and only there.
-        turned: turning points of the load on the way to the state that it begins with.
-        guess: where a method may begin at full load instead of without load.
+        reached: share of the load under which the present state is a solution; 1 only at the end.
     """
 
     equilibrium: Equilibrium
     reached: float = 0.0
-    turned: int = 0
-    guess: Guess | None = None
 
     @abstractmethod
-    def solves(self, load: float, *, resumed: bool) -> Iterator[Solve]:
-        """Yield every solve; the last one is accepted, or tells why the method ended.
+    def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
+        """Yield every solve; the last one is accepted, or its outcome is the reason why the method ended.
 
-        Whenever it yields, the mesh lies as the job has it.
-
-        Args:
-            load: load factor at which the model's state is a solution.
-            resumed: whether the state is one of a checkpoint.
+        Whenever it yields, the mesh is at the coordinates of the job. The model's state must be ``start.solution``, or
+        zero without one.
         """
 
     @abstractmethod
     def can_restart_after(self, solve: Solve) -> bool:
-        """Whether the state after a solve that was just yielded is one to begin with again."""
+        """Return whether a run can be resumed from the state after a solve that was just yielded."""
 
     @abstractmethod
     def min_mesh_J(self) -> float:
-        """Smallest determinant of the map from the mesh to the body that is looked for."""
+        """Return the smallest determinant of the map from the mesh to the unknown body."""

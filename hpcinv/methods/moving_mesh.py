@@ -1,4 +1,4 @@
-"""A mesh whose nodes are put where the reference body is thought to be, and put back."""
+"""A mesh whose nodes can be moved to the present estimate of the reference body."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
-    from hpcinv.methods.update import Floats
+    from hpcinv.methods.updates import Floats
     from hpcinv.model.spaces import Unknowns
 
 
 class MovableMesh:
-    """The geometry nodes of a mesh, and the displacement as it is there.
+    """Geometry nodes of a mesh, and the displacement at these nodes.
 
     A body is an array ``X`` of the positions of the local nodes, (n, 3) in scaled lengths, ghosts included.
 
     Attributes:
-        given: the body as the job gives it.
+        given: the body of the job.
     """
 
     def __init__(self, unknowns: Unknowns, quadrature_degree: int) -> None:
@@ -43,21 +43,18 @@ class MovableMesh:
         self._given_jacobian = self._jacobians(self.given)
 
     def at(self, X: Floats) -> AbstractContextManager[None]:
-        """The mesh at ``X``, and back where it was given, to the last bit."""
+        """Context in which the mesh lies at ``X``; afterwards its coordinates are restored exactly."""
         return placed(self.mesh, X)
 
     def displacement(self) -> Floats:
-        """The displacement of the present state at the nodes, the same on all ranks that share a node."""
+        """Return the displacement of the present state at the nodes, the same on all ranks that share a node."""
         self._nodal.interpolate(self.unknowns.displacement())
         self._nodal.x.scatter_forward()
         values: Floats = self._nodal.x.array.reshape(-1, 3)[self._dof_of_node]
         return values
 
     def correct_displacement(self, change: Floats) -> None:
-        """Add to the displacement of the present state what is this at the nodes, and of the geometry's degree between.
-
-        Where the displacement has a higher degree, what it adds to that between the nodes stays as it is.
-        """
+        """Add a field of the geometry's degree, given at the nodes, to the displacement of the present state."""
         self._nodal.x.array.reshape(-1, 3)[self._dof_of_node] = change
         u = fem.Function(self.unknowns.displacement_space)
         u.interpolate(self._nodal)
@@ -66,27 +63,27 @@ class MovableMesh:
         self.unknowns.set_displacement(u)
 
     def least_volume_ratio(self, X: Floats, of: Floats | None = None) -> float:
-        """Smallest volume of body ``X`` per volume of another (left out, the given one) at any quadrature point."""
+        """Return the smallest volume of body ``X`` per volume of another (by default the given one) at any point."""
         before = self._given_jacobian if of is None else self._jacobians(of)
         least = float((self._jacobians(X) / before).min(initial=np.inf))
         return float(self.mesh.comm.allreduce(least, op=MPI.MIN))
 
     def inner(self, a: Floats, b: Floats) -> float:
-        """``Σ a·b`` over all nodes of all ranks."""
+        """Return ``Σ a·b`` over all nodes of all ranks."""
         return float(self.mesh.comm.allreduce(float(np.vdot(a[self._owned], b[self._owned])), op=MPI.SUM))
 
     def largest(self, vectors: Floats) -> float:
-        """Largest length of a node's vector over all ranks; not finite if one is not."""
+        """Return the largest length of a nodal vector over all ranks; not finite if one is not."""
         longest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
         return float(self.mesh.comm.allreduce(longest, op=MPI.MAX))
 
     @property
     def diagonal(self) -> float:
-        """Of the given body's bounding box, in scaled lengths."""
+        """Diagonal of the given body's bounding box, in scaled lengths."""
         return diagonal(self.mesh.comm, self.given)
 
     def _jacobians(self, X: Floats) -> Floats:
-        """Determinants of the map from the reference cell at the quadrature points of the owned cells."""
+        """Return Jacobian determinants of body ``X`` at the quadrature points of the owned cells."""
         with self.at(X):
             values = [v.ravel() for _, v in self._jacobian]
         return np.concatenate([np.empty(0), *values])

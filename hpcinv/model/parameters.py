@@ -205,7 +205,7 @@ class _Formula:
 def load_factor(value: float, case: int, cases: int) -> float:
     """Load factor of one of ``cases`` load cases that follow each other, for the share ``value`` of the whole way.
 
-    Below 0 and above 1, where a path may go between turning points, the first and the last case go on.
+    Below 0 and above 1, where a path may go between limit points, the first and the last case go on.
     """
     low = 0.0 if case > 0 else -math.inf
     high = 1.0 if case < cases - 1 else math.inf

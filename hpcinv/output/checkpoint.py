@@ -25,11 +25,10 @@ import adios4dolfinx
 from hpcinv.errors import CheckpointError
 from hpcinv.job.fingerprint import difference
 from hpcinv.mesh.distributed.rows import Rows
-from hpcinv.methods.solve_direction import Start
+from hpcinv.methods.method import Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import NewtonIteration
+from hpcinv.solver.newton import NewtonIteration, Solve
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
     from hpcinv.mesh import Body
     from hpcinv.solver.problem import Model
 
-_FORMAT = 3
+_FORMAT = 4
 _NAME = re.compile(r"\d{4,}")
 
 

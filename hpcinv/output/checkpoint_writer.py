@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from hpcinv.output.checkpoint import Checkpoints
     from hpcinv.output.run_store import RunStore
     from hpcinv.results.solution import Solution
+    from hpcinv.solver.newton import Solve
     from hpcinv.solver.observer import SolvedDirection, SolveEvent
     from hpcinv.solver.problem import Model
-    from hpcinv.solver.step_report import Solve
 
 
 class CheckpointWriter(Observer):

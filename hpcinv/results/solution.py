@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from hpcinv.effects import Direction
     from hpcinv.model.scene import Scene
-    from hpcinv.solver.equilibrium import Solve
     from hpcinv.solver.linear.selection import Used
+    from hpcinv.solver.newton import Solve
     from hpcinv.solver.problem import Model
 
 type Floats = npt.NDArray[np.float64]

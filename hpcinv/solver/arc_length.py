@@ -1,4 +1,4 @@
-"""Arc-length continuation: along the path of equilibria from the unloaded body, also where the load turns."""
+"""Arc-length continuation along the path of equilibria from the unloaded body, through limit points of the load."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Protocol
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
-from hpcinv.solver.bordering import Bordering, Corrected, Equations, Tangent
-from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.bordering import Bordering, Corrected, Equations, Tangent, tangent_along
 from hpcinv.solver.limit_points import Sample, locate
+from hpcinv.solver.newton import Solve
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -21,16 +21,16 @@ type Moves = Generator[Solve, None, _Point | None]
 
 @dataclass(frozen=True)
 class ArcLengthSteps:
-    """Steps along the path, halved where they fail and lengthened where they are easy.
+    """Steps along the path, halved where they fail and doubled where few iterations suffice.
 
     Args:
         first: first step, as a share of the load along the first tangent.
-        smallest: shortest step, relative to the state; where it fails, the path counts as ended.
-        limit_points: turning points of the load to pass before the state at full load counts.
-        most: steps after which the search is given up.
-        path_tolerance: relative error of the points that only lead the way; near a limit of the load it tells.
-        easy: iterations up to which the next step is twice as long.
-        cases: number of load cases; no step goes beyond the end of one.
+        smallest: shortest step, relative to the state; the path ends where it fails.
+        limit_points: number of limit points to pass before a state at full load is accepted.
+        most: largest number of steps.
+        path_tolerance: relative error of intermediate points; near a limit of the load it matters.
+        easy: number of iterations up to which the next step is twice as long.
+        cases: number of load cases; no step crosses the end of one.
     """
 
     first: float = 1.0
@@ -42,9 +42,9 @@ class ArcLengthSteps:
     cases: int = 1
 
     def end_ahead(self, load: float, direction: int, passed: int) -> float | None:
-        """The next load at which a step must end, ``None`` if there is none in that direction.
+        """Return the next load at which a step must end, ``None`` if there is none in that direction.
 
-        Full load is passed over as long as turning points have still to come.
+        Full load is no such end until all limit points are passed.
         """
         inner = [case / self.cases for case in range(1, self.cases)]
         ends = [*inner, 1.0] if passed == self.limit_points else inner
@@ -53,7 +53,7 @@ class ArcLengthSteps:
 
 
 class Traceable(Equations, Protocol):
-    """Equations that can be solved at a fixed load factor, too."""
+    """Interface of equations that can also be solved at a fixed load factor."""
 
     limit: int
     reuse: float
@@ -66,11 +66,11 @@ def trace(
 ) -> Iterator[Solve]:
     """Yield every solve along the path from ``load``, at which the present state is in equilibrium.
 
-    The state is always that of the last accepted solve. The last solve yielded is at load factor 1 and accepted, or
-    says why that was not reached: `Outcome.LIMIT_POINT` if the load turns once more than it may, with the state there.
+    The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or its
+    outcome is the reason why the full load was not reached: `Outcome.LIMIT_POINT` at one limit point more than allowed.
 
     Args:
-        passed: turning points between the unloaded body and the present state.
+        passed: number of limit points between the unloaded body and the present state.
     """
     path = _Path(equations, steps, tolerance, passed)
     try:
@@ -87,7 +87,7 @@ class _Point:
     sign: int  # of the determinant of K, 0 if not known
 
     def ahead(self, s: float) -> PETSc.Vec:
-        """The state predicted at a distance."""
+        """Return the predicted state at a distance along the tangent."""
         x = self.x.copy()
         x.axpy(s, self.tangent.direction)
         return x
@@ -99,8 +99,8 @@ class _Path:
         self.bordering = Bordering(
             equations, equations.system.position(), limit=equations.limit, reuse=equations.reuse, cases=steps.cases
         )
-        self.before: _Point | None = None  # the last point of this part of the path, on which the load has not turned
-        self.spent = 0  # factorizations that no solve has been charged with yet
+        self.before: _Point | None = None  # the last point but one since the last limit point
+        self.spent = 0  # factorizations that are not yet part of a report
         self.ended, self.easy = False, False
 
     @property
@@ -135,7 +135,7 @@ class _Path:
         yield self._report(point.load, Outcome.STEP_LIMIT)
 
     def _start(self, load: float) -> _Point | None:
-        """The present state as a point from which the load goes on in the direction that it has."""
+        """Return the present state as a point of the path, with the load in its present direction."""
         x = self.equations.system.position()
         tangent = self.bordering.tangent(x, load, None, self.direction)
         self.spent += 1
@@ -145,7 +145,7 @@ class _Path:
         return _Point(x, load, tangent, self.equations.linear.sign_of_determinant())
 
     def _land(self, point: _Point, end: float, predicted: PETSc.Vec, step: float) -> Moves:
-        """Solve at a fixed load near a predicted state; one found elsewhere may belong to another path."""
+        """Solve at a fixed load from a predicted state; a distant solution may belong to another path."""
         equations = self.equations
         equations.system.set_state(predicted)
         if equations.system.fault() is not None:
@@ -171,7 +171,7 @@ class _Path:
         predicted.axpy(-1.0, found.x)
         if found.outcome.accepted and norm(predicted) > step:
             found.outcome = Outcome.ANOTHER_PATH
-        if not found.outcome.accepted:
+        if found.g is None or not found.outcome.accepted:
             self.equations.system.set_state(point.x)
             yield self._report(found.load, found.outcome, found)
             self.ended = found.outcome is Outcome.INTERRUPTED
@@ -179,7 +179,7 @@ class _Path:
         if (found.load - point.load) * self.direction < 0:
             beyond = self._slope_beyond(point, found)
             if beyond is not None or t.slope * self.direction < 0:
-                return (yield from self._turn(point, found, beyond))
+                return (yield from self._pass_limit_point(point, found, beyond))
         if end is not None and (found.load - end) * self.direction > 0:
             self.spent += found.factorizations
             share = (end - point.load) / (found.load - point.load)
@@ -191,30 +191,30 @@ class _Path:
         self.easy = len(found.iterations) <= self.steps.easy
         self.before = point
         sign = found.signs[-1] if found.signs else point.sign
-        after = _Point(found.x, found.load, self.bordering.present_tangent(along), sign)
+        after = _Point(found.x, found.load, tangent_along(found.g, along), sign)
         self.equations.system.set_state(found.x)
         yield self._report(found.load, found.outcome, found)
         return after
 
     def _corrected(self, x: PETSc.Vec, load: float, t: PETSc.Vec, scale: float) -> Corrected:
-        """A point of the path from a predicted one, if that is admissible."""
+        """Return a point of the path from a predicted state, or the fault of that state."""
         self.equations.system.set_state(x)
         if (fault := self.equations.system.fault()) is not None:
-            return Corrected(fault, x, load, (), 0, ())
+            return Corrected(fault, x, load)
         tolerance = self.steps.path_tolerance
         return self.bordering.correct(x, load, t, tolerance, direction=self.direction, scale=scale)
 
     def _slope_beyond(self, point: _Point, found: Corrected) -> Tangent | None:
-        """The tangent at a point with less load than the one before, if the load does fall there.
+        """Return the tangent at a point with less load than the one before, if the load falls along it.
 
-        A load that nears a limit for ever may seem to fall, by the error of the points.
+        A load that approaches a limit asymptotically may seem to fall, by the error of the points.
         """
         self.spent += 1
         tangent = self.bordering.tangent(found.x, found.load, point.tangent.direction)
         return tangent if tangent is not None and tangent.slope * self.direction < 0 else None
 
-    def _turn(self, point: _Point, found: Corrected, beyond: Tangent | None) -> Moves:
-        """Find where the load turns before a point at which it has, and go on from there if it may."""
+    def _pass_limit_point(self, point: _Point, found: Corrected, beyond: Tangent | None) -> Moves:
+        """Find the limit point before a point, and continue from there if more limit points may be passed."""
         fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
         self.spent += 1 + found.factorizations
         self.easy = False
@@ -222,7 +222,7 @@ class _Path:
         if fresh is None:
             return None
         if fresh.slope * self.direction > 0:
-            if beyond is None:  # it has turned twice, or not at all
+            if beyond is None:  # two limit points, or none
                 yield self._report(found.load, Outcome.ANOTHER_PATH)
                 return None
             t, sign = fresh.direction, point.sign
@@ -234,24 +234,24 @@ class _Path:
             high = _along(t, before, point.x, point.load, fresh.slope / dot(t, fresh.direction))
         else:
             return None
-        turning, spent = locate(self.bordering, t, low, high, direction=self.direction)
-        self.spent += spent - turning.factorizations
-        if not turning.outcome.accepted:
+        extremum, tangent, spent = locate(self.bordering, t, low, high, direction=self.direction)
+        self.spent += spent - extremum.factorizations
+        if extremum.g is None:
             self.equations.system.set_state(point.x)
-            yield self._report(turning.load, turning.outcome, turning)
-            self.ended = turning.outcome is Outcome.INTERRUPTED
+            yield self._report(extremum.load, extremum.outcome, extremum)
+            self.ended = extremum.outcome is Outcome.INTERRUPTED
             return None
-        tangent = self.bordering.present_tangent(t)
-        self.equations.system.set_state(turning.x)
-        yield replace(self._report(turning.load, turning.outcome, turning), turning_point=True)
+        self.equations.system.set_state(extremum.x)
+        yield replace(self._report(extremum.load, extremum.outcome, extremum), limit_point=True)
         if self.passed == self.steps.limit_points:
-            yield self._report(turning.load, Outcome.LIMIT_POINT)
+            yield self._report(extremum.load, Outcome.LIMIT_POINT)
             self.ended = True
             return None
         self.passed += 1
         self.before = None
+        tangent = tangent or tangent_along(extremum.g, t)
         onward = Tangent(tangent.direction, self.direction * abs(tangent.slope))
-        return _Point(turning.x, turning.load, onward, -sign)  # one eigenvalue of K has changed its sign
+        return _Point(extremum.x, extremum.load, onward, -sign)  # one eigenvalue of K has changed its sign
 
     def _report(self, load: float, outcome: Outcome, found: Corrected | None = None) -> Solve:
         if found is None:
@@ -259,7 +259,7 @@ class _Path:
         return self._charged(Solve(load, outcome, found.iterations, found.factorizations, found.signs))
 
     def _charged(self, solve: Solve) -> Solve:
-        """The solve with its strategy, and with the factorizations on the way to it."""
+        """Return the solve with its strategy, and with the factorizations since the last report added."""
         spent, self.spent = self.spent, 0
         return replace(solve, strategy="arc-length", factorizations=solve.factorizations + spent)
 

@@ -1,17 +1,17 @@
-"""Arc-length continuation: the path of equilibria (x, λ), also where the load factor λ turns.
+"""Predictor and corrector of arc-length continuation: the path of equilibria (x, λ), through limit points of the load.
 
-From a point of the path the tangent ``t`` leads to a predictor, which Newton's method corrects in the plane normal to
-it (Riks):
+From a point of the path the predictor is a step along the tangent ``t``, and Newton's method is the corrector, in the
+plane normal to the tangent (Riks):
 
     R(x, λ) = 0,      t·(x - x_predicted) = 0.
 
 Bordering solves this with the factors of ``K = ∂R/∂x`` alone: with ``K d = R`` and ``K g = -∂R/∂λ`` the correction is
 ``-d + g Δλ``, where ``Δλ = t·d / t·g`` keeps it in the plane. The length of the path is measured in x only (Crisfield),
-so that ``dλ/ds = 1/t·g``, which changes sign at a turning point of the load. ∂R/∂λ is a difference quotient, exact
-for loads in proportion to λ; it directs the iteration, and does not enter its result.
+so that ``dλ/ds = 1/t·g``, which changes sign at a limit point of the load. ∂R/∂λ is a difference quotient, exact
+for loads in proportion to λ; it affects the convergence, not the result.
 
-PETSc's SNESNEWTONAL has the same constraint, but steps of one fixed length; it neither goes back from a step that
-failed or that would turn an element inside out, nor keeps a tangent, nor looks for turning points.
+PETSc's SNESNEWTONAL has the same constraint, but steps of fixed length; it neither repeats a step that failed or that
+would turn an element inside out, nor keeps a tangent, nor finds limit points.
 
 Sources: Riks, Int. J. Solids Struct. 15, 529–551, 1979, doi:10.1016/0020-7683(79)90081-7;
 Crisfield, Comput. Struct. 13, 55–62, 1981, doi:10.1016/0045-7949(81)90108-5;
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class ParametrisedSystem(Protocol):
-    """``R(x, λ) = 0`` at a state x and a load factor λ that it keeps, and its tangent."""
+    """Interface of a system ``R(x, λ) = 0``, which stores its state x and load factor λ, and of its tangent."""
 
     def position(self) -> PETSc.Vec: ...
     def set_state(self, x: PETSc.Vec) -> None: ...
@@ -45,14 +45,14 @@ class ParametrisedSystem(Protocol):
 
 
 class TangentSolver(Protocol):
-    """Solves with the tangent that the system assembled last."""
+    """Interface of a linear solver for the tangent that the system assembled last."""
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool: ...
     def sign_of_determinant(self) -> int: ...
 
 
 class Equations(Protocol):
-    """A system and its linear solver, and requests to stop."""
+    """Interface of a system with its linear solver, and of requests to stop."""
 
     @property
     def system(self) -> ParametrisedSystem: ...
@@ -69,65 +69,70 @@ class Tangent:
     slope: float
 
 
+def tangent_along(g: PETSc.Vec, along: PETSc.Vec | None, direction: int = 1) -> Tangent:
+    """Return the tangent of the path from ``g = -K⁻¹ ∂R/∂λ``; arguments as for `Bordering.tangent`."""
+    g = g.copy()
+    length = norm(g)
+    sign = direction if along is None else math.copysign(1, dot(along, g))
+    if length == 0.0:  # the state does not depend on the load
+        return Tangent(g, sign * math.inf)
+    g.scale(sign / length)
+    return Tangent(g, sign / length)
+
+
 @dataclass
 class Corrected:
-    """What one correction did: the point that it ended at, and what it took."""
+    """Result of one run of the corrector: the point where it ended, and its effort.
+
+    Attributes:
+        g: ``-K⁻¹ ∂R/∂λ`` of the last tangent; ``None`` if the outcome is not accepted.
+    """
 
     outcome: Outcome
     x: PETSc.Vec
     load: float
-    iterations: tuple[NewtonIteration, ...]
-    factorizations: int
-    signs: tuple[int, ...]
+    iterations: tuple[NewtonIteration, ...] = ()
+    factorizations: int = 0
+    signs: tuple[int, ...] = ()
+    g: PETSc.Vec | None = None
 
 
 class Bordering:
     """Newton's method for the equations and one constraint, and the tangent of their path.
 
     Args:
-        equations: what is solved.
+        equations: the equations.
+        like: a vector of the layout of the state.
         limit, reuse: as for `NewtonMonitor`.
-        cases: number of load cases; where one ends, ∂R/∂λ jumps.
+        cases: number of load cases; ∂R/∂λ jumps at the end of each.
     """
 
     def __init__(self, equations: Equations, like: PETSc.Vec, *, limit: int, reuse: float, cases: int = 1) -> None:
         self.equations, self.limit, self.reuse, self.cases = equations, limit, reuse, cases
-        # residual, its change with the load, K⁻¹ of both, and a trial
+        # residual, its negative derivative by the load factor, K⁻¹ times both, and a trial state
         self._r, self._r_load, self._d, self._g, self._trial = (like.duplicate() for _ in range(5))
 
     def tangent(self, x: PETSc.Vec, load: float, along: PETSc.Vec | None, direction: int = 1) -> Tangent | None:
-        """Tangent of the path at one of its points, with new factors; ``None`` if these are singular.
+        """Return the tangent of the path at one of its points, with new factors; ``None`` if these are singular.
 
         Args:
-            along: a vector that the tangent shall make an acute angle with; without it, λ shall
-            direction: grow (1) or fall (-1) along it.
+            along: a vector with which the tangent makes an acute angle; without it, ``direction`` orients the tangent.
+            direction: 1 if λ grows along the tangent, -1 if it falls.
         """
         self.equations.system.set_state(x)
-        if not self._linearise(load, direction):
-            return None
-        return self.present_tangent(along, direction)
-
-    def present_tangent(self, along: PETSc.Vec | None, direction: int = 1) -> Tangent:
-        """The same with the factors at hand, which are of a state nearby."""
-        g = self._g.copy()
-        length = norm(g)
-        sign = direction if along is None else math.copysign(1, dot(along, g))
-        if length == 0.0:  # the state does not depend on the load
-            return Tangent(g, sign * math.inf)
-        g.scale(sign / length)
-        return Tangent(g, sign / length)
+        return tangent_along(self._g, along, direction) if self._linearise(load, direction) else None
 
     def correct(
         self, x: PETSc.Vec, load: float, t: PETSc.Vec, tolerance: float, *, direction: int, scale: float
     ) -> Corrected:
-        """Newton's method from ``(x, load)`` in the plane through x normal to ``t``; it fails where corrections grow.
+        """Solve from ``(x, load)`` in the plane through x normal to ``t``; fail where corrections grow.
 
         Args:
             tolerance: estimated error of x relative to its norm, and of the load factor relative to ``scale``.
-            direction: of the load factor, where it is at the end of a load case.
+            direction: 1 or -1, direction of the load factor, which matters at the end of a load case.
         """
         equations = self.equations
-        # A shorter step is always at hand, and an iteration that has wandered may end on another path.
+        # The step can be shortened instead, and an iteration whose corrections grow may end on another path.
         monitor = NewtonMonitor(tolerance, self.limit, self.reuse, growths_allowed=0)
         x, outcome, fault = x.copy(), None, None
         signs: list[int] = []
@@ -139,7 +144,7 @@ class Bordering:
             if equations.interrupted():
                 outcome = Outcome.INTERRUPTED
                 break
-            fresh = monitor.wants_new_tangent
+            fresh = monitor.needs_new_tangent
             if fresh:
                 factorizations += 1
                 equations.system.set_state(x)
@@ -152,7 +157,7 @@ class Bordering:
                 outcome = Outcome.LINEAR_SOLVER
                 break
             along = dot(t, self._g)
-            if along == 0.0:  # the tangent has grown beyond all numbers
+            if along == 0.0:  # underflow: the tangent exceeds the range of numbers
                 outcome = Outcome.NOT_FINITE
                 break
             change = dot(t, self._d) / along
@@ -168,7 +173,8 @@ class Bordering:
         if outcome.accepted:
             equations.system.set_state(x)
             outcome = equations.system.fault() or equations.system.fault_of_solution() or outcome
-        return Corrected(outcome, x, load, tuple(monitor.history), factorizations, tuple(signs))
+        g = self._g.copy() if outcome.accepted else None
+        return Corrected(outcome, x, load, tuple(monitor.history), factorizations, tuple(signs), g)
 
     def _residual(self, x: PETSc.Vec, load: float, b: PETSc.Vec) -> None:
         self.equations.system.set_state(x)
@@ -176,7 +182,7 @@ class Bordering:
         self.equations.system.residual(b)
 
     def _linearise(self, load: float, direction: int) -> bool:
-        """Factorize K at the present state and solve ``K g = -∂R/∂λ``; false if that failed."""
+        """Factorize K at the present state and solve ``K g = -∂R/∂λ``; return whether that succeeded."""
         equations = self.equations
         equations.system.set_load(load)
         equations.system.residual(self._trial)
@@ -190,14 +196,14 @@ class Bordering:
         return equations.linear.solve(self._r_load, self._g)
 
     def _difference_step(self, load: float, direction: int) -> float:
-        """Change of the load factor towards the middle of the load case that lies in this direction."""
+        """Return a small change of the load factor towards the middle of the load case in this direction."""
         position = load * self.cases
         case = math.floor(position + direction * 1e-9)
         middle = min(max(case, 0), self.cases - 1) + 0.5
         return math.copysign(1e-3, middle - position) / self.cases
 
     def _admissible(self, x: PETSc.Vec) -> tuple[float, Outcome | None]:
-        """Share of the correction that may be taken, halved at most ten times, and what kept it short."""
+        """Return the admissible share of the correction, halved at most ten times, and the fault of a larger one."""
         share, fault = 1.0, None
         for _ in range(10):
             x.copy(self._trial)
@@ -210,6 +216,6 @@ class Bordering:
         return share, fault
 
     def destroy(self) -> None:
-        """Free what PETSc holds."""
+        """Free PETSc objects."""
         for vector in (self._r, self._r_load, self._d, self._g, self._trial):
             vector.destroy()

@@ -1,4 +1,4 @@
-"""Why the full load was not reached, from everything that was tried."""
+"""Diagnosis of a failure to reach the full load, from the solves of all strategies."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from hpcinv.model.outcome import Outcome
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
-    from hpcinv.solver.equilibrium import Solve
+    from hpcinv.solver.newton import Solve
 
 
 class Diagnosis(enum.Enum):
-    """Why the full load was not reached: the message to the user, and remedies."""
+    """Reasons why the full load was not reached, with message and advice."""
 
     LIMIT_POINT = (
         "the load reaches a maximum here (limit point): no solution near by carries more",
@@ -123,24 +123,23 @@ _OF_OUTCOME = {
     Outcome.FIXED_POINT_LIMIT: Diagnosis.FORWARD_FAILED,
     Outcome.FIXED_POINT_DIVERGED: Diagnosis.FORWARD_FAILED,
 }
-# These say where the path ends, however it is followed: no loss of stability explains them better.
+# Ends of the path for any strategy, which loss of stability does not explain.
 _DECISIVE = {Diagnosis.LIMIT_POINT, Diagnosis.KRYLOV_LIMIT, Diagnosis.LAW_DOMAIN, Diagnosis.FORWARD_FAILED}
 _DEGENERATE = {Diagnosis.INVERSION, Diagnosis.VOLUME_CHANGED}
-# Strategies by how much the way in which they end tells of the path.
-_TELLING = ("arc-length", "load steps")
+# Strategies whose last outcome is used for the diagnosis, in order of preference.
+_PREFERRED = ("arc-length", "load steps")
 
 
 def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
-    """The reason why the solves of one direction ended before the full load; the last of them is not accepted."""
+    """Return the reason why the solves of one direction, the last of which failed, ended before the full load."""
     accepted = [solve for solve in solves if solve.outcome.accepted]
-    found = _OF_OUTCOME.get(_telling(solves), Diagnosis.NOT_CONVERGED)
+    found = _OF_OUTCOME.get(_last_outcome(solves), Diagnosis.NOT_CONVERGED)
     if found is Diagnosis.LINEAR_SOLVER and not accepted:
         return Diagnosis.ILL_POSED
     if any(solve.load > 1 for solve in accepted) and found is not Diagnosis.STEP_LIMIT:
-        turned = sum(solve.turning_point for solve in accepted)
-        return (
-            Diagnosis.LEAST_LOAD if found is Diagnosis.LIMIT_POINT and turned % 2 == 0 else Diagnosis.BEYOND_FULL_LOAD
-        )
+        passed = sum(solve.limit_point for solve in accepted)
+        at_minimum = found is Diagnosis.LIMIT_POINT and passed % 2 == 0
+        return Diagnosis.LEAST_LOAD if at_minimum else Diagnosis.BEYOND_FULL_LOAD
     if found in _DECISIVE:
         return found
     if _crossed_singular_point(accepted):
@@ -152,24 +151,24 @@ def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     return found
 
 
-def _telling(solves: Sequence[Solve]) -> Outcome:
-    """The last outcome of the strategy that says most of the path, `Outcome.STEP_LIMIT` being the least."""
+def _last_outcome(solves: Sequence[Solve]) -> Outcome:
+    """Return the last outcome of the preferred strategy; `Outcome.STEP_LIMIT` only if there is no other."""
     last = {solve.strategy: solve.outcome for solve in solves}
-    ends = [last[s] for s in _TELLING if s in last and not last[s].accepted] or [solves[-1].outcome]
+    ends = [last[s] for s in _PREFERRED if s in last and not last[s].accepted] or [solves[-1].outcome]
     return next((end for end in ends if end is not Outcome.STEP_LIMIT), ends[0])
 
 
 def _arc_length_was_cut_short(solves: Sequence[Solve]) -> bool:
-    """Whether it was tried where the job's own strategy failed, and given up for its effort."""
+    """Return whether it was a fallback that ended for too much effort."""
     ends = [solve.outcome for solve in solves if solve.strategy == "arc-length"]
     return solves[0].strategy != "arc-length" and ends[-1:] == [Outcome.STEP_LIMIT]
 
 
 def _crossed_singular_point(accepted: Sequence[Solve]) -> bool:
-    """Whether the tangent's determinant changed its sign between turning points of the load."""
+    """Return whether the tangent's determinant changed its sign between limit points."""
     sign = 0
     for solve in accepted:
-        if solve.turning_point:
+        if solve.limit_point:
             sign = 0
         elif solve.signs:
             if sign and solve.signs[-1] != sign:

@@ -1,4 +1,4 @@
-"""Equilibrium of a system at one load factor: Newton's method by PETSc's SNES."""
+"""Newton's method for the equilibrium of a system at one load factor, by PETSc's SNES."""
 
 from __future__ import annotations
 
@@ -15,17 +15,16 @@ from hpcinv.parallel.petsc_log import logged_seconds
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.mip_newton import ExtrapolatedStress
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
 from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.petsc_options import SolverOptions
-from hpcinv.solver.step_report import Solve as Solve  # part of this module's interface
 
 if TYPE_CHECKING:
     from hpcinv.assembly.system import System
     from hpcinv.solver.linear_solver import LinearSolver
-    from hpcinv.solver.predictor import Prediction, Predictor
+    from hpcinv.solver.predictor import Increment, Prediction, Predictor
 
-_GIVEN_UP = -7  # SNES_DIVERGED_INNER: what PETSc is told when NewtonMonitor gives up
+_GIVEN_UP = -7  # SNES_DIVERGED_INNER, returned to PETSc when NewtonMonitor ends a solve without convergence
 _DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE
 
 _OUTCOMES_BY_REASON: dict[int, Outcome] = {
@@ -39,19 +38,21 @@ _OUTCOMES_BY_REASON: dict[int, Outcome] = {
 
 @dataclass
 class _Progress:
-    """How far one solve has come.
+    """State of one solve.
 
     Attributes:
-        tangents: new tangents so far; ``signs`` are those of their determinants.
-        has_new_tangent: whether the present correction has one.
-        correction: norm of the last whole correction.
-        outcome: of the convergence test.
-        short: what kept the last correction short.
-        refused: why no correction can be taken.
-        is_tested: whether PETSc has asked the convergence test.
+        first_step: increment of the first correction, or of the prediction; ``None`` before either.
+        tangents: number of new tangents so far; ``signs`` are the signs of their determinants.
+        has_new_tangent: whether the present correction is computed with a new tangent.
+        correction: norm of the last correction before it was shortened.
+        outcome: outcome of the convergence test.
+        short: the fault for which the last correction was shortened.
+        refused: the reason why no correction can be taken.
+        is_tested: whether PETSc has called the convergence test.
     """
 
     monitor: NewtonMonitor
+    first_step: Increment | None = None
     tangents: int = 0
     signs: list[int] = field(default_factory=list)
     has_new_tangent: bool = False
@@ -62,11 +63,11 @@ class _Progress:
     is_tested: bool = False
 
     def outcome_of(self, reason: int) -> Outcome:
-        """How the solve ended, where PETSc says ``reason``.
+        """Return the outcome of the solve, for PETSc's ``reason``.
 
-        Without an outcome of ours, PETSc ended the solve: it failed, or by a test that the user's options chose. Where
-        our test is asked, it alone decides on convergence: PETSc takes a line search that failed with a tiny step for
-        convergence.
+        Without an outcome of the convergence test, PETSc ended the solve, by a failure or by a test that the user's
+        options chose. Where the convergence test is called, it alone decides on convergence: PETSc takes a line search
+        that failed with a tiny step for convergence.
         """
         outcome = self.outcome or _OUTCOMES_BY_REASON.get(reason, Outcome.DIVERGED)
         if reason > 0 and self.outcome is None:
@@ -79,18 +80,18 @@ class _Progress:
 class Equilibrium:
     """Newton's method for a system, with a linear solver, monitored by the corrections.
 
-    The tangent is kept while corrections contract (Shamanskii); the matrix is then left untouched, so that PETSc keeps
-    its factors too, and its symbolic analysis serves the whole run. Before the line search sees a correction, one of a
-    kept tangent that does not contract is computed again with a new one, and one that would turn an element inside out,
-    or strain it beyond what its law is defined for, is halved.
+    The tangent is kept while corrections contract (Shamanskii). The matrix is then not assembled again, so that PETSc
+    keeps its factors too, and one symbolic analysis serves the whole run. Before the line search, a correction by a
+    kept tangent that does not contract is computed again with a new one, and one that would turn an element inside
+    out, or strain it beyond the domain of its law, is halved.
 
     Args:
         system: residual and tangent, and the state that is solved for.
         linear: solves for the corrections.
         predictor: predicts states and measures corrections.
-        limit: Newton iterations after which a solve is given up.
+        limit: largest number of Newton iterations of a solve.
         reuse: largest contraction at which the tangent is kept, 0 for full Newton.
-        observer: of the iterations; all ranks are asked before each one whether to stop.
+        observer: observer of the iterations; it is asked on all ranks before each one whether to stop.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class Equilibrium:
         self.system, self.linear, self.predictor = system, linear, predictor
         self.limit, self.reuse, self.observer = limit, reuse, observer
         with system.timings("set-up"):
-            # SNES iterates on a vector of its own: the state moves along with every trial of the line search.
+            # SNES iterates on a separate vector, since every trial of the line search changes the state.
             self._x, self._before = system.rhs.duplicate(), system.rhs.duplicate()
             self.snes = self._create_snes()
             self.mip = ExtrapolatedStress(system.scene, system.supports)
@@ -126,12 +127,12 @@ class Equilibrium:
     def solve(
         self, load: float, tolerance: float, *, predicted: Prediction | None = None, begins_near: bool = False
     ) -> Solve:
-        """Newton's method from the present state, which is left unchanged if the outcome is not accepted.
+        """Solve from the present state, which is unchanged if the outcome is not accepted.
 
         Args:
             load: load factor.
             tolerance: estimated error of the state relative to its norm.
-            predicted: how the present state was predicted; the effort of that is added to the solve's.
+            predicted: prediction of the present state; its effort is added to the effort of the solve.
             begins_near: whether the present state is known to be near the solution.
         """
         system, linear = self.system, self.linear
@@ -143,10 +144,9 @@ class Equilibrium:
         accepted = start.copy()
         start.copy(x)
         start.copy(self._before)
-        self.mip.begin(None)
         if predicted is not None and predicted.is_taken and self._takes_full_steps:
             now.monitor.predicted = predicted.length
-            self.mip.begin(predicted.increment)
+            now.first_step = predicted.increment
             predicted.origin.copy(self._before)
         linear.limit_iterations()
         with system.timings("newton"):
@@ -176,7 +176,7 @@ class Equilibrium:
 
     @contextmanager
     def newton(self, line_search: str) -> Iterator[None]:
-        """Within this context every iteration has a new tangent, and another line search (a type of PETSc's)."""
+        """Context in which every iteration has a new tangent and a given line search (a type of PETSc's)."""
         search = self.snes.getLineSearch()
         kept, reuse = search.getType(), self.reuse
         search.setType(line_search)
@@ -188,7 +188,7 @@ class Equilibrium:
             self.reuse = reuse
 
     def correct(self, load: float) -> None:
-        """Add one full Newton correction to the present state, whatever it does to the elements."""
+        """Add one full Newton correction to the present state, without a check of the elements."""
         system = self.system
         start, step = system.position(), system.rhs.duplicate()
         system.linearise(load)
@@ -200,17 +200,17 @@ class Equilibrium:
         step.destroy()
 
     def compile(self, *, prescribed_motion: bool) -> None:
-        """Compile what solves may come to need, where supports prescribe a motion or not."""
+        """Compile all forms that solves may need, with or without prescribed motion."""
         self.mip.compile()
         if prescribed_motion:
             self.system.compile_lifting()
 
     def interrupted(self) -> bool:
-        """Whether any rank is asked to stop; collective."""
+        """Return whether any rank is asked to stop; collective."""
         return bool(self.system.comm.allreduce(self.observer.stop_asked(), op=MPI.LOR))
 
     def destroy(self) -> None:
-        """Free what PETSc holds of it and of its parts."""
+        """Free the PETSc objects of this solver and of its parts."""
         for part in (self.snes, self._x, self._before, self.predictor, self.linear, self.system):
             part.destroy()
 
@@ -222,20 +222,20 @@ class Equilibrium:
         self.system.residual(b)
 
     def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, _A: PETSc.Mat, _P: PETSc.Mat) -> None:
-        self._now.has_new_tangent = self._now.monitor.wants_new_tangent
+        self._now.has_new_tangent = self._now.monitor.needs_new_tangent
         if self._now.has_new_tangent:
             self._renew_tangent(x)
 
     def _renew_tangent(self, x: PETSc.Vec) -> None:
-        system = self.system
+        system, first = self.system, self._now.first_step
         self._now.tangents += 1
         system.set_state(x)
         system.tangent()
-        if self.mip.wanted:
+        if first is not None and self.mip.is_needed(first):
             with system.timings("compile"):
                 self.mip.compile()
             with system.timings("tangent"):
-                self.mip.add_to(system.matrix, self._before)
+                self.mip.add_to(system.matrix, self._before, first)
         self.linear.factorize()
 
     def _test_convergence(self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]) -> int:
@@ -260,7 +260,7 @@ class Equilibrium:
             self._before.aypx(-1.0, x)
             now.correction = norm(self._before)
             x.copy(self._before)
-        if now.refused is Outcome.LINEAR_SOLVER:  # there was no correction that could show convergence
+        if now.refused is Outcome.LINEAR_SOLVER:  # without a correction there is nothing to judge by
             now.outcome = now.refused
             return _GIVEN_UP
         iteration = NewtonIteration(now.correction, norm(x), residual, now.has_new_tangent)
@@ -277,26 +277,26 @@ class Equilibrium:
         return self.snes.getType() == "newtonls" and self.snes.getLineSearch().getType() == "basic"
 
     def _check(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Change the correction ``-y``, if need be, before the line search takes it; whether it was changed."""
+        """Change the correction ``-y`` before the line search, if necessary; return whether it was changed."""
         now, changed = self._now, False
         if self._takes_full_steps:
-            changed = not now.has_new_tangent and not now.monitor.may_take(norm(y), norm(x))
+            changed = not now.has_new_tangent and not now.monitor.accepts(norm(y), norm(x))
             if changed:
                 self._correct_again(x, y)
             self.system.set_state(x)
             increment = self.predictor.increments(y)
             if not now.monitor.history and not now.monitor.predicted:
-                self.mip.begin(increment)
-            if now.monitor.is_hopeless(increment):
+                now.first_step = increment
+            if now.monitor.is_too_large(increment):
                 now.refused = now.refused or Outcome.DIVERGED
-        # The whole correction is what measures the error: a damped one is small even far from the solution.
+        # The whole correction measures the error: a damped one is small even far from the solution.
         now.correction = norm(y)
         changed |= self._back_off(x, y)
         x.copy(self._before)
         return changed
 
     def _correct_again(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """The correction with a new tangent."""
+        """Compute the correction ``-y`` again with a new tangent."""
         self._now.has_new_tangent = True
         self._renew_tangent(x)
         if not self.linear.back_substitute(self.snes.getFunction()[0], y):
@@ -304,7 +304,7 @@ class Equilibrium:
             y.set(0.0)
 
     def _back_off(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Halve the correction ``-y`` until the state is admissible, at most ten times."""
+        """Halve the correction ``-y`` until the state is admissible, at most ten times; return whether it was."""
         system, trial, shortened = self.system, x.duplicate(), False
         with system.timings("admissibility check"):
             self._now.short = None

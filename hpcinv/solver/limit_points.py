@@ -1,4 +1,4 @@
-"""Turning points of the load on a path of equilibria: where ``dλ/ds`` vanishes."""
+"""Location of limit points on a path of equilibria, at which ``dλ/ds`` vanishes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from hpcinv.parallel.petsc_vectors import dot, norm
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from hpcinv.solver.bordering import Bordering, Corrected
+    from hpcinv.solver.bordering import Bordering, Corrected, Tangent
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A point of the path: its distance along a direction, its load, and ``dλ/ds`` along that."""
+    """A point of the path: state, distance ``s`` along a direction, load factor, and ``dλ/ds``."""
 
     x: PETSc.Vec
     s: float
@@ -26,17 +26,17 @@ class Sample:
 
 def locate(
     bordering: Bordering, t: PETSc.Vec, low: Sample, high: Sample, *, direction: int, tolerance: float = 1e-3
-) -> tuple[Corrected, int]:
-    """The turning point between two points of the path, and the factorizations that it took.
+) -> tuple[Corrected, Tangent | None, int]:
+    """Return the limit point between two points of the path, the tangent there, and the number of factorizations.
 
-    Each trial is a point of the path in a plane normal to ``t``; there ``dλ/ds = 1/t·g`` (see `bordering`). The secant
-    method finds its root, kept between the two points.
+    Each trial is a point of the path in a plane normal to ``t``, where ``dλ/ds = 1/t·g`` (see `bordering`). The root is
+    found by the secant method, bounded by the two points. The tangent is ``None`` if its factorization failed.
 
     Args:
         t: unit vector along which both points were reached.
-        low: the point before it.
+        low: the point before the limit point.
         high: the point after it.
-        direction: 1 where the load has a maximum, -1 where it has a minimum.
+        direction: 1 for a maximum of the load, -1 for a minimum.
         tolerance: of the state, relative to its norm.
     """
     scale = max(abs(low.load), abs(high.load))
@@ -52,15 +52,15 @@ def locate(
         guess.destroy()
         spent += found.factorizations
         if not found.outcome.accepted:
-            return found, spent
+            return found, None, spent
         spent += 1
         tangent = bordering.tangent(found.x, found.load, t)
-        if tangent is None:  # nothing is more singular than the turning point itself
-            return found, spent
+        if tangent is None:  # the tangent is singular at the limit point
+            return found, None, spent
         slope = tangent.slope / dot(t, tangent.direction)
         sample = Sample(found.x, s, found.load, slope)
-        if abs(s - last.s) <= tolerance * norm(found.x) or spent > _ENOUGH:
-            return found, spent
+        if abs(s - last.s) <= tolerance * norm(found.x) or spent > _MOST_FACTORIZATIONS:
+            return found, tangent, spent
         rises = slope * direction > 0
         trial = _secant(last, sample)
         low, high = (sample, high) if rises else (low, sample)
@@ -68,15 +68,15 @@ def locate(
 
 
 _TOLERANCE = 1e-8
-_ENOUGH = 40
+_MOST_FACTORIZATIONS = 40
 
 
 def _secant(one: Sample, other: Sample) -> float:
-    """Where the slope vanishes, if it is linear."""
+    """Return the root of the linear function through two slopes."""
     return other.s - other.slope * (other.s - one.s) / ((other.slope - one.slope) or math.inf)
 
 
 def _between(low: Sample, high: Sample) -> float:
-    """The same, well between two points."""
+    """Return the root as `_secant`, limited to the middle nine tenths of the interval."""
     share = (_secant(low, high) - low.s) / (high.s - low.s)
     return low.s + (high.s - low.s) * min(max(share, 0.05), 0.95)

@@ -21,25 +21,25 @@ if TYPE_CHECKING:
 
 
 class LinearSolver:
-    """``K x = b`` with the tangent K of a system; its symbolic analysis serves the whole run.
+    """Linear solver for ``K x = b`` with the tangent K of a system; one symbolic analysis serves the whole run.
 
-    The tangent that was last assembled counts: it is factorized when it is first needed.
+    K is the last assembled tangent, which is factorized when it is first needed.
 
     Args:
         system: assembles the tangent.
-        options: PETSc options of the job, beside those of the configuration.
+        options: PETSc options of the job, which extend or replace options of the configuration.
         choice: configuration of the linear solver, and whether the other one may be tried where it fails.
 
     Attributes:
-        options: as PETSc has them, those of Newton's method included.
-        fallback: why the other configuration was taken, if it was.
+        options: options in PETSc's database, including options of Newton's method.
+        fallback: reason why the other configuration was taken, if it was.
     """
 
     def __init__(self, system: System, options: Mapping[str, Value], choice: Choice) -> None:
         self.system, self.choice = system, choice
         self.fallback: str | None = None
         self._iterations = 0
-        self._factorized = -1  # number of the tangent whose factors are at hand
+        self._factorized = -1  # number of the tangent that was factorized last
         with system.timings("set-up"):
             self.options = SolverOptions(options)
             self.ksp = PETSc.KSP().create(system.comm)
@@ -58,11 +58,11 @@ class LinearSolver:
 
     @property
     def used(self) -> Used:
-        """Which linear solver it is by now, and why."""
+        """The present configuration, and the reasons for it."""
         return Used(self.configuration.name, self.choice.why, self.fallback, self.system.note)
 
     def factorize(self) -> None:
-        """Factorize the tangent that was last assembled, or make its preconditioner, unless that is done already."""
+        """Factorize the last assembled tangent, or set up its preconditioner, unless that is done already."""
         if self._factorized == self.system.tangents:
             return
         with self.system.timings("factorization"):
@@ -75,7 +75,7 @@ class LinearSolver:
         self._factorized = self.system.tangents
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """``x = K⁻¹ b`` to rounding errors, or to the accuracy of an iterative solver; false if that failed."""
+        """Solve to rounding errors, or to the accuracy of an iterative solver; return whether that succeeded."""
         self.factorize()
         self.configuration.set_accuracy(precise=True)
         self.limit_iterations()
@@ -90,28 +90,28 @@ class LinearSolver:
         return False
 
     def limit_iterations(self) -> None:
-        """Allow the Krylov iterations of one solve of Newton's method from now on."""
+        """Limit the Krylov iterations from now on to those of one solve of Newton's method."""
         self.configuration.allow(self.choice.budget)
 
     def back_substitute(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """``x = K⁻¹ b`` with the factors or the preconditioner at hand; false if that failed."""
+        """Solve with the present factors or preconditioner; return whether that succeeded."""
         self.ksp.solve(b, x)
         self.count_iterations(self.ksp.getIterationNumber())
         reason: Any = self.ksp.getConvergedReason()  # an int, whatever its stub says
         return reason >= 0 and bool(np.isfinite(norm(x)))
 
     def count_iterations(self, number: int) -> None:
-        """Take note of what a linear solve took."""
+        """Add to the number of Krylov iterations."""
         if not self.configuration.exact:
             self._iterations += number
 
     def take_iterations(self) -> int:
-        """Krylov iterations since this was asked last."""
+        """Return the number of Krylov iterations since the last call."""
         number, self._iterations = self._iterations, 0
         return number
 
     def fall_back(self) -> bool:
-        """Change to the other configuration after a failure, if that may help."""
+        """Change to the other configuration after a failure; return whether there is one that may help."""
         if self.fallback is not None or self.choice.other is None:
             return False
         if self.configuration.exact and not self.configuration.lacked_memory(self.ksp):
@@ -120,28 +120,28 @@ class LinearSolver:
         self.fallback = f"the {self.configuration.name} solver {what}: {self.choice.other} from there on"
         self.configuration.destroy()
         self.configuration = self._use(self.choice.other)
-        self.ksp.setConvergenceTest(None)  # drops that of the configuration before
+        self.ksp.setConvergenceTest(None)  # removes the test of the previous configuration
         return True
 
     def release_preconditioner(self) -> None:
-        """Free multigrid until the solver is used again; a symbolic factorization is kept."""
+        """Free the multigrid hierarchy until the solver is used again; a symbolic factorization is kept."""
         if not self.configuration.exact:
             self.ksp.reset()
             self._factorized = -1
             give_back_memory()
 
     def forget_factors(self) -> None:
-        """Begin again after a factorization that failed: MUMPS cannot go on."""
+        """Discard the factors after a failed factorization, with which MUMPS cannot continue."""
         self._factorized = -1
         self.options.restore()
         self.ksp.pc.reset()
 
     def sign_of_determinant(self) -> int:
-        """Of the tangent whose factors are at hand; 0 if the linear solver does not tell."""
+        """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""
         return self.configuration.sign_of_determinant(self.ksp)
 
     def destroy(self) -> None:
-        """Free what PETSc holds."""
+        """Free PETSc objects."""
         self.options.remove()
         self.configuration.destroy()
         self.ksp.destroy()

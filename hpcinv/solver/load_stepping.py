@@ -1,4 +1,4 @@
-"""Continuation in the load factor: from the unloaded body to the full load, in as few factorizations as it takes."""
+"""Continuation in the load factor, from the unloaded body to the full load, in few factorizations."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
 
 if TYPE_CHECKING:
-    from hpcinv.solver.equilibrium import Equilibrium, Solve
-    from hpcinv.solver.step_measure import Increment
+    from hpcinv.solver.equilibrium import Equilibrium
+    from hpcinv.solver.newton import Solve
+    from hpcinv.solver.predictor import Increment
 
 
 @dataclass(frozen=True)
 class AdaptiveSteps:
-    """Try the whole remaining load, halve the step where Newton's method fails, and lengthen it where it is easy.
+    """Load steps, at first the whole load, halved where Newton's method fails and doubled where few iterations suffice.
 
-    A step is shortened beforehand where its tangent foretells that it turns or stretches the body too far: in forward
-    problems linear steps of much more than a radian are no use. In inverse problems they are, as the loads do not turn.
+    A step is shortened beforehand where its linear prediction has too large rotations or strains. Rotations count in
+    forward problems only, where linear steps of much more than a radian fail; in inverse ones the loads do not rotate.
 
-    Steps before the last only lead the way, so they are solved to ``path_tolerance``. Steps are shares of a load case,
-    and none goes beyond the end of its case.
+    All steps but the last are solved to ``path_tolerance``. Steps are shares of a load case, and none crosses its end.
     """
 
     first: float = 1.0
     smallest: float = 1e-3
-    path_tolerance: float = 1e-6  # of the displacement: the stretch of a slender body must be right as well
+    path_tolerance: float = 1e-6  # of the displacement; resolves the axial strain of a slender body too
     easy: int = 6  # Newton iterations up to which the next step is twice as long
     cases: int = 1
 
-    farthest = 2.0  # rad, and norm of the strain, of a step as it is foretold
-    share = 0.75  # of that, to which a longer one is shortened
+    farthest = 2.0  # largest predicted rotation (rad) or strain (norm) of a step
+    share = 0.75  # of that, the prediction of a shortened step
 
     def start(self) -> float:
         return self.first / self.cases
 
-    def shortened(self, step: float, foretold: Increment, *, forward: bool) -> float:
-        """The part of a step that may be tried."""
-        excess = max(foretold.stretch, foretold.turn if forward else 0.0) / self.farthest
+    def shortened(self, step: float, predicted: Increment, *, forward: bool) -> float:
+        """Return the step, shortened if its predicted increment is too large."""
+        excess = max(predicted.strain, predicted.rotation if forward else 0.0) / self.farthest
         return step if not 1 < excess < math.inf else max(self.share * step / excess, self.least)
 
     @property
@@ -74,17 +74,17 @@ class FixedSteps:
 
 @dataclass
 class LimitPointAhead:
-    """Signs of a turning point of the load: the state changes ever faster, and Newton's method fails beyond a load.
+    """Indications of a limit point: a growing rate of change of the state, and repeated failures beyond a load.
 
-    ``rates`` are those of the state by the load at accepted solutions, ``failures`` where solves began and should have
-    ended. A load, or more than that, must have failed from three solutions: large steps fail for other reasons, too.
+    ``rates`` are derivatives of the state by the load at accepted solutions, ``failures`` pairs of initial and target
+    load of failed solves. Failures from three solutions are required, since large steps fail for other reasons, too.
     """
 
     rates: list[float] = field(default_factory=list)
     failures: list[tuple[float, float]] = field(default_factory=list)
 
-    def seen_from(self, load: float) -> bool:
-        """Whether there are these signs after the last failure, of a solve that began at ``load``."""
+    def is_likely(self, load: float) -> bool:
+        """Return whether a limit point is likely after the last failure, of a solve that began at ``load``."""
         ceiling = self.failures[-1][1]
         starts = {begin for begin, end in self.failures if load < end <= ceiling}
         return len(starts) >= 3 and len(self.rates) >= 2 and self.rates[-1] > self.rates[-2]
@@ -99,20 +99,20 @@ def follow(
     tolerance: float,
     *,
     load: float = 0.0,
-    turned: int = 0,
-    patient: bool = True,
+    passed: int = 0,
+    stop_early: bool = False,
 ) -> Iterator[Solve]:
     """Yield every solve on the way from ``load``, at which the state is in equilibrium, to the full load.
 
-    The state is always that of the last accepted solve. The last solve yielded is at load factor 1 and accepted, or
-    says why the load was not reached.
+    The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or its
+    outcome is the reason why the full load was not reached.
 
     Args:
-        turned: turning points of the load on the way to the present state.
-        patient: go on to the smallest step also where a turning point of the load seems to lie ahead.
+        passed: number of limit points between the unloaded body and the present state.
+        stop_early: stop where a limit point is likely, before the smallest step is reached.
     """
     if isinstance(steps, ArcLengthSteps):
-        yield from trace(equilibrium, steps, tolerance, load=load, passed=turned)
+        yield from trace(equilibrium, steps, tolerance, load=load, passed=passed)
         return
     state, forward = equilibrium.system.state.x, equilibrium.system.scene.kinematics.direction == "forward"
     step, has_tangent, ahead = steps.start(), False, LimitPointAhead()
@@ -131,24 +131,24 @@ def follow(
                     state.array[:] = accepted
                     target = _target(load, shorter, steps.cases)
                     predicted = predict(target).after(predicted)
-        aim = tolerance if target == 1.0 else steps.path_tolerance
-        solve = equilibrium.solve(target, aim, predicted=predicted)
+        wanted = tolerance if target == 1.0 else steps.path_tolerance
+        solve = equilibrium.solve(target, wanted, predicted=predicted)
         step = steps.after(solve, target - load)
         if solve.outcome.accepted:
             load, has_tangent = target, True
         else:
             state.array[:] = accepted
             ahead.failures.append((load, target))
-            has_tangent = False  # the factors at hand are of a state that was given up
+            has_tangent = False  # the present factors belong to a state of the failed solve
         yield solve
         if not solve.outcome.accepted and (
-            step < steps.least or solve.outcome is Outcome.INTERRUPTED or (not patient and ahead.seen_from(load))
+            step < steps.least or solve.outcome is Outcome.INTERRUPTED or (stop_early and ahead.is_likely(load))
         ):
             return
 
 
 def _target(load: float, step: float, cases: int) -> float:
-    """The next load, not beyond the end of the present load case."""
+    """Return the next load, at most the end of the present load case."""
     end = min((math.floor(load * cases + 1e-9) + 1) / cases, 1.0)
-    # A remainder that is only rounding error is no step of its own.
+    # A remainder of rounding errors is no separate step.
     return end if load + step > end - 1e-9 / cases else load + step

@@ -1,20 +1,20 @@
-"""The stress that the last correction promised, in the geometric part of the tangent of a forward problem.
+"""Mixed-integration-point (MIP) Newton: extrapolated stress in the geometric tangent of a forward problem.
 
-A correction that is linear in the displacement turns the body along tangents of circles, and so stretches what it
-should only turn: a rotation by φ leaves a strain of φ²/2. In a slender body the stress of that strain exceeds the true
-one by orders of magnitude; it makes the next tangent far too stiff against bending, and the corrections zigzag. But the
-correction from x₀ by c was computed with a stress of its own,
+A correction is linear in the displacement, and moves points along the tangents of circles: where it should rotate the
+body by φ, it also strains it by φ²/2. In a slender body the stress of that strain exceeds the true one by orders of
+magnitude; it makes the next tangent far too stiff against bending, and the corrections oscillate. The linear equations
+for the correction c at x₀, however, contain the extrapolated stress
 
     Ŝ = S(x₀) + ∂S/∂x [c],
 
-which is in equilibrium with the load as far as the linear equations know. Newton's method for displacement and stress
+which is in equilibrium with the load to first order. Newton's method for displacement and stress
 as independent unknowns at each quadrature point, the stress then eliminated, has Ŝ in place of S in the geometric part
-∫ Ŝ : (Grad δvᵀ Grad Δu) dV. The residual is not touched, and Ŝ - S vanishes with the square of the correction: neither
-the answer nor the order of convergence changes. The matrix stays symmetric where it was.
+∫ Ŝ : (Grad δvᵀ Grad Δu) dV. The residual is the same, and Ŝ - S vanishes with the square of the correction: neither
+the solution nor the order of convergence changes. A symmetric matrix stays symmetric.
 
-The pressure ``p = -∂ψ/∂θ`` is such a stress as well where it is none of the unknowns, so that it stands in
-``p ∂²θ/∂F²`` by its extrapolated value, too. Where it is an unknown, its own share ``-p F⁻¹ ∂θ/∂F`` of S is
-extrapolated in steps that turn more than they stretch: in the others the exact one has proved better.
+Where the pressure ``p = -∂ψ/∂θ`` is not an unknown, it is such a stress as well, and its extrapolated value replaces it
+in ``p ∂²θ/∂F²``. Where it is an unknown, its share ``-p F⁻¹ ∂θ/∂F`` of S is extrapolated in steps with more rotation
+than strain; in the others the exact share has proved better.
 
 Source: Magisano, Leonetti & Garcea, Comput. Methods Appl. Mech. Eng. 313, 986–1005, 2017,
 doi:10.1016/j.cma.2016.10.023.
@@ -38,37 +38,36 @@ if TYPE_CHECKING:
 
     from hpcinv.model.scene import Scene
     from hpcinv.model.supports import Supports
-    from hpcinv.solver.step_measure import Increment
+    from hpcinv.solver.predictor import Increment
 
 
 class ExtrapolatedStress:
-    """What it adds to the tangent at the present state of a scene; compiled when it is first wanted.
+    """Additional term of the tangent at the present state of a scene; compiled at its first use."""
 
-    Attributes:
-        wanted: whether the present solve has it.
-    """
-
-    _smallest = 0.1  # rad: smaller rotations leave strains that do not tell
-    _turning = 2.0  # times the stretch, from which on a step counts as a rotation
+    _smallest = 0.1  # rad: the spurious strain of smaller rotations is negligible
+    _rotation_to_strain = 2.0  # ratio above which the pressure's share is extrapolated
 
     def __init__(self, scene: Scene, supports: Supports) -> None:
         self._scene, self._supports = scene, supports
-        self.wanted = False
         self._is_forward = scene.kinematics.direction == "forward"
 
     def compile(self) -> None:
-        """Compile it, if it may ever be wanted."""
+        """Compile the term, if the direction of the analysis has one."""
         if self._is_forward:
             assert self.form is not None
 
-    def begin(self, increment: Increment | None) -> None:
-        """Take in the first step of a solve, which decides for the whole of it; ``None`` before there is one."""
-        self.wanted = self._is_forward and increment is not None and increment.turn > self._smallest
-        if self.wanted and increment is not None:
-            self._of_pressure.value = float(increment.turn > self._turning * increment.stretch)
+    def is_needed(self, first: Increment) -> bool:
+        """Return whether the tangents of a solve need the term, by the first step of that solve."""
+        return self._is_forward and first.rotation > self._smallest
 
-    def add_to(self, matrix: PETSc.Mat, before: PETSc.Vec) -> None:
-        """Add it to the tangent; ``before`` is the state from which a linear step has led to the present one."""
+    def add_to(self, matrix: PETSc.Mat, before: PETSc.Vec, first: Increment) -> None:
+        """Add the term to the tangent.
+
+        Args:
+            before: the state from which a linear step has led to the present one.
+            first: increment of the first step of the solve.
+        """
+        self._of_pressure.value = float(first.rotation > self._rotation_to_strain * first.strain)
         before.copy(self._before.x.petsc_vec)
         self._before.x.scatter_forward()
         self._step.x.array[:] = self._scene.unknowns.state.x.array - self._before.x.array
@@ -109,7 +108,7 @@ class ExtrapolatedStress:
         return fem.form(total, jit_options=JIT_OPTIONS)
 
     def _excess(self, stress: Any) -> Any:
-        """The extrapolated value of something that depends on the state, less the present one."""
+        """Return the extrapolated value of an expression of the state, less its present value."""
         if isinstance(stress, Zero):
             return stress
         there = ufl.replace(stress, {self._scene.unknowns.state: self._before})

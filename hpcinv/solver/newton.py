@@ -1,9 +1,9 @@
-"""How Newton's method is judged: by its corrections, not by the residual.
+"""Monitor of Newton's method, which goes by the corrections and not by the residual, and reports of its solves.
 
 On slender and nearly incompressible bodies the residual first rises by orders of magnitude while the corrections
-already shrink. Corrections are also what tells how far the solution is: with a contraction ``θ`` of successive
-corrections the error left is about ``θ/(1-θ)`` times the last one (Deuflhard, *Newton Methods for Nonlinear Problems*,
-2011, doi:10.1007/978-3-642-23899-4).
+already shrink. Corrections also estimate the error: with a contraction ``θ`` of successive corrections it is about
+``θ/(1-θ)`` times the last one (Deuflhard, *Newton Methods for Nonlinear Problems*, 2011,
+doi:10.1007/978-3-642-23899-4).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from hpcinv.model.outcome import Outcome
 
 if TYPE_CHECKING:
-    from hpcinv.solver.step_measure import Increment
+    from hpcinv.solver.predictor import Increment
 
 
 @dataclass(frozen=True)
@@ -29,18 +29,45 @@ class NewtonIteration:
     new_tangent: bool
 
 
+@dataclass(frozen=True)
+class Solve:
+    """Report of one solve at a fixed load factor.
+
+    Attributes:
+        load: the load factor.
+        iterations: those of Newton's method; empty if a test that the user's options chose ended the solve.
+        factorizations: number of tangents that were factorized.
+        signs: signs of their determinants, empty if the linear solver does not give them; where the sign changes, the
+            number of negative eigenvalues has changed by an odd number.
+        position_residual: distance of the loaded body from the given one (m) after a step of a fixed-point method.
+        linear_iterations: iterations of the Krylov solver, if there is one.
+        strategy: the strategy that the solve belongs to.
+        limit_point: whether the load has an extremum along the path here.
+    """
+
+    load: float
+    outcome: Outcome
+    iterations: tuple[NewtonIteration, ...]
+    factorizations: int
+    signs: tuple[int, ...] = ()
+    position_residual: float | None = None
+    linear_iterations: int = 0
+    strategy: str = "load steps"
+    limit_point: bool = False
+
+
 @dataclass
 class NewtonMonitor:
     """Decides after each correction whether to stop, and whether the next one needs a new tangent.
 
     Args:
         tolerance: estimated error of the state, relative to its norm, at which a solve ends.
-        limit: number of iterations after which it is given up.
+        limit: largest number of iterations.
         reuse: largest contraction at which a tangent is kept (Shamanskii's method); 0 is full Newton.
-        begins_near: whether the first correction can be trusted, small as it may be.
-        predicted: length of the step, by the tangent at hand, that has foretold where it begins; 0 if none has.
-        inexact: error of a correction itself, relative, as the linear solver leaves it.
-        growths_allowed: iterations in which the correction may grow; a solve with more of them has diverged.
+        begins_near: whether the initial state is known to be near the solution.
+        predicted: length of the step along the tangent that predicted the initial state; 0 without a prediction.
+        inexact: relative error of a correction that the linear solver leaves.
+        growths_allowed: number of iterations in which the correction may grow; with more of them it has diverged.
     """
 
     tolerance: float
@@ -52,15 +79,15 @@ class NewtonMonitor:
     growths_allowed: int = 2
     history: list[NewtonIteration] = field(default_factory=list)
 
-    # The first corrections may shrink by chance, far from the solution: a tangent found there must not be kept.
+    # Far from the solution the first corrections may shrink by chance: a tangent assembled there must not be kept.
     near = 0.02
-    # Where it is known to begin near the solution, a first correction as small as this keeps its tangent.
-    next_to = 5e-3
-    # Corrections smaller than this that no longer shrink are rounding errors; larger ones are not.
+    # A first correction as small as this keeps its tangent if the initial state is known to be near the solution.
+    near_at_first = 5e-3
+    # Corrections smaller than this that no longer shrink are rounding errors.
     round_off = 1e-8
-    # A correction by a kept tangent that exceeds the one before by more than this is found anew.
+    # A correction by a kept tangent that exceeds the one before by more than this is computed with a new tangent.
     renewal = 1.0
-    # A correction that turns or stretches the body more than this leads nowhere, unless it is the first.
+    # The solve ends at a correction, except the first, whose rotation (rad) or strain exceeds this.
     too_far = 10.0
 
     @property
@@ -72,33 +99,34 @@ class NewtonMonitor:
         return last / before if before > 0 else 0.0
 
     @property
-    def wants_new_tangent(self) -> bool:
+    def needs_new_tangent(self) -> bool:
+        """True if the next correction needs a new tangent."""
         if not self.history:
             return not (self.predicted and self.reuse)
         last = self.history[-1]
-        if len(self.history) == 1 and self.begins_near and last.correction <= self.next_to * last.state:
+        if len(self.history) == 1 and self.begins_near and last.correction <= self.near_at_first * last.state:
             return False
         theta = self.contraction
         if len(self.history) == 1 and self.predicted:
             theta = last.correction / self.predicted
         return not (theta <= self.reuse and last.correction <= self.near * last.state)
 
-    def may_take(self, correction: float, state: float) -> bool:
-        """Whether to take a correction that a kept tangent gives, or to find it anew, from the same state.
+    def accepts(self, correction: float, state: float) -> bool:
+        """Return whether a correction by a kept tangent is good enough; else it needs a new tangent at the same state.
 
-        To know it costs no factorization (Deuflhard's simplified correction).
+        The test costs no factorization (Deuflhard's simplified correction).
         """
         if not self.history:
             return correction <= self.reuse * self.predicted and correction <= self.near * state
         return correction <= self.renewal * self.history[-1].correction
 
-    def is_hopeless(self, increment: Increment) -> bool:
-        """Whether to give up, by what the next correction would do to the body."""
+    def is_too_large(self, increment: Increment) -> bool:
+        """Return whether the rotation or strain of the next correction shows that the solve has failed."""
         is_first = not self.history and not self.predicted
-        return not is_first and not (increment.turn <= self.too_far and increment.stretch <= self.too_far)
+        return not is_first and not (increment.rotation <= self.too_far and increment.strain <= self.too_far)
 
     def judge(self, iteration: NewtonIteration) -> Outcome | None:
-        """Take in one iteration; ``None`` means go on."""
+        """Add an iteration to the history and return the outcome, ``None`` if the solve goes on."""
         self.history.append(iteration)
         if not (math.isfinite(iteration.correction) and math.isfinite(iteration.residual)):
             return Outcome.NOT_FINITE
@@ -109,11 +137,5 @@ class NewtonMonitor:
             return Outcome.ROUND_OFF
         if len(self.history) >= self.limit:
             return Outcome.ITERATION_LIMIT
-        if self._growths() > self.growths_allowed:
-            return Outcome.DIVERGED
-        return None
-
-    def _growths(self) -> int:
-        """Number of iterations in which the correction grew."""
-        corrections = [i.correction for i in self.history]
-        return sum(after > before for before, after in itertools.pairwise(corrections))
+        growths = sum(after.correction > before.correction for before, after in itertools.pairwise(self.history))
+        return Outcome.DIVERGED if growths > self.growths_allowed else None

@@ -1,24 +1,24 @@
-"""Observers of the solves of a run: what progress, checkpoints, reports and requests to stop have in common."""
+"""Observers of the solves of a run: the interface of progress, checkpoints, reports and requests to stop."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction
     from hpcinv.solver.linear.selection import Used
-    from hpcinv.solver.newton import NewtonIteration
-    from hpcinv.solver.step_report import Solve
+    from hpcinv.solver.newton import NewtonIteration, Solve
 
 
 @dataclass(frozen=True)
 class SolveEvent:
-    """One solve on the way to the full load, and where it left the solution.
+    """Report of one solve on the way to the full load, and of the state after it.
 
     Attributes:
         solve: the last solve.
-        solves: every completed solve of this direction, those before a restart too.
+        solves: every completed solve of this direction, including those before a restart.
         load: share of the load under which the present state is a solution.
         can_restart: whether a run can be resumed from the present state.
         largest_displacement: of the present state, in m.
@@ -35,15 +35,15 @@ class SolveEvent:
 
 @dataclass(frozen=True)
 class SolvedDirection:
-    """How the solution in one direction ended.
+    """Report of the solution in one direction.
 
     Attributes:
-        solves: every completed solve, those before a restart too.
+        solves: every completed solve, including those before a restart.
         load: share of the load that was reached.
         linear: the linear solver that was used.
         stopped: whether a request to stop ended it.
         can_restart: whether there is a state from which a run can be resumed.
-        unused_options: PETSc options of the job that nothing asked for; ``None`` if nothing had to be solved.
+        unused_options: PETSc options of the job that PETSc did not use; ``None`` if nothing had to be solved.
     """
 
     direction: Direction
@@ -56,27 +56,36 @@ class SolvedDirection:
 
 
 class Observer:
-    """Receives the events of a run, on every rank and in the same order; the default is to ignore them."""
+    """Interface for the events of a run, on every rank and in the same order; by default they are ignored."""
 
     def begun(self, direction: Direction, linear: Used) -> None:
-        """The solution in one direction begins."""
+        """Called when the solution in one direction begins."""
 
     def iteration(self, iteration: NewtonIteration) -> None:
-        """One iteration of Newton's method."""
+        """Called after each iteration of Newton's method."""
 
     def solved(self, event: SolveEvent) -> None:
-        """One solve has ended; the model's state is that of the last accepted one; collective."""
+        """Called after each solve, when the model's state is that of the last accepted one; collective."""
 
     def ended(self, found: SolvedDirection) -> None:
-        """The solution in one direction has ended; collective."""
+        """Called when the solution in one direction has ended; collective."""
 
     def stop_asked(self) -> bool:
-        """Whether this rank asks to stop; asked before each Newton iteration and after each solve."""
+        """Return whether this rank asks to stop; called before each Newton iteration and after each solve."""
         return False
 
 
 SILENT = Observer()
-"""nobody observes"""
+
+
+class StopSignal(Observer):
+    """Asks to stop when a function returns true, such as one that knows of signals."""
+
+    def __init__(self, asked: Callable[[], bool]) -> None:
+        self.asked = asked
+
+    def stop_asked(self) -> bool:
+        return self.asked()
 
 
 class Observers(Observer):

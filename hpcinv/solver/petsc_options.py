@@ -1,4 +1,4 @@
-"""PETSc options of one solver: defaults, what the job sets, and which of the latter nothing asked for."""
+"""PETSc options of one solver: defaults, options of the job, and the unused ones among these."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NEWTON: Mapping[str, Value] = {
 
 
 class SolverOptions:
-    """Options in PETSc's database under a prefix of their own, from construction until `remove`."""
+    """Options in PETSc's database under the prefix of this program, from construction until `remove`."""
 
     prefix = "hpcinv_"
 
@@ -29,12 +29,12 @@ class SolverOptions:
         self.use(NEWTON)
 
     def use(self, defaults: Mapping[str, Value]) -> None:
-        """Set defaults, but for those that the job sets itself."""
+        """Set defaults, except for options that the job sets."""
         self._values |= {**defaults, **self._of_the_job}
         self.restore()
 
     def restore(self) -> None:
-        """Put back what other solvers have removed or changed: the linear solver may ask again."""
+        """Set all options again that other solvers have removed or changed; the linear solver may read them again."""
         there = self._database.getAll()
         for name, value in self._values.items():
             if name not in there or there[name] != self._texts.get(name):
@@ -45,13 +45,13 @@ class SolverOptions:
         self._texts = {name: now.get(name, "") for name in self._values}
 
     def unused(self) -> list[str]:
-        """Options of the job that nothing in PETSc has asked for so far: misspelt, or without effect here."""
-        everything = PETSc.Options()  # with a prefix of its own, `used` looks for the wrong name
-        # Those that another solver has taken back may have been used.
+        """Return options of the job that PETSc has not used so far: misspelt ones, or ones without effect here."""
+        everything = PETSc.Options()  # with a prefix, `used` looks for the wrong name
+        # Options that another solver has removed may have been used.
         there = [name for name in sorted(self._names) if name in self._database.getAll()]
         return [name for name in there if not everything.used(self.prefix + name)]
 
     def remove(self) -> None:
-        """Take the options back, so that PETSc does not report the unused ones a second time at its end."""
+        """Remove the options, so that PETSc does not report unused ones a second time when it ends."""
         for name in self._database.getAll():
             self._database.delValue(name)

@@ -1,4 +1,4 @@
-"""Prediction of solutions along the tangent of their path, measured by the rotations and strains that it makes."""
+"""Prediction of solutions along the tangent of their path, and the rotations and strains of such steps."""
 
 from __future__ import annotations
 
@@ -6,15 +6,57 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import ufl
+from dolfinx import fem
 
+from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.solver.step_measure import Increment, Increments
+from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
     from hpcinv.assembly.system import System
+    from hpcinv.model.scene import Scene
     from hpcinv.solver.linear_solver import LinearSolver
+
+
+@dataclass(frozen=True)
+class Increment:
+    """Largest rotation (rad) and strain (norm) of a step at any point, to first order."""
+
+    rotation: float
+    strain: float
+
+
+class Increments:
+    """Rotation and strain of steps from the present state of a scene.
+
+    With ``F`` the gradient of the map from the mesh to the other body, ``δF F⁻¹ = d + w``: the strain ``d = dᵀ`` and
+    the spin ``w = -wᵀ`` of that body. The residual is no measure of a step: its stiffest parts dominate it.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        unknowns, kin = scene.unknowns, scene.kinematics
+        self._comm = unknowns.mesh.comm
+        self._step = fem.Function(unknowns.space)
+        step = self._step if unknowns.p is None else ufl.split(self._step)[0]
+        rate = kin.sign * ufl.grad(step) * ufl.inv(ufl.Identity(3) + kin.sign * ufl.grad(unknowns.u))
+        w, d = ufl.skew(rate), ufl.sym(rate)
+        squares = ufl.as_vector([ufl.inner(w, w) / 2, ufl.inner(d, d)])
+        self._squares = QuadratureValues(squares, unknowns.mesh, scene.quadrature_degree)
+
+    def __call__(self, step: PETSc.Vec) -> Increment:
+        """Increment of a step in all unknowns, added or subtracted; collective."""
+        step.copy(self._step.x.petsc_vec)
+        self._step.x.scatter_forward()
+        largest = np.zeros(2)
+        for _, values in self._squares:
+            largest = np.maximum(largest, values.reshape(-1, 2).max(axis=0, initial=0.0))
+        self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        rotation, strain = np.sqrt(largest)
+        return Increment(float(rotation), float(strain))
+
 
 UNBOUNDED = Increment(np.inf, np.inf)
 
@@ -26,9 +68,9 @@ class Prediction:
     Attributes:
         length: of the step.
         increment: largest rotation and strain that it makes.
-        origin: the state where it begins; it holds until the next prediction.
-        is_taken: whether the state was moved along it; not if an element would turn inside out.
-        factorizations, signs: new tangents that it took, and signs of their determinants.
+        origin: the state where it begins; overwritten by the next prediction.
+        is_taken: whether the state was moved along it; false if an element would turn inside out.
+        factorizations, signs: number of new tangents, and signs of their determinants.
     """
 
     length: float
@@ -39,7 +81,7 @@ class Prediction:
     signs: tuple[int, ...] = ()
 
     def after(self, first: Prediction) -> Prediction:
-        """This prediction, with the effort of the one that it replaces."""
+        """Return this prediction with the effort of the replaced one added."""
         factorizations = first.factorizations + self.factorizations
         return replace(self, factorizations=factorizations, signs=first.signs + self.signs)
 
@@ -59,7 +101,7 @@ class Predictor:
         A step that would turn an element inside out is not taken.
 
         Args:
-            new_tangent: assemble and factorize it; else the factors at hand are used.
+            new_tangent: assemble and factorize the tangent; else the present factors are used.
         """
         system, linear = self.system, self.linear
         start, factorizations = self._origin, 0
@@ -91,5 +133,5 @@ class Predictor:
         return Prediction(length, increment, start, is_taken, factorizations, (sign,) if sign else ())
 
     def destroy(self) -> None:
-        """Free what PETSc holds."""
+        """Free PETSc objects."""
         self._origin.destroy()

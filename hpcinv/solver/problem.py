@@ -40,9 +40,9 @@ KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinema
 
 
 class Model:
-    """What the solutions of an analysis share, and the analyses of other jobs of the same structure (`structure_of`).
+    """Spaces, supports, scales and scenes of a job, and of other jobs of the same reuse group (`reuse_group_of`).
 
-    Scenes and the equations on them are made once and used again: that keeps the compiled kernels, the pattern of the
+    Scenes and the equations on them are made once and used again, with their compiled kernels, the pattern of the
     matrix and its symbolic factorization.
 
     Raises:
@@ -60,7 +60,7 @@ class Model:
             self.unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
             self.supports = Supports(job, body, self.unknowns)
             check_agreement(job, body, self.supports)
-            # Springs are part of the scene: with them the check has to wait for its equations.
+            # Springs are part of the scene: with them the check needs its equations.
             self._is_held = not any(effect.holds for effect in job.effects)
             if self._is_held:
                 check_held(body, self.supports)
@@ -69,10 +69,10 @@ class Model:
         )
 
     def update_parameters(self, job: Job, timings: Timings) -> None:
-        """Go over to another job of the same structure; the mesh must lie as it is given.
+        """Change to another job of the same reuse group, on the mesh as the job gives it.
 
         Raises:
-            MeshError: as the constructor; the model is then of no use any more.
+            MeshError: as the constructor; the model cannot be used afterwards.
         """
         self.job, self.timings = job, timings
         with timings("set-up"):
@@ -86,18 +86,18 @@ class Model:
 
     @cached_property
     def chooser(self) -> Chooser:
-        """Which linear solver suits; collective when first asked for."""
+        """The rule by which the linear solver is chosen; collective at the first access."""
         return Chooser(self.unknowns, self.job.discretisation.displacement)
 
     def _scales(self) -> Scales:
         return Scales(self.body.length_scale, power_of_two(shear_modulus(self.job, self.fields)))
 
     def scene(self, direction: Direction, known: Function | None = None, quadrature: int | None = None) -> Scene:
-        """The scene in one direction, on the mesh as it lies when it is used.
+        """Return the scene in one direction; it is evaluated at the coordinates of the mesh at that time.
 
         Args:
-            known: as `Scene` has it.
-            quadrature: degree; left out, the job's.
+            known: as for `Scene`.
+            quadrature: quadrature degree, by default the degree of the job.
         """
         is_kept = known is None and quadrature is None
         if is_kept and direction in self._scenes:
@@ -110,7 +110,7 @@ class Model:
         return scene
 
     def equilibrium(self, scene: Scene, observer: Observer = SILENT) -> Equilibrium:
-        """The equations of a scene, and the solver that the job asks for, whose iterations are observed."""
+        """Return the equations of a scene with the solver of the job."""
         equilibrium = self._idle.pop(id(scene), None)
         if equilibrium is None:
             solver = self.job.solver
@@ -135,7 +135,7 @@ class Model:
         return equilibrium
 
     def release(self, equilibrium: Equilibrium) -> None:
-        """Take equations back that were asked for, to be used again; those of a scene of its own end here."""
+        """Keep equations for the next use, or destroy them if the model does not keep their scene."""
         scene = equilibrium.system.scene
         if any(scene is kept for kept in self._scenes.values()) and id(scene) not in self._idle:
             equilibrium.linear.release_preconditioner()
@@ -144,13 +144,13 @@ class Model:
             equilibrium.destroy()
 
     def destroy(self) -> None:
-        """Free what PETSc holds of it."""
+        """Free PETSc objects."""
         for equilibrium in self._idle.values():
             equilibrium.destroy()
         self._idle.clear()
 
     def solution(self) -> tuple[Function, Function | None]:
-        """Copies of displacement (m) and pressure (Pa; ``None`` in the displacement form) as they stand."""
+        """Return copies of the present displacement (m) and pressure (Pa; ``None`` in the displacement form)."""
         u, p = self.unknowns.displacement(), self.unknowns.pressure()
         u.x.array[:] *= self.scales.length
         if p is not None:
@@ -158,14 +158,14 @@ class Model:
         return u, p
 
     def largest_displacement(self) -> float:
-        """Of the present state over the degrees of freedom of all ranks, in m; collective."""
+        """Return the largest displacement of the present state at any degree of freedom, in m; collective."""
         u = self.unknowns.displacement().x.array.reshape(-1, 3)
         largest = float((u**2).sum(axis=1).max(initial=0.0)) ** 0.5 * self.scales.length
         return float(self.body.mesh.comm.allreduce(largest, op=MPI.MAX))
 
     @contextmanager
     def at(self, nodes: Floats, u: Function, p: Function | None) -> Iterator[None]:
-        """Move the mesh to ``nodes`` and the state to a `solution`; both are as before at the end.
+        """Context in which the mesh lies at ``nodes`` and the state is a `solution`; both are restored at the end.
 
         Args:
             nodes: coordinates of the local geometry nodes, (n, 3) in m.
@@ -182,7 +182,7 @@ class Model:
                 state[:] = before
 
     def set_solution(self, u: Function, p: Function | None) -> None:
-        """Make a `solution` the present state, from which the next solve begins."""
+        """Set the present state, from which the next solve begins, to a `solution`."""
         u, p = u.copy(), p.copy() if p is not None else None
         u.x.array[:] /= self.scales.length
         self.unknowns.set_displacement(u)
@@ -192,7 +192,7 @@ class Model:
 
     @property
     def steps(self) -> Steps:
-        """The continuation that the job asks for."""
+        """The load steps of the job."""
         solver, cases = self.job.solver, self.job.case_count
         if solver.strategy == "fixed":
             return FixedSteps(solver.steps, solver.tolerance, cases=cases)
@@ -203,7 +203,9 @@ class Model:
 
 
 def default_quadrature(kind: str, displacement: int) -> int:
-    """Degree that keeps the order of convergence: ``2k - 2`` on simplices, ``k + 1`` Gauss points a side on hexahedra.
+    """Return the degree that keeps the order of convergence.
+
+    It is ``2k - 2`` on simplices, and ``k + 1`` Gauss points in each direction on hexahedra.
 
     Source: Ciarlet, *The Finite Element Method for Elliptic Problems*, 2002, ch. 4, doi:10.1137/1.9780898719208.
     """

@@ -1,7 +1,7 @@
-"""What runs that follow each other in one process hand on: the body, and a model with its equations and factorization.
+"""Cache of the body and the model, with its equations and factorization, for successive runs in one process.
 
-A workspace keeps the last body and the last model. Jobs that differ in numbers alone find all of it ready; jobs on the
-same mesh find the body.
+A workspace keeps the last body and the last model. Jobs that differ only in numbers use both again; jobs on the same
+mesh use the body again.
 """
 
 from __future__ import annotations
@@ -28,10 +28,7 @@ if TYPE_CHECKING:
 
 
 class Workspace:
-    """The last body and model of the runs on one communicator; all methods are collective.
-
-    Use it as a context, which frees them.
-    """
+    """The last body and model of the runs on one communicator, freed at the end of a context; collective."""
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         self.comm = comm
@@ -45,7 +42,7 @@ class Workspace:
         self.clear()
 
     def body(self, job: Job, report: Callable[[str], None] = no_report) -> Body:
-        """The body of a job as its mesh gives it; ``report`` as in `build_body`.
+        """Return the body of a job; ``report`` as for `build_body`.
 
         Raises:
             MeshError, SystemPartMissing: the same on every rank.
@@ -58,13 +55,12 @@ class Workspace:
         self._body = key, body
         return body
 
-    def model(self, job: Job, timings: Timings) -> Model:
-        """The model of a job, whose body must have been asked for.
+    def model(self, job: Job, body: Body, timings: Timings) -> Model:
+        """Return the model of a job on its body.
 
         Raises:
             MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
         """
-        assert self._body is not None
         key = on_root(self.comm, lambda: reuse_group_of(job))
         if self._model is not None and self._model[0] == key:
             try:
@@ -74,11 +70,11 @@ class Workspace:
                 raise
             return self._model[1]
         self._forget_model()
-        self._model = key, Model(job, self._body[1], timings)
+        self._model = key, Model(job, body, timings)
         return self._model[1]
 
     def clear(self) -> None:
-        """Forget all, and free what PETSc holds of it."""
+        """Drop body and model, and free their PETSc objects."""
         self._forget_model()
         self._body = None
 
@@ -89,12 +85,12 @@ class Workspace:
 
 
 def collect_garbage(comm: MPI.Intracomm) -> None:
-    """Free what runs have left, now and on all ranks: meshes and matrices hold communicators, which are few."""
+    """Collect garbage on all ranks: meshes and matrices hold communicators, of which MPI has few."""
     gc.collect()
     PETSc.garbage_cleanup(cast(PETSc.Comm, comm))
 
 
 def _mesh_of(job: Job) -> str:
-    """All that a body depends on, as text."""
+    """Return everything that a body depends on, as text."""
     spec = job.mesh.model_dump(mode="json") | {"digest": file_digest(job.resolve(job.mesh.file))}
     return json.dumps([spec, {name: str(formula) for name, formula in job.regions.items()}], sort_keys=True)

@@ -1,4 +1,4 @@
-"""Whether the supports of a job pose a problem that has one answer; told before anything is solved."""
+"""Checks that supports do not contradict each other and hold the body, before anything is solved."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 type Ints = npt.NDArray[np.int64]
 
-_TOLD = 3  # parts of a body that a message describes, at most
+_MOST_DESCRIBED = 3  # parts of a body in one message
 
 
 def check_agreement(job: Job, body: Body, supports: Supports) -> None:
@@ -41,7 +41,7 @@ def check_agreement(job: Job, body: Body, supports: Supports) -> None:
 
 
 def _contradictions(job: Job, body: Body, supports: Supports) -> Iterator[MeshError]:
-    """Pairs of supports that prescribe one component of a node of this rank differently."""
+    """Yield an error for each pair of supports that prescribe one component of a node of this rank differently."""
     farthest = np.abs(body.mesh.geometry.x).max(initial=0.0)
     for later, two in enumerate(supports.prescribed):
         for one in supports.prescribed[:later]:
@@ -79,7 +79,7 @@ def _contradiction(job: Job, one: Prescribed, two: Prescribed, values: Iterator[
 
 @dataclass(frozen=True)
 class _Part:
-    """Cells of the body that hang together, apart from the others: their number, and the frame of their motions."""
+    """Connected part of the body: number of its cells, middle of its nodes, and frame of its motions."""
 
     label: int
     cells: int
@@ -87,19 +87,19 @@ class _Part:
     frame: Frame
 
 
-def check_held(body: Body, supports: Supports, assembly: System | None = None) -> None:
+def check_held(body: Body, supports: Supports, system: System | None = None) -> None:
     """Check that supports, and the springs of a scene, hold every part of the body; collective.
 
     Args:
-        assembly: of the scene, if that has springs.
+        system: equations of the scene, if that has springs.
 
     Raises:
         MeshError: on all ranks, with the rigid motions that are left.
     """
     comm = body.mesh.comm
     count, labels = _labels(body)
-    parts = [_part(body, supports, labels, label, assembly is not None) for label in range(count)]
-    stiffness = _stiffness(assembly, labels, parts) if assembly is not None else [None] * count
+    parts = [_part(body, supports, labels, label, system is not None) for label in range(count)]
+    stiffness = _stiffness(system, labels, parts) if system is not None else [None] * count
     faults = []
     for part, springs in zip(parts, stiffness, strict=True):
         motions = _free(comm, supports, labels, part, springs)
@@ -109,19 +109,19 @@ def check_held(body: Body, supports: Supports, assembly: System | None = None) -
             what = "the body" if count == 1 else f"its part of {cells} around ({middle}) m"
             faults.append(f"{what} free to {' and to '.join(names(motions, part.frame, body.length_scale))}")
     if faults:
-        more = f"; and {len(faults) - _TOLD} more of its parts" if len(faults) > _TOLD else ""
+        more = f"; and {len(faults) - _MOST_DESCRIBED} more of its parts" if len(faults) > _MOST_DESCRIBED else ""
         apart = "" if count == 1 else f" The mesh has {count} parts that share no node: hold each, or join them."
         raise MeshError(
-            f"supports: leave {'; '.join(faults[:_TOLD])}{more}",
+            f"supports: leave {'; '.join(faults[:_MOST_DESCRIBED])}{more}",
             "Fix further components, or some on further regions; one facet fixed in x, y and z holds a body, and so do"
             f" springs (effect: elastic-foundation) in all directions.{apart}",
         )
 
 
 def _labels(body: Body) -> tuple[int, Ints]:
-    """Number of parts of the body, which share no node, and the part of each local cell; collective.
+    """Return the number of parts of the body, which share no node, and the part of each local cell; collective.
 
-    Cells of one rank that hang together are a piece; pieces of different ranks that share a node are of one part.
+    Connected cells of one rank are a piece; pieces of different ranks that share a node belong to one part.
     Parts are numbered in the order of the source's cells.
     """
     comm, nodes, numbers = body.mesh.comm, body.mesh.geometry.index_map(), body.mesh.topology.original_cell_index
@@ -144,7 +144,7 @@ def _labels(body: Body) -> tuple[int, Ints]:
 
 
 def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool) -> _Part:
-    """A part, its frame around what is held of it, or around the whole of it; collective."""
+    """Return a part; its frame is around the held nodes, or around all nodes if ``whole``; collective."""
     comm = body.mesh.comm
     owned = body.mesh.topology.index_map(3).size_local
     cells = np.flatnonzero(labels[:owned] == label)
@@ -157,7 +157,7 @@ def _part(body: Body, supports: Supports, labels: Ints, label: int, whole: bool)
 
 
 def _box(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, float]:
-    """Middle and half the diagonal of the bounding box of points (n, 3) of all ranks; 0 without any."""
+    """Return middle and half the diagonal of the bounding box of points (n, 3) of all ranks; 0 without any."""
     low, high = extent(comm, points)
     if not np.isfinite(low).all():
         return np.zeros(3), 0.0
@@ -165,7 +165,7 @@ def _box(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, float]:
 
 
 def _of_nodes(space: fem.FunctionSpace, labels: Ints) -> Ints:
-    """The part of each node of a space."""
+    """Return the part of each node of a space."""
     found = np.zeros(space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts, dtype=np.int64)
     found[space.dofmap.list] = labels[:, None]
     return found
@@ -177,26 +177,26 @@ def _points(one: Prescribed, labels: Ints, label: int) -> Floats:
 
 
 def _free(comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _Part, springs: Floats | None) -> Floats:
-    """Basis (6, k) of the rigid motions of a part that are left free; collective."""
+    """Return a basis (6, k) of the free rigid motions of a part; collective."""
     rows = [part.frame.motions(_points(one, labels, part.label))[:, one.axis] for one in supports.prescribed]
     # The triangle of a QR factorization constrains what its many rows do.
     triangles = comm.gather(np.linalg.qr(np.vstack([np.zeros((0, 6)), *rows]), mode="r"))
     return on_root(comm, lambda: free_motions(np.vstack(triangles or []), springs))
 
 
-def _stiffness(assembly: System, labels: Ints, parts: list[_Part]) -> list[Floats]:
-    """Stiffness (6, 6) of each part against its rigid motions, which strain nothing: that of springs.
+def _stiffness(system: System, labels: Ints, parts: list[_Part]) -> list[Floats]:
+    """Return the stiffness (6, 6) of each part against its rigid motions, which strain nothing but springs.
 
-    It is what the unloaded scene answers to motions so small that they are rigid to rounding errors.
+    It is computed from the forces of the unloaded scene at motions so small that they are rigid to rounding errors.
     """
-    unknowns, state, small = assembly.scene.unknowns, assembly.state, 1e-7
-    space, owned = unknowns.displacement_space, len(assembly.rhs.array)
+    unknowns, state, small = system.scene.unknowns, system.state, 1e-7
+    space, owned = unknowns.displacement_space, len(system.rhs.array)
     points, of_node = space.tabulate_dof_coordinates(), _of_nodes(space, labels)
     by_part = [part.frame.motions(points) * (of_node == part.label)[:, None, None] for part in parts]
     before = state.x.array.copy()
 
     def set_motion(motion: Floats) -> Floats:
-        """Move the body; the owned unknowns that belong to that."""
+        """Set the state to a motion and return its owned unknowns."""
         u = fem.Function(space)
         u.x.array[:] = motion.ravel()
         state.x.array[:] = 0.0
@@ -205,15 +205,15 @@ def _stiffness(assembly: System, labels: Ints, parts: list[_Part]) -> list[Float
 
     def response(motion: Floats) -> Floats:
         set_motion(small * motion)
-        return np.asarray(assembly.forces(0.0))
+        return np.asarray(system.forces(0.0))
 
     together = sum(by_part)
-    at_rest = response(0 * points)
-    forces = np.stack([(response(together[:, :, i]) - at_rest) / small for i in range(6)], axis=1)
+    unmoved = response(0 * points)
+    forces = np.stack([(response(together[:, :, i]) - unmoved) / small for i in range(6)], axis=1)
     found = []
     for motions in by_part:
         tests = np.stack([set_motion(motions[:, :, i]) for i in range(6)], axis=1)
-        stiffness = np.asarray(assembly.comm.allreduce(tests.T @ forces))
+        stiffness = np.asarray(system.comm.allreduce(tests.T @ forces))
         found.append((stiffness + stiffness.T) / 2)
     state.x.array[:] = before
     return found

@@ -11,8 +11,7 @@ from dolfinx import fem
 from hpcinv.mesh import Body
 from hpcinv.model.outcome import Outcome
 from hpcinv.results.solution import Solution
-from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import NewtonIteration
+from hpcinv.solver.newton import NewtonIteration, Solve
 
 type Field = Callable[[np.ndarray], np.ndarray]  # of points (n, 3) in m
 

@@ -16,8 +16,8 @@ from hpcinv.mesh import Body, build_body
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.problem import Model
 
 HERE = Path(__file__).parents[1] / "job.yaml"  # files of jobs are as if it lay there

@@ -14,7 +14,7 @@ from hpcinv.methods.fallbacks import attempts
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.diagnosis import Diagnosis, diagnose
-from hpcinv.solver.equilibrium import Solve
+from hpcinv.solver.newton import Solve
 
 pytestmark = pytest.mark.slow
 
@@ -108,7 +108,7 @@ def test_reasons_are_told_apart(case: str, comm: MPI.Intracomm) -> None:
     make, reason = HOPELESS[case]
     hopeless = make()
     solves = tried(hopeless, comm)
-    found = diagnose(hopeless.solutions[0], solves)
+    found = diagnose(hopeless.directions[0], solves)
     load = max((s.load for s in solves if s.outcome.accepted), default=0.0)
     print(f"{case}: {found.name} at load factor {load:.4f}; {attempts(solves)}")
     assert found is reason

@@ -1,4 +1,4 @@
-"""Arc-length continuation: turning points of the load, and the states beyond them, against closed forms."""
+"""Arc-length continuation: limit points of the load, and the states beyond them, against closed forms."""
 
 from __future__ import annotations
 
@@ -23,8 +23,7 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
 from hpcinv.solver.bordering import Bordering
-from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
 from hpcinv.solver.observer import SolveEvent
 
 # Small systems of equations, without finite elements.
@@ -134,10 +133,10 @@ def test_the_first_state_at_full_load_is_the_answer_if_the_load_does_not_turn_be
 
 
 @pytest.mark.parametrize("first", [1.0, 0.3, 0.05])
-def test_the_turning_point_is_found_and_ends_the_path(first: float) -> None:
+def test_the_limit_point_is_found_and_ends_the_path(first: float) -> None:
     system = truss(1.5 * TOP)
     solves = list(trace(system, ArcLengthSteps(first), 1e-12))
-    assert [s.turning_point for s in solves[-2:]] == [True, False]
+    assert [s.limit_point for s in solves[-2:]] == [True, False]
     assert solves[-1].outcome is Outcome.LIMIT_POINT
     assert solves[-1].load * 1.5 == pytest.approx(1.0, abs=1e-8)
     assert system.x.array[0] == pytest.approx(TURNS[0], abs=1e-4)
@@ -146,21 +145,21 @@ def test_the_turning_point_is_found_and_ends_the_path(first: float) -> None:
 @pytest.mark.parametrize(
     ("share", "limit_points", "low", "high"), [(0.9, 1, TURNS[0], 1.0), (0.9, 2, 2.0, 3.0), (1.5, 2, 2.0, 3.0)]
 )
-def test_states_beyond_turning_points_are_found_in_order(
+def test_states_beyond_limit_points_are_found_in_order(
     share: float, limit_points: int, low: float, high: float
 ) -> None:
     system = truss(share * TOP)
     solves = list(trace(system, ArcLengthSteps(limit_points=limit_points), 1e-12))
-    assert sum(s.turning_point for s in solves) == limit_points
+    assert sum(s.limit_point for s in solves) == limit_points
     assert (solves[-1].outcome, solves[-1].load) == (Outcome.CONVERGED, 1.0)
     assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - share * TOP, low, high), rel=1e-10)
 
 
-def test_a_branch_that_ends_in_one_more_turning_point_than_allowed_says_so() -> None:
+def test_a_branch_that_ends_in_one_more_limit_point_than_allowed_says_so() -> None:
     """Beyond the maximum the load falls to its minimum at -TOP, and never meets the full load on the way."""
     system = truss(1.5 * TOP)
     solves = list(trace(system, ArcLengthSteps(limit_points=1), 1e-12))
-    assert [s.load * 1.5 for s in solves if s.turning_point] == pytest.approx([1.0, -1.0], abs=1e-7)
+    assert [s.load * 1.5 for s in solves if s.limit_point] == pytest.approx([1.0, -1.0], abs=1e-7)
     assert solves[-1].outcome is Outcome.LIMIT_POINT
 
 
@@ -217,9 +216,9 @@ def test_two_shapes_carry_the_same_tension(analysis: str, comm: MPI.Intracomm) -
         result = hpcinv.run(cube(0.9, analysis, limit_points=limit_points), comm)
         J = root(lambda J: tension(J) - 0.9 * LIMIT, low, high)
         found = result.solutions[0].J.x.array
-        print(f"{analysis}, {limit_points} turning points: J = {found[0]:.10f}, closed form {J:.10f}")
+        print(f"{analysis}, {limit_points} limit points: J = {found[0]:.10f}, closed form {J:.10f}")
         assert np.abs(found - J).max() < 1e-9 * J
-        assert sum(s.turning_point for s in result.solutions[0].solves) == limit_points
+        assert sum(s.limit_point for s in result.solutions[0].solves) == limit_points
 
 
 def test_the_certificate_says_that_another_shape_carries_the_same_load(comm: MPI.Intracomm) -> None:
@@ -240,7 +239,7 @@ def test_the_largest_tension_is_told(analysis: str, comm: MPI.Intracomm, run_dir
 
 
 @pytest.mark.parallel([2])
-def test_a_run_interrupted_beyond_the_turning_point_goes_on_there(comm: MPI.Intracomm, run_directory: Path) -> None:
+def test_a_run_interrupted_beyond_the_limit_point_goes_on_there(comm: MPI.Intracomm, run_directory: Path) -> None:
     file = run_directory / "cube.yaml"
     on_root(comm, lambda: file.write_text(cube(0.9, limit_points=1).model_dump_json(exclude_unset=True)))
     job, solves = hpcinv.load(file), list[Solve]()
@@ -250,14 +249,14 @@ def test_a_run_interrupted_beyond_the_turning_point_goes_on_there(comm: MPI.Intr
             solves.append(event.solve)
 
     def beyond() -> bool:
-        return any(solve.turning_point for solve in solves)
+        return any(solve.limit_point for solve in solves)
 
     with pytest.raises(Interrupted):
         hpcinv.run(job, comm, directory=run_directory / "run", progress=Listener(comm, None), stop_asked=beyond)
     result = hpcinv.run(job, comm, directory=run_directory / "run", resume=True)
     J = root(lambda J: tension(J) - 0.9 * LIMIT, J_LIMIT, 20.0)
     assert np.abs(result.solutions[0].J.x.array - J).max() < 1e-9 * J
-    assert sum(s.turning_point for s in result.solutions[0].solves) == 1
+    assert sum(s.limit_point for s in result.solutions[0].solves) == 1
 
 
 # A thick balloon, incompressible: its pressure has a maximum.
@@ -302,9 +301,9 @@ def test_balloon_before_and_beyond_its_largest_pressure(
     a = root(lambda a: pressure(a) - 0.9 * pressure(A_LIMIT), low, high)
     result = balloon(comm, 0.9, hexahedra=hexahedra, limit_points=limit_points)
     found = result.quantities["radius"]
-    print(f"{limit_points} turning points: inner radius {found:.6f}, closed form {a:.6f}")
+    print(f"{limit_points} limit points: inner radius {found:.6f}, closed form {a:.6f}")
     assert found == pytest.approx(a, rel=radius_within)
-    turned = [solve.load for solve in result.solutions[0].solves if solve.turning_point]
+    turned = [solve.load for solve in result.solutions[0].solves if solve.limit_point]
     assert len(turned) == limit_points
     for load in turned:
         print(f"largest pressure: {0.9 * load:.6f} of the closed form's")
@@ -378,7 +377,7 @@ def test_second_root_of_a_sphere_that_softens_where_it_is_elliptic(comm: MPI.Int
     """Compared at the same share of the largest pressure: next to it, its own error decides on the radius."""
     p = 1.058
     found = soft_sphere(comm, 3, p, hexahedra=True, limit_points=1)
-    (limit,) = (p * solve.load for solve in found.solutions[0].solves if solve.turning_point)
+    (limit,) = (p * solve.load for solve in found.solutions[0].solves if solve.limit_point)
     second = root(lambda A: soft_pressure(A) - p / limit * SOFT_LIMIT, ELLIPTIC_FROM, A_SOFT_LIMIT)
     A = found.quantities["radius"]
     print(f"largest pressure {limit:.5f} Pa, closed form {SOFT_LIMIT:.5f}")

@@ -18,8 +18,7 @@ from hpcinv.methods.fallbacks import Attempt, attempts
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.equilibrium import Solve
-from hpcinv.solver.newton import NewtonIteration
+from hpcinv.solver.newton import NewtonIteration, Solve
 
 MU, B = 1.0, 10.0  # Fung–Demiray
 

@@ -22,8 +22,8 @@ from hpcinv.mesh import build_body, read_source
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.equilibrium import Solve
 from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolveEvent
 from hpcinv.solver.problem import Model
 

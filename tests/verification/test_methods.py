@@ -22,6 +22,7 @@ from hpcinv.errors import Interrupted, SolveError
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.methods import UPDATES, FixedPointMethod
+from hpcinv.methods.method import Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root
@@ -253,7 +254,7 @@ def test_cells_with_straight_edges_leave_an_error_of_their_own(comm: MPI.Intraco
         model = Model(found.job, found.body, Timings())
         model.set_solution(solution.displacement, solution.pressure)
         search = FixedPointMethod(model)
-        first = next(search.solves(resumed=True))
+        first = next(search.solves(Start(model.solution())))
         search.equilibrium.destroy()
         assert first.position_residual == pytest.approx(residuals(found)[-1], abs=1e-12)
     print(f"errors of the displacement: {', '.join(f'{e:.2e}' for e in errors)}")

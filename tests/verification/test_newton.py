@@ -15,7 +15,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
-from hpcinv.solver.step_measure import Increment
+from hpcinv.solver.predictor import Increment
 
 
 def beam(comm: MPI.Intracomm, *, direction: str = "forward", load: float = 1.0, **solver: Any) -> Result:
@@ -141,7 +141,7 @@ def monitored(*corrections: float, tolerance: float = 1e-10) -> tuple[NewtonMoni
     monitor = NewtonMonitor(tolerance, limit=30, reuse=0.3)
     outcome = None
     for correction in corrections:
-        outcome = monitor.judge(NewtonIteration(correction, 1.0, 1.0, monitor.wants_new_tangent))
+        outcome = monitor.judge(NewtonIteration(correction, 1.0, 1.0, monitor.needs_new_tangent))
     return monitor, outcome
 
 
@@ -165,27 +165,27 @@ def test_rounding_errors_end_the_iteration_and_growth_gives_it_up() -> None:
 
 
 def test_tangent_is_kept_only_near_the_solution_and_while_it_contracts() -> None:
-    assert monitored(1.0, 0.1)[0].wants_new_tangent  # still far
-    assert not monitored(1.0, 0.01)[0].wants_new_tangent
-    assert monitored(0.01, 0.008)[0].wants_new_tangent  # hardly contracts
+    assert monitored(1.0, 0.1)[0].needs_new_tangent  # still far
+    assert not monitored(1.0, 0.01)[0].needs_new_tangent
+    assert monitored(0.01, 0.008)[0].needs_new_tangent  # hardly contracts
 
 
 def test_correction_of_a_kept_tangent_is_taken_only_if_it_contracts() -> None:
     foretold = NewtonMonitor(1e-10, limit=30, reuse=0.3, predicted=1.0)
-    assert not foretold.wants_new_tangent
-    assert foretold.may_take(0.01, 1.0)
-    assert not foretold.may_take(0.1, 1.0)  # contracts, far from the solution
-    assert not NewtonMonitor(1e-10, limit=30, reuse=0.3, predicted=0.01).may_take(0.005, 1.0)
+    assert not foretold.needs_new_tangent
+    assert foretold.accepts(0.01, 1.0)
+    assert not foretold.accepts(0.1, 1.0)  # contracts, far from the solution
+    assert not NewtonMonitor(1e-10, limit=30, reuse=0.3, predicted=0.01).accepts(0.005, 1.0)
     assert foretold.judge(NewtonIteration(1e-12, 1.0, 1.0, False)) is None  # one correction tells no contraction
-    assert monitored(1.0, 0.01)[0].may_take(0.009, 1.0)
-    assert not monitored(1.0, 0.01)[0].may_take(0.011, 1.0)
-    assert NewtonMonitor(1e-10, limit=30, reuse=0.0, predicted=1.0).wants_new_tangent
+    assert monitored(1.0, 0.01)[0].accepts(0.009, 1.0)
+    assert not monitored(1.0, 0.01)[0].accepts(0.011, 1.0)
+    assert NewtonMonitor(1e-10, limit=30, reuse=0.0, predicted=1.0).needs_new_tangent
 
 
 def test_solve_is_given_up_where_a_correction_would_wind_the_body_up() -> None:
-    first, wild = NewtonMonitor(1e-10, limit=30, reuse=0.3), Increment(turn=20.0, stretch=0.1)
-    assert not first.is_hopeless(wild)  # linear, as nothing is known yet
-    assert monitored(1.0)[0].is_hopeless(wild)
-    assert monitored(1.0)[0].is_hopeless(Increment(turn=0.1, stretch=20.0))
-    assert monitored(1.0)[0].is_hopeless(Increment(turn=float("nan"), stretch=0.0))
-    assert not monitored(1.0)[0].is_hopeless(Increment(turn=3.0, stretch=3.0))
+    first, wild = NewtonMonitor(1e-10, limit=30, reuse=0.3), Increment(rotation=20.0, strain=0.1)
+    assert not first.is_too_large(wild)  # linear, as nothing is known yet
+    assert monitored(1.0)[0].is_too_large(wild)
+    assert monitored(1.0)[0].is_too_large(Increment(rotation=0.1, strain=20.0))
+    assert monitored(1.0)[0].is_too_large(Increment(rotation=float("nan"), strain=0.0))
+    assert not monitored(1.0)[0].is_too_large(Increment(rotation=3.0, strain=3.0))

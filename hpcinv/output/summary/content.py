@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from hpcinv.output.result import Result
     from hpcinv.parallel.timings import Timings
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.equilibrium import Solve
+    from hpcinv.solver.newton import Solve
 
 
 def statistics(

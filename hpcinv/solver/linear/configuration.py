@@ -1,4 +1,4 @@
-"""What a linear solver is asked for, whichever it is."""
+"""Interface of the configurations of the linear solver."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 
 class Configuration(ABC):
-    """A linear solver for the tangent: PETSc options, and what options cannot say.
+    """A linear solver for the tangent: PETSc options, and settings that are no options.
 
     Attributes:
-        name: as ``solver.linear`` has it.
+        name: value of ``solver.linear``.
         options: PETSc options without prefix.
         exact: whether it solves to rounding errors.
-        error: of a correction, relative to its norm, as far as the solver goes where that will do.
+        error: relative error of a correction of Newton's method.
     """
 
     name: ClassVar[str]
@@ -32,25 +32,25 @@ class Configuration(ABC):
 
     @abstractmethod
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
-        """Take in a tangent that was just assembled; collective."""
+        """Prepare the solver for a tangent that was just assembled; collective."""
 
     def set_accuracy(self, *, precise: bool) -> None:  # noqa: B027  (exact ones have no choice)
-        """Solve systems for their own sake from now on, or, as at first, as far as a correction has to be."""
+        """Solve to the accuracy of a solution from now on, or, as initially, of a correction."""
 
     def allow(self, iterations: int) -> None:  # noqa: B027  (exact ones take none)
-        """Take so many Krylov iterations at most, in all solutions from now on."""
+        """Limit the total number of Krylov iterations from now on."""
 
     def must_refactorize(self, ksp: PETSc.KSP) -> bool:
-        """Whether the set-up that has just been made must be made again, in another way that is then prepared."""
+        """Return whether the last set-up must be repeated; its replacement is then prepared."""
         return False
 
     @abstractmethod
     def sign_of_determinant(self, ksp: PETSc.KSP) -> int:
-        """Of the tangent whose factors are at hand; 0 if they do not tell."""
+        """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""
 
     @abstractmethod
     def lacked_memory(self, ksp: PETSc.KSP) -> bool:
-        """Whether the last set-up failed for want of memory."""
+        """Return whether the last set-up failed for lack of memory."""
 
     def destroy(self) -> None:  # noqa: B027  (most hold nothing)
-        """Free what PETSc holds."""
+        """Free PETSc objects."""

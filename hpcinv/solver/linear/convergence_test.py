@@ -1,9 +1,9 @@
-"""When a Krylov solution will do as a correction: once it no longer changes, whatever its residual is.
+"""Convergence test of Krylov solutions that serve as corrections: by the change of the solution, not by the residual.
 
-Digits of a correction beyond those of Newton's own are wasted, and two of them are soon there on a chunky body. The
-residual does not tell when: on a slender one it is small long before the soft motions are right, which it hardly knows
-of. So the solution itself is looked at whenever the residual has fallen by a certain factor. As long as its error falls
-by half from one look to the next, what is left of it is less than the last change.
+A correction needs no more digits than Newton's method gains, and on a chunky body two of them take few iterations. The
+residual is no measure of them: on a slender body it is small long before the soft motions are right, to which it is
+insensitive. The solution is therefore compared with an earlier one whenever the residual has fallen by a certain
+factor. If its error halves from one comparison to the next, the remaining error is less than the last change.
 """
 
 from __future__ import annotations
@@ -18,32 +18,32 @@ from hpcinv.parallel.petsc_vectors import norm
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_PRECISE = 1e-10  # relative residual where a solution is wanted for its own sake
+_PRECISE = 1e-10  # relative residual of solutions that are no corrections
 
 
 class Settling:
-    """A convergence test for PETSc's KSP; that solver's own tolerances hold as well.
+    """Convergence test for PETSc's KSP, in addition to the tolerances of the KSP.
 
     Attributes:
-        precise: whether the residual alone counts, down to 1e-10.
-        left: iterations that are left to all solutions until it is set again.
+        precise: whether only the residual counts, down to 1e-10.
+        left: number of iterations left to all solutions until it is set again.
     """
 
-    first = 1e-2  # relative residual of the first look
-    ratio = 0.3  # of the residuals of two looks that follow each other
-    change = 0.03  # from one look to the next, relative, at which the solution has settled
+    first = 1e-2  # relative residual of the first comparison
+    ratio = 0.3  # of the residuals of successive comparisons
+    change = 0.03  # relative change of the solution between comparisons at which it has converged
 
     def __init__(self) -> None:
         self.precise = False
         self.left = math.inf
         self._vectors: Sequence[PETSc.Vec] = ()
-        self._start, self._next, self._has_looked = 0.0, 0.0, False
+        self._start, self._next, self._has_compared = 0.0, 0.0, False
 
     def __call__(self, ksp: PETSc.KSP, iteration: int, residual: float) -> Any:  # an int, whatever the stub says
         reasons = PETSc.KSP.ConvergedReason
         relative, absolute, _, limit = ksp.getTolerances()
         if iteration == 0:
-            self._start, self._next, self._has_looked = residual, self.first * residual, False
+            self._start, self._next, self._has_compared = residual, self.first * residual, False
         else:
             self.left -= 1
         if not math.isfinite(residual):
@@ -67,11 +67,11 @@ class Settling:
         before, now = self._vectors
         ksp.buildSolution(now)
         before.aypx(-1.0, now)
-        settled = self._has_looked and norm(before) <= self.change * norm(now)
-        self._vectors, self._has_looked = (now, before), True
+        settled = self._has_compared and norm(before) <= self.change * norm(now)
+        self._vectors, self._has_compared = (now, before), True
         return settled
 
     def destroy(self) -> None:
-        """Free what PETSc holds."""
+        """Free PETSc objects."""
         for vector in self._vectors:
             vector.destroy()

@@ -1,11 +1,11 @@
-"""What a factorization and a preconditioned Krylov iteration will cost, from size and shape alone.
+"""Cost model of factorizations and preconditioned Krylov iterations, from size and shape of the body.
 
 Nested dissection cuts a body with n unknowns by separators of about s = n h/L of them, where L is its longest extent
 and h the distance of its nodes. Most work is in the largest fronts: O(s³) each, of which a cube has O(1) and a rod
 O(n/s^1.5) one after the other, so that both take O(n s^1.5) operations and O(n s^0.5) entries (George, SIAM J. Numer.
 Anal. 10, 345–363, 1973, doi:10.1137/0710032). The constants were fitted to MUMPS's own counts for blocks of 2,312 to
-112,724 unknowns and of aspect ratio 1 to 40 (docs/linear-solvers.md), the times to one core; that all cores share them
-leaves the comparison of the solvers as it is.
+112,724 unknowns and of aspect ratio 1 to 40 (docs/linear-solvers.md), the times to one core; more cores change the
+times of both solvers alike.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FACTORIZATIONS, CORRECTIONS = 4, 8  # of a typical solution
 
 @dataclass(frozen=True)
 class Shape:
-    """Unknowns in a cut across the longest extent of a body, and that extent by the root of the cut's area."""
+    """Number of unknowns in a cut across the longest extent of a body, and that extent by the root of the cut area."""
 
     cut: float
     aspect: float
@@ -37,8 +37,8 @@ class Forecast:
     """Cost of the tangents of one solution with either solver, in seconds of one core, and memory in bytes.
 
     Args:
-        unknowns: their number.
-        degree: of the displacement.
+        unknowns: number of unknowns.
+        degree: polynomial degree of the displacement.
     """
 
     unknowns: int
@@ -46,19 +46,19 @@ class Forecast:
     shape: Shape
 
     def of_degree(self, degree: int) -> Forecast:
-        """The same body in spaces of another degree."""
+        """Return the forecast for spaces of another degree on the same body."""
         finer = degree / self.degree
         shape = replace(self.shape, cut=self.shape.cut * finer**2)
         return Forecast(round(self.unknowns * finer**3), degree, shape)
 
     @property
     def entries(self) -> float:
-        """Of the factors L and U."""
+        """Number of entries of the factors L and U."""
         return 38.0 * (1.35 - 0.35 / self.shape.aspect) * self.unknowns * math.sqrt(self.shape.cut)
 
     @property
     def operations(self) -> float:
-        """Of one factorization L U."""
+        """Number of operations of one factorization L U."""
         return 28 * (3.6 - 2.6 / self.shape.aspect) * self.unknowns * math.pow(self.shape.cut, 1.5)
 
     @property
@@ -73,27 +73,27 @@ class Forecast:
 
     @property
     def least(self) -> float:
-        """Memory (bytes) of the solver that takes less."""
+        """Memory (bytes) of the solver that needs less."""
         return min(self.factors, self.multigrid)
 
     @property
     def direct(self) -> float:
-        """Seconds in factorizations."""
+        """Time of the factorizations (s)."""
         return FACTORIZATIONS * (self.operations / 48e9 + 1.2e-8 * self.entries)
 
     @property
     def iterative(self) -> float:
-        """Seconds in setting multigrid up and in Krylov iterations."""
+        """Time of the multigrid set-up and the Krylov iterations (s)."""
         return (FACTORIZATIONS * 1.7e-5 + CORRECTIONS * self.krylov * 2.9e-7) * self.unknowns * self.degree**2 / 4
 
     @property
     def krylov(self) -> float:
-        """Iterations for a correction."""
+        """Krylov iterations of one correction."""
         return 22 * math.sqrt(self.shape.aspect) * math.pow(self.unknowns / 2e4, 0.1)
 
 
 def shape_of(unknowns: Unknowns) -> Shape:
-    """Measured on the mesh as it lies; collective."""
+    """Return the shape of the body, measured on its mesh at the present coordinates; collective."""
     comm, x = unknowns.mesh.comm, unknowns.owned_displacement_points()
     nodes = comm.allreduce(len(x))
     centre = comm.allreduce(x.sum(axis=0)) / nodes
@@ -105,7 +105,7 @@ def shape_of(unknowns: Unknowns) -> Shape:
 
 
 def _volume(unknowns: Unknowns) -> float:
-    """Of the owned cells, as if their edges were straight."""
+    """Return the volume of the owned cells with straight edges."""
     mesh = unknowns.mesh
     tetrahedra = mesh.topology.cell_type.name == "tetrahedron"
     corners = mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local][:, [0, 1, 2, 3 if tetrahedra else 4]]

@@ -1,7 +1,7 @@
 """Factorization by MUMPS: L D Lᵀ of a symmetric tangent, L U of others.
 
-Forward tangents of loads with a potential are symmetric; those of inverse problems are not. Whether one is can be seen
-by two products with a random vector, which cost next to nothing beside a factorization.
+Forward tangents of loads with a potential are symmetric, tangents of inverse problems are not. Symmetry is tested by
+two products with a random vector, whose cost is negligible beside a factorization.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.configuration import Configuration
 from hpcinv.solver.petsc_options import Value
 
-_ASYMMETRY = 1e-13  # of rounding errors in the assembly; that of a load without potential is larger by far
+_ASYMMETRY = 1e-13  # relative, by rounding errors in the assembly; loads without a potential cause far more
 _NO_MEMORY = frozenset({-8, -9, -11, -13, -14, -15, -17, -18, -19, -20})  # INFOG(1), MUMPS users' guide, ch. 8
 
 
@@ -23,7 +23,7 @@ class Direct(Configuration):
     """MUMPS.
 
     Args:
-        symmetric: whether a symmetric tangent may be factorized as such; else every one is taken as general.
+        symmetric: whether to factorize symmetric tangents by L D Lᵀ; else L U is used for all.
     """
 
     name = "direct"
@@ -52,7 +52,7 @@ class Direct(Configuration):
             self._set_type(ksp, PETSc.PC.Type.CHOLESKY)
             ksp.pc.setFactorSetUpSolverType()
             ksp.pc.getFactorMatrix().setMumpsIcntl(24, 1)  # null pivots are found instead of divided by
-        else:  # one that has lost its symmetry will not keep it
+        else:  # later tangents will not be symmetric either
             self._may_be_symmetric = False
             matrix.setOption(option, False)
             self._set_type(ksp, PETSc.PC.Type.LU)
@@ -64,7 +64,7 @@ class Direct(Configuration):
             pc.setFactorSolverType("mumps")
 
     def must_refactorize(self, ksp: PETSc.KSP) -> bool:
-        """Whether the tangent is singular to L D Lᵀ; L U, which is taken from then on, tells better how it fails."""
+        """Return whether L D Lᵀ found the tangent singular; L U, whose failures are clearer, is used from then on."""
         if ksp.pc.getType() != PETSc.PC.Type.CHOLESKY or not _is_mumps(ksp.pc):
             return False
         self._may_be_symmetric = not ksp.pc.getFactorMatrix().getMumpsInfog(28)

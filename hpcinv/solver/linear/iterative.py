@@ -1,4 +1,4 @@
-"""FGMRES with multigrid: for bodies whose factors would take too long, or more memory than there is.
+"""FGMRES with multigrid, for bodies whose factorization would take too much time or memory.
 
 The tangent of the mixed form and its block factorization are
 
@@ -7,10 +7,10 @@ The tangent of the mixed form and its block factorization are
 The right factor is the preconditioner, with one cycle of algebraic multigrid for A⁻¹ and ``S ≈ -∫ (1/μ + 1/Λ) p q``,
 which is spectrally equivalent for every ratio of the moduli, the incompressible one included.
 
-Smoothed aggregation is told what A nearly maps to nothing: without that, bodies that have turned far do not converge.
-However large the deformation is, isotropic stress does not change when the body that is looked for turns, so these are
-its rigid motions where it now is, not where the mesh is. In the inverse problem A is not symmetric, and its transpose
-has the rigid motions of the mesh; aggregation uses one basis for both and is given both.
+Smoothed aggregation needs the near-null space of A; without it, the solver does not converge after large rotations.
+However large the deformation is, isotropic stress does not change under rotations of the unknown body, so the
+near-null space are the rigid motions of that body, not of the mesh. In the inverse problem A is not symmetric, and its
+transpose has the rigid motions of the mesh; aggregation uses one basis for both, which spans both.
 
 Sources: Elman, Silvester & Wathen, *Finite Elements and Fast Iterative Solvers* (2014), ch. 4 and 8,
 doi:10.1093/acprof:oso/9780199678792.001.0001; Wathen & Silvester, SIAM J. Numer. Anal. 30, 630–649, 1993,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _KRYLOV: Mapping[str, Value] = {
     "ksp_type": "fgmres",
-    "ksp_gmres_restart": 200,  # slender bodies stagnate with less; chunky ones never get there
+    "ksp_gmres_restart": 200,  # slender bodies stagnate with less; chunky ones need fewer iterations
     "ksp_max_it": 400,
 }
 _MULTIGRID: Mapping[str, Value] = {
@@ -61,18 +61,18 @@ _SCHUR: Mapping[str, Value] = {
     "fieldsplit_p_pc_type": "jacobi",
 }
 
-_RESIDUAL = 1e-5  # relative, at which a correction is taken at the latest
+_RESIDUAL = 1e-5  # relative residual at which any correction has converged
 
-# Share of a motion that the others must leave of it for it to count: motions that are nearly the same in each
-# aggregate make blocks of coarse levels singular.
-_SAME = 0.05
+# Smallest share of a motion that is orthogonal to the others: motions that are nearly the same in each aggregate make
+# blocks of coarse levels singular.
+_INDEPENDENT = 0.05
 
 
 class Iterative(Configuration):
     """FGMRES, preconditioned by multigrid for the displacements and a scaled mass matrix for the pressures.
 
     Args:
-        scene: its unknowns tell the blocks apart, its direction where the other body is, and its moduli scale the mass.
+        scene: provides the unknowns of both blocks, the kinematics, and the moduli of the mass matrix.
     """
 
     name = "iterative"
@@ -94,33 +94,33 @@ class Iterative(Configuration):
 
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         pc = ksp.pc
-        # Made anew: what was aggregated by the motions of another state serves a body badly that has turned since.
+        # Aggregates by the motions of an earlier state are poor after rotations, so they are computed again.
         pc.reset()
         pc.setType(PETSc.PC.Type.NONE)
         ksp.setOperators(matrix)
         ksp.setTolerances(rtol=_RESIDUAL)
         ksp.setFromOptions()
-        if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_rtol"):  # the job's, which wins
+        if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_rtol"):  # set by the job, which has priority
             ksp.setConvergenceTest(self._settling)
         if pc.getType() == PETSc.PC.Type.GAMG:
             matrix.setNearNullSpace(self._rigid_motions())
             ksp.setUp()
-            self._give_smoother_present_blocks(pc, matrix)
+            self._update_smoother_blocks(pc, matrix)
         elif pc.getType() == PETSc.PC.Type.FIELDSPLIT:
             self._blocks = self._blocks or self._index_sets(matrix)
-            # PETSc hands it on to the block that it takes out of the matrix.
+            # PETSc passes it on to the block that it extracts from the matrix.
             self._blocks[0].compose("nearnullspace", self._rigid_motions())
             pc.setFieldSplitIS(*zip(("u", "p"), self._blocks, strict=True))
             user: Any = PETSc.PC.FieldSplitSchurPreType.USER  # whatever its stub says
             pc.setFieldSplitSchurPreType(user, self._scaled_mass())
 
-    def _give_smoother_present_blocks(self, pc: PETSc.PC, matrix: PETSc.Mat) -> None:
-        """Let the finest smoother invert the blocks of the nodes of a copy.
+    def _update_smoother_blocks(self, pc: PETSc.PC, matrix: PETSc.Mat) -> None:
+        """Set the finest smoother to a copy of the matrix, so that it inverts the present blocks of the nodes.
 
-        PETSc keeps inverted blocks with a matrix and does not drop them when that is assembled again in the same
-        pattern (MatInvertBlockDiagonal of AIJ matrices, 3.25). Blocks of the first tangent smoothed all later ones:
-        that took up to 20 times as many iterations, or no end of them. The displacement block of the mixed form is
-        taken out of the tangent anew each time, and coarse levels are made anew.
+        PETSc keeps inverted blocks with a matrix, also when that is assembled again in the same pattern
+        (MatInvertBlockDiagonal of AIJ matrices, 3.25). With blocks of the first tangent, later ones took up to 20 times
+        as many iterations, or did not converge. The displacement block of the mixed form is extracted from each
+        tangent, and coarse levels are computed again.
         """
         if self._copy is not None:
             self._copy.destroy()
@@ -137,7 +137,7 @@ class Iterative(Configuration):
         return u, p
 
     def _rigid_motions(self) -> PETSc.NullSpace:
-        """Translations, and small rotations of the body that is looked for and, where they differ, of the mesh."""
+        """Return translations, and small rotations of the unknown body and, where they differ, of the mesh."""
         mesh = self._unknowns.owned_displacement_points()
         u = self._unknowns.state.x.array[self._unknowns.owned_displacement_dofs].reshape(-1, 3)
         kinematics, frame, comm = self._scene.kinematics, Frame(np.zeros(3), 1.0), self._unknowns.mesh.comm
@@ -176,16 +176,16 @@ class Iterative(Configuration):
 
 
 def _orthonormal(columns: npt.NDArray[np.float64], comm: MPI.Intracomm) -> list[PETSc.Vec]:
-    """Orthonormal vectors with the span of the columns, without those that others of them span."""
+    """Return orthonormal vectors with the span of the columns, without nearly dependent ones."""
     basis: list[PETSc.Vec] = []
     for column in columns.T:
         vector = PETSc.Vec().createMPI((len(column), None), bsize=3, comm=cast(PETSc.Comm, comm))
         vector.array[:] = column
         length = norm(vector)
-        for _ in range(2):  # the second turn takes the rounding errors of the first
+        for _ in range(2):  # the second pass removes rounding errors of the first
             for other in basis:
                 vector.axpy(-dot(vector, other), other)
-        if norm(vector) > _SAME * length:
+        if norm(vector) > _INDEPENDENT * length:
             vector.normalize()
             basis.append(vector)
     return basis

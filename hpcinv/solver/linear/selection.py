@@ -1,4 +1,4 @@
-"""Which configuration a linear solver has: the one that the job names, or what size, shape and memory speak for."""
+"""Choice of the linear solver's configuration: by the job, or by size, shape and available memory."""
 
 from __future__ import annotations
 
@@ -13,22 +13,20 @@ if TYPE_CHECKING:
     from hpcinv.job.settings import Solver
     from hpcinv.model.spaces import Unknowns
 
-_WORTH = 1.5  # a factorization tells more than a solution: signs along the path, and a failure at once
-_PATIENCE = (
-    3  # times the Krylov iterations that are forecast for all corrections of a solution, in one solve of Newton's
-)
+_WORTH = 1.5  # least gain of multigrid: factorizations also give signs along the path, and fail at once
+_PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
 _ROOM = 0.8  # share of the memory that factors may take
 _OWN = frozenset({"ksp_type", "pc_type"})
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A configuration, and why it was taken.
+    """A configuration, and the reason for it.
 
     Attributes:
-        other: what is tried where it fails, ``None`` for nothing.
-        is_own: whether the job's PETSc options choose a solver of their own.
-        budget: Krylov iterations after which one solve of Newton's method is given up with the iterative solver.
+        other: configuration after a failure, ``None`` for none.
+        is_own: whether the job's PETSc options choose the type of the solver.
+        budget: largest number of Krylov iterations in one solve of Newton's method.
     """
 
     configuration: str
@@ -40,10 +38,10 @@ class Choice:
 
 @dataclass(frozen=True)
 class Used:
-    """The linear solver of a solution: its last configuration, why that was chosen, and why another one was left.
+    """The linear solver of a solution: last configuration, reason for it, and reason for a change of configuration.
 
     Attributes:
-        note: what is unusual in how the tangent is assembled; empty if nothing is.
+        note: remark on an unusual assembly of the tangent; empty if there is none.
     """
 
     configuration: str
@@ -53,11 +51,11 @@ class Used:
 
 
 class Chooser:
-    """The rule, for the unknowns of one model; collective.
+    """Rule for the choice, for the unknowns of one model; collective.
 
     Attributes:
-        forecast: of either solver's cost.
-        room: bytes that all ranks have for it.
+        forecast: forecast of the cost of both solvers.
+        room: memory (bytes) of all ranks for it.
     """
 
     def __init__(self, unknowns: Unknowns, degree: int) -> None:
@@ -66,12 +64,12 @@ class Chooser:
 
     @property
     def can_factorize(self) -> bool:
-        """Whether there is memory for the factors L U."""
+        """True if there is memory for the factors L U."""
         return self.forecast.factors <= self.room
 
     @property
     def can_factorize_symmetric(self) -> bool:
-        """Whether there is memory for the factors L D Lᵀ, which are half of that."""
+        """True if there is memory for the factors L D Lᵀ, which need half of that."""
         return self.forecast.factors / 2 <= self.room
 
     @property
@@ -79,8 +77,8 @@ class Chooser:
         return math.ceil(_PATIENCE * CORRECTIONS * self.forecast.krylov)
 
     def choose(self, solver: Solver) -> Choice:
-        """What ``solver.linear`` asks for, or the faster one that there is memory for."""
-        if own := _OWN & set(solver.petsc):  # which would take the place of what another configuration needs
+        """Return the configuration that ``solver.linear`` names, or the faster one for which there is memory."""
+        if own := _OWN & set(solver.petsc):  # these options would replace options of another configuration
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         fallback = "direct" if self.can_factorize else None
