@@ -32,43 +32,64 @@ def created(path: Path, job: Job, *, overwrite: bool = False) -> RunDirectory:
     return directory
 
 
-@pytest.mark.parametrize("operation", range(1, 30))
-def test_a_kill_before_any_file_operation_leaves_a_directory_that_can_be_started_again(
-    operation: int, job: Job, tmp_path: Path
-) -> None:
-    """As it is created, and as it replaces an earlier run with results and files of somebody else."""
-    script = f"""
-import os, sys
-sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+KILLED_BEFORE = """
+import json, os, sys
 from pathlib import Path
+sys.path.insert(0, sys.argv[1])
 from helpers.ledger_worker import die_before_operation
 from hpcinv.job.job import load
 from hpcinv.output.run_directory import RunDirectory
-job = load(Path("cube.yaml"))
-die_before_operation({operation}, Path.cwd() / "run")
-RunDirectory(Path.cwd() / "run").create(job, overwrite={operation % 2 == 0})
+statuses = {}
+for operation in range(1, 30):
+    child = os.fork()
+    if child == 0:
+        os.chdir(str(operation))
+        job = load(Path("cube.yaml"))
+        die_before_operation(operation, Path.cwd() / "run")
+        RunDirectory(Path.cwd() / "run").create(job, overwrite=operation % 2 == 0)
+        os._exit(0)
+    statuses[operation] = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+print(json.dumps(statuses))
 """
-    run = tmp_path / "run"
-    if operation % 2 == 0:
-        created(run, job)
-        (run / "summary.json").write_text('{"status": "converged"}')
-        (run / "checkpoints" / "0001").mkdir(parents=True)
-        (run / "letter.txt").write_text("dear all")
-    ended = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=False)
-    assert ended.returncode in (0, -signal.SIGKILL)
+
+
+def test_a_kill_before_any_file_operation_leaves_a_directory_that_can_be_started_again(tmp_path: Path) -> None:
+    """As it is created, and as it replaces an earlier run with results and files of somebody else."""
+    places = {operation: tmp_path / str(operation) for operation in range(1, 30)}
+    for operation, place in places.items():
+        place.mkdir()
+        job = load(write_job(place / "cube.yaml", CUBE))
+        if operation % 2 == 0:
+            created(place / "run", job)
+            (place / "run" / "summary.json").write_text('{"status": "converged"}')
+            (place / "run" / "checkpoints" / "0001").mkdir(parents=True)
+            (place / "run" / "letter.txt").write_text("dear all")
+    # One process that forks, since each start of Python would take a second.
+    command = [sys.executable, "-c", KILLED_BEFORE, str(Path(__file__).parents[1])]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    statuses = {int(operation): status for operation, status in json.loads(ended.stdout).items()}
+    assert statuses.keys() == places.keys()
+    assert set(statuses.values()) == {0, -signal.SIGKILL}, ended.stderr
+    for operation, place in places.items():
+        assert_can_be_started_again(place, replaced=operation % 2 == 0)
+
+
+def assert_can_be_started_again(place: Path, *, replaced: bool) -> None:
+    """Whatever a kill has left of the directory ``run`` of ``place``."""
+    job, run = load(place / "cube.yaml"), place / "run"
     for name in ("origin.json", "job.yaml"):
         if (run / name).exists():
-            assert (run / name).stat().st_size, f"{name} is empty"
+            assert (run / name).stat().st_size, f"{run / name} is empty"
     directory = RunDirectory(run)
     if not directory.is_begun and (run / "origin.json").exists():
         with pytest.raises(OutputError, match=r"interrupted as it began(.|\n)*run cube\.yaml --output .* --overwrite"):
-            _in(tmp_path, lambda: directory.job(None))
+            _in(place, lambda: directory.job(None))
         assert directory.job(job.path) == job
     directory = created(run, job, overwrite=(run / "origin.json").exists())
     assert directory.holds(job)
     assert not directory.is_finished
     assert not (run / "checkpoints").exists()
-    assert (run / "letter.txt").exists() == (operation % 2 == 0)
+    assert (run / "letter.txt").exists() == replaced
 
 
 def _in(directory: Path, action: object) -> None:
@@ -198,9 +219,12 @@ def test_a_second_resume_or_run_in_the_same_directory_is_refused(tmp_path: Path)
 
 @pytest.mark.parametrize("every", [1, 0])
 def test_a_directory_that_is_removed_in_mid_run_is_an_error(every: int, tmp_path: Path) -> None:
-    job = write_job(tmp_path / "slow.yaml", SLOW, checkpoint={"every": every})
+    # Without checkpoints it is found out at the end.
+    job = write_job(
+        tmp_path / "slow.yaml", SLOW, checkpoint={"every": every}, solver={"strategy": "fixed", "steps": 80}
+    )
     with Started(2, "run", job, "--output", "run", cwd=tmp_path) as started:
-        started.wait_for("load 0.0025:")
+        started.wait_for("load 0.0125:")
         (tmp_path / "run").rename(tmp_path / "elsewhere")
         assert started.exit_code() == 2, started.text
     assert "was removed while the run was at work in it" in started.text

@@ -47,7 +47,7 @@ def assert_finished(run: Path) -> list[float]:
 
 
 def test_at_its_time_limit_a_job_saves_its_state_and_is_requeued_until_it_is_done(batch: Batch) -> None:
-    job = submit_slowly(batch, "--time=1", "--signal=B:USR1@20")
+    job = submit_slowly(batch, "--time=1", "--signal=B:USR1@45")
     batch.wait(job)
     (facts,) = batch.facts(job)
     assert facts["JobState"] == "COMPLETED", batch.outputs()
