@@ -88,7 +88,7 @@ def test_the_error_of_the_column_is_estimated(divisions: int, comm: MPI.Intracom
     assert 0.5 < found["length"] < 2
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2])  # on one rank: those of the sphere and the column
 def test_the_error_of_the_beam_is_estimated(comm: MPI.Intracomm) -> None:
     """The exact tip is that of cubic displacements on a finer mesh."""
 
