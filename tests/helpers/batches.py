@@ -19,6 +19,7 @@ from pytest_mpi.plugin import CHILD_PROCESS_FLAG
 
 from hpcinv.parallel.runtime import MPI
 
+SYSTEM = Path(__file__).parents[1] / "system"
 LARGEST = 16
 """Tests in a batch: in one process, with all kernels to be compiled, they end within some minutes."""
 IN_BATCH = "HPCINV_TESTS_IN_BATCH"
@@ -64,6 +65,11 @@ class RankOfBatch:
             MPI.COMM_WORLD.Abort(1)
 
 
+def _order(item: pytest.Item) -> tuple[int, int]:
+    ranks = ranks_of(item)
+    return (0, 0) if ranks == 1 and SYSTEM in item.path.parents else (1, -ranks)
+
+
 class Batches:
     """Plugin of pytest that makes batches of the selected tests and runs them."""
 
@@ -72,7 +78,11 @@ class Batches:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
-        """Put batches first: they take longest, and one worker gets most of them, so that few run at the same time."""
+        """Make batches, and put what is long before what is short, so that no worker is left with a long test.
+
+        Tests of the system by themselves take longest. Batches follow each other: as one worker begins with the first
+        half of all tests, two batches seldom run at the same time.
+        """
         of_ranks: dict[int, list[str]] = defaultdict(list)
         for item in items:
             of_ranks[ranks_of(item)].append(item.nodeid)
@@ -81,7 +91,7 @@ class Batches:
             for start in range(0, len(tests), LARGEST):
                 batch = Batch(f"{ranks}-ranks-{start}", ranks, tests[start : start + LARGEST], config.rootpath)
                 self.batch_of |= dict.fromkeys(batch.tests, batch)
-        items.sort(key=lambda item: -ranks_of(item))
+        items.sort(key=_order)
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_pyfunc_call(self, pyfuncitem: pytest.Function) -> bool | None:
