@@ -21,7 +21,7 @@ from hpcinv.methods.initial_guess import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.problem_cache import Workspace
-from hpcinv.sweep.neighbours import Neighbour, Neighbours, Space
+from hpcinv.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
 from hpcinv.sweep.plan import Case, load_sweep
 
 ROOT = Path(__file__).parents[1]
@@ -49,7 +49,7 @@ class Shared:
     def begin_reuse_group(self) -> None:
         self._neighbours = Neighbours()
 
-    def run(self, job: Job, case: Case, space: Space) -> Result:
+    def run(self, job: Job, case: Case, space: ParameterSpace) -> Result:
         begun = time.perf_counter()
         point = space.point(case.numbers)
         found = self._neighbours.guess(point) if self.guesses else None
@@ -86,7 +86,7 @@ def main() -> None:
     shared = {name: make() for name, make in ways.items()}
     count = 0
     for cases in by_reuse_group.values():
-        space = Space([case.numbers for case in cases])
+        space = ParameterSpace([case.numbers for case in cases])
         run(plan.job(cases[0]), COMM)  # compiles
         for way in shared.values():
             way.begin_reuse_group()

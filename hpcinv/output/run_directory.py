@@ -149,7 +149,7 @@ class RunDirectory:
         with contextlib.suppress(JobError):  # there is no file of a job that was made in Python
             if read_yaml(job.path) == job.data:
                 return job.path.read_text(encoding="utf-8")
-        return yaml.safe_dump(_plain(job.data), sort_keys=False, allow_unicode=True)
+        return as_yaml(job.data)
 
     def _origin(self) -> tuple[str | None, bool]:
         """The file that the job was read from, and whether the job is untrusted.
@@ -201,8 +201,12 @@ class RunDirectory:
         return parse(read_yaml(self.path / _JOB), Path(origin), untrusted=untrusted)
 
 
+def as_yaml(content: Mapping[str, Any]) -> str:
+    """Return the content of a job as YAML; values given from Python may be of any type."""
+    return yaml.safe_dump(_plain(content), sort_keys=False, allow_unicode=True)
+
+
 def _plain(value: Any) -> Any:
-    """As YAML has it; what was given from Python may be of other types."""
     match value:
         case Mapping():
             return {str(key): _plain(entry) for key, entry in value.items()}

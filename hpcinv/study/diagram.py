@@ -36,13 +36,12 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
                 _draw_series(axes, i, name, points_of_series)
         many = "average " if any(len(point.errors) > 1 for point in points) else ""
         axes.set(xscale="log", yscale="log", xlabel=f"time / s ({seconds})", ylabel=many + _error_label(accuracy))
-        axes.set_title(f"{title}: {accuracy.name}", loc="left", fontsize=10)
-        axes.grid(which="major", color="0.92", linewidth=0.6)
+        axes.set_title(f"{title}: {accuracy.name}")
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.margins(0.08, 0.1)
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend()
         hidden = sum(len(p.errors) > 0 and not _is_shown(p) for p in accuracy.points)
         note = f"; {hidden} without any error cannot be shown" if hidden else ""
         axes.annotate(
@@ -74,10 +73,9 @@ def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict
                 axes.plot(x, y, marker, color=colour, markersize=4, label=name, gid=f"cases-{n}-{i}")
             positive = all((row.place.parameters.get(key) or 0) > 0 for row, _ in shown)
             axes.set(xscale="log" if positive else "linear", yscale="log", xlabel=key.rpartition(".")[2])
-            axes.grid(which="major", color="0.92", linewidth=0.6)
-        figure.axes[0].set(ylabel=_error_label(accuracy))
-        figure.axes[0].set_title(f"{title}: {accuracy.name}", loc="left", fontsize=10)
-        figure.axes[-1].legend(frameon=False, fontsize=8)
+            figure.axes[0].set(ylabel=_error_label(accuracy))
+        figure.axes[0].set_title(f"{title}: {accuracy.name}")
+        figure.axes[-1].legend()
         return as_files(figure)
 
 

@@ -1,6 +1,6 @@
-"""Batch sweeps: many cases of one job, in one allocation or many, with nothing computed twice.
+"""Sweeps: many cases of one job, in one allocation or many, each solved once.
 
-The package can be called, ``hpcinv.sweep("sweep.yaml")``: see `hpcinv.sweep.interface.sweep`.
+The package is callable, ``hpcinv.sweep("sweep.yaml")``: see `hpcinv.sweep.interface.sweep`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Sweeps from Python: solve the cases that are open, and get the table of all."""
+"""Python interface of sweeps: solve the open cases, and return the table of all."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from hpcinv.sweep.table import columns, units
 
 
 class Table(dict[str, list[Any]]):
-    """Columns by name, with an entry for each case in the order of the sweep; ``pandas.DataFrame(table)`` takes it.
+    """Columns by name, with an entry for each case in the order of the sweep; ``pandas.DataFrame`` takes it.
 
-    Numbers are SI, and ``None`` is what is not known. The columns are those of ``sweep table``.
+    Numbers are SI; unknown values are ``None``. The columns are those of ``sweep table``.
 
     Attributes:
         units: SI units of the columns that have one.
@@ -40,23 +40,23 @@ def sweep(
     ranks_per_case: int = 1,
     note: Callable[[str], None] = lambda text: None,
 ) -> Table:
-    """Solve the cases of a sweep that are open, and give the table of all of them; collective.
+    """Solve the open cases of a sweep, and return the table of all cases; collective.
 
-    What is in the store already is not solved again. Cases are solved in this process: unlike under ``sweep run``, one
-    that crashes takes it along, and the same call then goes on with the others.
+    Cases that are finished in the store are not solved again. Cases are solved in this process: unlike under
+    ``sweep run``, a case that crashes ends it; the same call then continues with the others.
 
     Args:
         source: a sweep file, or a mapping with the content of one.
-        directory: where relative paths in a mapping begin; those in a file begin where that lies.
-        ranks_per_case: ranks that solve a case together; it must divide the number of ranks.
-        note: called with a line on each case that has ended, on the first rank of the group that solved it.
+        directory: base of relative paths in a mapping; in a file they are relative to the file.
+        ranks_per_case: number of ranks that solve a case together, a divisor of the number of ranks.
+        note: called with a line on each finished case, on the first rank of the group that solved it.
 
     Returns:
-        The table, the same on every rank. A case that failed has its diagnosis in the column ``status``.
+        The table, the same on every rank. The column ``status`` has the diagnosis of a failed case.
 
     Raises:
-        JobError: the sweep is not valid; on every rank, as all of these.
-        OutputError: the number of ranks does not suit, or the store cannot be used.
+        JobError: the sweep is not valid; all errors are raised on every rank.
+        OutputError: the number of ranks is not a multiple of ``ranks_per_case``, or the store cannot be used.
     """
     plan = on_root(comm, lambda: load_sweep(source, directory))
     conduct(SweepBatch(plan), comm, ranks_per_case=ranks_per_case, note=note)

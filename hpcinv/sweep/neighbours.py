@@ -1,10 +1,9 @@
-"""Initial guesses for a case, extrapolated from the solutions of its neighbours in parameter space.
+"""Initial guesses of cases, extrapolated from the solutions of their neighbours in parameter space.
 
-The solution is a smooth function of the parameters, and moving least squares continue it to a new point: of the nearest
-solved cases with points ``ξ_i`` the weighted sum ``Σ c_i x_i`` is taken whose weights reproduce all polynomials of a
-degree, ``Σ c_i p(ξ_i) = p(ξ)``, and favour what is near. Degree 0 is the nearest solution alone, 1 is its continuation
-along the tangent plane through several of them; with enough neighbours the error of degree 2 is cubic in their
-distance.
+The solution is a smooth function of the parameters, which moving least squares extrapolate to a new point: the guess is
+the sum ``Σ c_i x_i`` over the nearest solved cases with points ``ξ_i``, whose weights reproduce all polynomials of a
+degree, ``Σ c_i p(ξ_i) = p(ξ)``, and are larger for nearer cases. Degree 0 is the nearest solution alone, degree 1 a
+linear extrapolation; with enough neighbours the error of degree 2 is cubic in their distance.
 
 Source: Levin, "The approximation power of moving least-squares" (1998), doi:10.1090/S0025-5718-98-00974-0.
 """
@@ -24,15 +23,15 @@ from hpcinv.methods.initial_guess import Guess
 type Floats = npt.NDArray[np.float64]
 
 MOST_BYTES = 256_000_000
-"""of solutions that each rank keeps"""
-_LARGEST_WEIGHTS = 4.0  # Σ |c_i|, 1 in an interpolation: errors of the neighbours grow by it
+"""largest size of the solutions that each rank keeps"""
+_LARGEST_WEIGHTS = 4.0  # Σ |c_i|, by which errors of the neighbours grow; 1 in an interpolation
 
 
-class Space:
-    """The numbers of the cases of one reuse group, as points whose distances mean something.
+class ParameterSpace:
+    """Space of the numbers of the cases of one reuse group, scaled so that distances are comparable.
 
-    Numbers that are all of one sign and spread over more than a factor 10 count by their logarithm; each is scaled by
-    its range. Those that do not vary are left out.
+    Numbers of one sign that span more than a factor of 10 are replaced by their logarithm; each is scaled by its
+    range. Numbers that do not vary are left out.
     """
 
     def __init__(self, numbers: Sequence[Sequence[float]]) -> None:
@@ -42,23 +41,23 @@ class Space:
         low, high = low[self._varies], high[self._varies]
         with np.errstate(divide="ignore", invalid="ignore"):
             self._logarithmic = ((low > 0) & (high > 10 * low)) | ((high < 0) & (low < 10 * high))
-        ends = self._measured(np.stack([low, high]))
+        ends = self._transformed(np.stack([low, high]))
         self._origin, self._range = ends.min(axis=0), np.ptp(ends, axis=0)
 
     def point(self, numbers: Sequence[float]) -> Floats:
-        """A case's place, (dimensions,), within the unit cube."""
+        """Return the point of a case in the unit cube, (dimensions,)."""
         varying = np.array(numbers, dtype=np.float64)[self._varies]
-        found: Floats = (self._measured(varying) - self._origin) / self._range
+        found: Floats = (self._transformed(varying) - self._origin) / self._range
         return found
 
-    def _measured(self, values: Floats) -> Floats:
+    def _transformed(self, values: Floats) -> Floats:
         with np.errstate(divide="ignore"):
             return np.where(self._logarithmic, np.log(np.abs(values)), values)
 
 
 @dataclass(frozen=True)
 class Neighbour:
-    """What a converged case leaves to its neighbours: local values on this rank, as `Guess` has them."""
+    """Solution of a converged case: local values on this rank, as in `Guess`."""
 
     key: str
     point: Floats
@@ -71,7 +70,7 @@ class Neighbour:
 
 
 class Neighbours:
-    """Solutions of the cases of one reuse group that this group of ranks has solved; the same ones on all its ranks."""
+    """Solutions of the cases of one reuse group that this group of ranks has solved, the same cases on all ranks."""
 
     def __init__(self) -> None:
         self._neighbours: list[Neighbour] = []
@@ -80,23 +79,23 @@ class Neighbours:
         return len(self._neighbours)
 
     def add(self, neighbour: Neighbour, largest: int) -> None:
-        """Keep one more, at the cost of those that are farthest from it.
+        """Keep one more solution, and remove the farthest ones if there is no room.
 
         Args:
-            largest: bytes of a solution on the rank that has most.
+            largest: bytes of a solution, the largest over the ranks.
         """
         self._neighbours.append(neighbour)
         while len(self._neighbours) * largest > MOST_BYTES and len(self._neighbours) > 1:
             self._neighbours.pop(int(np.argmax(self._distances(neighbour.point))))
 
     def guess(self, point: Floats) -> tuple[Guess, str] | None:
-        """What to begin with at a point, and the key of the nearest case; ``None`` if nothing is known."""
+        """Return the guess at a point, and the key of the nearest case; ``None`` without neighbours."""
         if not self._neighbours:
             return None
         distances = self._distances(point)
         order = np.argsort(distances, kind="stable")
         nearest = self._neighbours[order[0]]
-        # Those on the other side of a branching point lead to another solution.
+        # Solutions on the other side of a bifurcation point belong to another branch.
         near = [self._neighbours[i] for i in order if self._neighbours[i].values.sign == nearest.values.sign]
         weights = _weights(np.stack([s.point for s in near]) - point)
         used = [(c, s.values) for c, s in zip(weights, near, strict=False) if c]
@@ -111,7 +110,7 @@ class Neighbours:
 
 
 def _weights(offsets: Floats) -> Floats:
-    """Weights of neighbours at ``offsets`` (n, dimensions), the nearest first, for the value at the origin."""
+    """Return the weights of neighbours at ``offsets`` (n, dimensions) from the point, the nearest first."""
     n, dimensions = offsets.shape
     nearest_alone: Floats = np.eye(1, n)[0]
     distances = np.linalg.norm(offsets, axis=1)
@@ -135,7 +134,7 @@ def _weights(offsets: Floats) -> Floats:
 
 
 def _monomials(points: Floats, degree: int) -> Floats:
-    """Monomials up to a degree at each point, (n, size); the first is 1."""
+    """Return the monomials up to a degree at each point, (n, size); the first is 1."""
     columns = [np.ones(len(points))]
     for k in range(1, degree + 1):
         for which in itertools.combinations_with_replacement(range(points.shape[1]), k):

@@ -1,4 +1,4 @@
-"""How diagrams of a sweep are drawn: lines or points over one parameter, maps over two, failed cases in red."""
+"""Drawing of diagrams of a sweep: lines or points over one parameter, maps over two, failed cases in red."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DIAGNOSES = (RED, "#E69F00", "#CC79A7", "#000000")
 
 @dataclass(frozen=True)
 class Scale:
-    """An axis, or the colours of a map; values that are text stand at 0, 1, …, and ``ticks`` are their texts."""
+    """Scale of an axis or of the colours of a map; text values are at 0, 1, …, with their texts as ``ticks``."""
 
     label: str
     is_log: bool = False
@@ -39,14 +39,14 @@ class Scale:
 
 @dataclass(frozen=True)
 class Series:
-    """Finished cases that belong together: one line, or one map.
+    """Finished cases of one line or one map.
 
     Attributes:
-        label: what tells them from others.
-        colour: number of its style; lines that differ in a number only may share one.
-        places: of each case along the axes.
-        values: NaN where there is none.
-        statuses: "converged", or the diagnosis.
+        label: text of the legend, or title of the map.
+        colour: number of its style; lines that differ only in a number may share one.
+        places: coordinates of each case along the axes.
+        values: of each case, NaN if it has none.
+        statuses: "converged", or the diagnosis of each case.
         is_curve: whether the points are joined.
     """
 
@@ -58,14 +58,14 @@ class Series:
     is_curve: bool
 
     def at(self, *, converged: bool) -> tuple[list[tuple[float, ...]], list[float]]:
-        """Places and values of the cases that did, or did not, converge; of the former those that have a value."""
+        """Return places and values of the converged cases that have a value, or of the failed cases."""
         rows = zip(self.places, self.values, self.statuses, strict=True)
         kept = [(p, v) for p, v, s in rows if (s == "converged") == converged and not (converged and math.isnan(v))]
         return [p for p, _ in kept], [v for _, v in kept]
 
 
 def draw_lines(figure: Figure, title: str, series: Sequence[Series], x: Scale, value: Scale) -> None:
-    """The value over one parameter, a line or a cloud for each series."""
+    """Draw the value over one parameter, with a line or points for each series."""
     axes = figure.add_subplot()
     labelled: set[str] = set()
     crosses: list[float] = []
@@ -87,24 +87,17 @@ def draw_lines(figure: Figure, title: str, series: Sequence[Series], x: Scale, v
             gid=f"series-{i}",
         )
         crosses += [p[0] for p in s.at(converged=False)[0]]
-    if crosses:  # they have a place, but no value: they stand at the foot
-        foot = axes.get_xaxis_transform()
-        axes.plot(
-            crosses,
-            [0.02] * len(crosses),
-            transform=foot,
-            color=RED,
-            label=f"failed ({len(crosses)})",
-            gid="failed",
-            **_CROSS,
-        )
+    if crosses:  # they have a place, but no value: draw them at the bottom
+        bottom = axes.get_xaxis_transform()
+        label = f"failed ({len(crosses)})"
+        axes.plot(crosses, [0.02] * len(crosses), transform=bottom, color=RED, label=label, gid="failed", **_CROSS)
     _finish(axes, title, x, value)
     if crosses or any(labelled):
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend()
 
 
 def draw_maps(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale], value: Scale) -> None:
-    """The value as colours over two parameters, a map for each series."""
+    """Draw the value as colours over two parameters, with a map for each series."""
     every = [v for s in series for v in s.at(converged=True)[1]]
     low, high = min(every, default=0.0), max(every, default=1.0)
     norm = LogNorm(low, high) if value.is_log else Normalize(low, high)
@@ -121,36 +114,36 @@ def draw_maps(figure: Figure, title: str, series: Sequence[Series], scales: tupl
 
 
 def draw_outcomes(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale]) -> None:
-    """Where cases converged and where they failed, over two parameters, by their diagnosis."""
+    """Draw the outcomes of cases, converged or their diagnosis, over two parameters."""
     counts = Counter(status for s in series for status in s.statuses)
     diagnoses = [status for status, _ in counts.most_common() if status != "converged"]
     panels = _panels(figure, title, series, scales)
     handles = []
     for i, status in enumerate(["converged", *diagnoses]):
         look: dict[str, Any] = {"linestyle": "none", "color": GREEN, "marker": ".", "markersize": 4, "alpha": 0.6}
-        if i > 0:  # red and what stands out beside it, with another marker for each
+        if i > 0:  # red and contrasting colours, with another marker for each
             look = _CROSS | {
                 "color": _DIAGNOSES[(i - 1) % 4],
                 "marker": "xs^Dv"[(i - 1) % 5],
                 "markerfacecolor": "none",
             }
         for s, axes in zip(series, panels, strict=True):
-            those = [place for place, found in zip(s.places, s.statuses, strict=True) if found == status]
-            if those:
-                axes.plot(*zip(*those, strict=True), gid=f"outcome-{i}", **look)
+            shown = [place for place, found in zip(s.places, s.statuses, strict=True) if found == status]
+            if shown:
+                axes.plot(*zip(*shown, strict=True), gid=f"outcome-{i}", **look)
         handles.append(Line2D([], [], label=f"{status} ({counts[status]})", **look))
     _legend(figure, handles)
 
 
 def _legend(figure: Figure, handles: Sequence[Line2D]) -> None:
-    """Below all panels; its lines are as long as the figure is wide."""
+    """Add a legend below all panels, with lines as long as the figure is wide."""
     characters = int(15 * figure.get_figwidth())
     labels = [textwrap.fill(str(handle.get_label()), characters) for handle in handles]
     figure.legend(handles, labels, loc="outside lower left", frameon=False, fontsize=7)
 
 
 def _panels(figure: Figure, title: str, series: Sequence[Series], scales: tuple[Scale, Scale]) -> list[Axes]:
-    """Axes for each series, three in a row, under its label."""
+    """Return axes for each series, three in a row, under its label."""
     across = min(len(series), 3)
     grid = figure.subplots(math.ceil(len(series) / across), across, squeeze=False, sharex=True, sharey=True)
     for axes in grid.flat[len(series) :]:
@@ -159,14 +152,14 @@ def _panels(figure: Figure, title: str, series: Sequence[Series], scales: tuple[
     for s, axes in zip(series, panels, strict=True):
         _finish(axes, s.label or title, *scales)
         if not scales[0].ticks and not scales[0].is_log:
-            axes.locator_params(axis="x", nbins=5)  # more of them would overlap in a panel
+            axes.locator_params(axis="x", nbins=5)  # more ticks would overlap in a panel
     if any(s.label for s in series):
         figure.suptitle(title, x=0.01, ha="left", fontsize=10)
     return panels
 
 
 def _coloured(axes: Axes, s: Series, scales: tuple[Scale, Scale], norm: Normalize, *, gid: str) -> Any:
-    """Cells where the places are a grid, else points; nothing without places."""
+    """Draw cells if the places are a grid, else points; return them, or ``None`` without places."""
     places, values = s.at(converged=True)
     if not places:
         return None
@@ -181,7 +174,7 @@ def _coloured(axes: Axes, s: Series, scales: tuple[Scale, Scale], norm: Normaliz
 
 
 def _edges(values: Floats, scale: Scale) -> Floats:
-    """Halfway between neighbours, as the scale goes, and as far beyond the first and the last one."""
+    """Return the edges of cells: the midpoints between neighbours on the scale, and one beyond each end."""
     along = np.log(values) if scale.is_log else values
     middle = (along[1:] + along[:-1]) / 2
     edges = np.concatenate([[2 * along[0] - middle[0]], middle, [2 * along[-1] - middle[-1]]])
@@ -197,7 +190,5 @@ def _finish(axes: Axes, title: str, x: Scale, y: Scale) -> None:
         axes.set_xscale("log")
     if y.is_log:
         axes.set_yscale("log")
-    axes.set_title(title, loc="left", fontsize=9)
-    axes.grid(which="major", color="0.92", linewidth=0.6)
-    axes.set_axisbelow(True)
+    axes.set_title(title, fontsize=9)
     axes.label_outer()

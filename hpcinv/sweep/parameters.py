@@ -1,4 +1,4 @@
-"""The parameters of the cases of a sweep as columns of numbers in SI, or of text."""
+"""Parameters of the cases of a sweep as columns of numbers in SI, or of text."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 
 def parameter_columns(plan: SweepPlan) -> dict[str, list[Any]]:
-    """A value for each case by key or name of branches.
+    """Return a column with a value for each case, by key or name of branches.
 
-    Numbers where all values are numbers or quantities, with ``None`` in cases that have no such parameter; else text,
-    empty there.
+    It has numbers if all values are numbers or quantities, ``None`` in cases without this parameter; else text, empty
+    there.
     """
     keys = dict.fromkeys(key for case in plan.cases for key in case.parameters)
     return {key: _column([case.parameters.get(key) for case in plan.cases]) for key in keys}
 
 
 def parameter_units(plan: SweepPlan) -> dict[str, str]:
-    """SI units of the parameters of which the file tells them."""
+    """Return the SI units of the parameters that have units in the file."""
     found = {}
     for axis in _axes(plan.sweep.axes):
         for key, distribution in axis.sample.items():
@@ -37,17 +37,17 @@ def parameter_units(plan: SweepPlan) -> dict[str, str]:
 
 
 def log_uniform(plan: SweepPlan) -> set[str]:
-    """The keys that are sampled evenly in their logarithm."""
+    """Return the keys that are sampled uniformly in their logarithm."""
     return {k for axis in _axes(plan.sweep.axes) for k, d in axis.sample.items() if d.kind == "log-uniform"}
 
 
 def sampled(plan: SweepPlan) -> set[str]:
-    """The keys that are sampled."""
+    """Return the keys that are sampled."""
     return {key for axis in _axes(plan.sweep.axes) for key in axis.sample}
 
 
 def _axes(axes: Sequence[Axis]) -> Iterator[Axis]:
-    """All of them, also those in branches."""
+    """Yield all axes, also those in branches."""
     for axis in axes:
         yield axis
         for branch in (axis.branches or {}).values():
@@ -62,7 +62,7 @@ def _column(values: list[Any]) -> list[Any]:
 
 
 def _parsed(value: Any) -> tuple[float | None, Dimension | None]:
-    """The number (SI) that a value is, if it is one, and its dimension where it has a unit."""
+    """Return the number (SI) of a value, ``None`` if it is none, and its dimension if it has a unit."""
     if isinstance(value, str):
         try:
             number, dimension = parse_quantity(value)
@@ -75,7 +75,7 @@ def _parsed(value: Any) -> tuple[float | None, Dimension | None]:
 
 
 def unit_of_dimension(dimension: Dimension) -> str:
-    """The SI unit that is usual, else powers of the base units; empty for pure numbers."""
+    """Return the usual SI unit of a dimension, else powers of the base units; empty for pure numbers."""
     named = next((unit for unit in NAMES if parse_unit(unit)[1] == dimension), None)
     if named is not None:
         return named

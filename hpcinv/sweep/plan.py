@@ -1,4 +1,4 @@
-"""The plan of a sweep: every case with its identity, all checked before any of them begins."""
+"""Plan of a sweep: every case with its key, all checked before any of them begins."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hpcinv.quantity.keys import assigned
 from hpcinv.sweep.spec import Sweep
 
 _STORE = Path("results/store")
-# Of thousands of cases the summaries are enough, and most take less time than a checkpoint.
+# For thousands of cases summaries are enough, and most cases take less time than a checkpoint.
 _DEFAULTS: Mapping[str, Mapping[str, Any]] = {
     "output": {"fields": False, "mesh": [], "summary": ["json"]},
     "checkpoint": {"seconds": 10.0},
@@ -33,12 +33,12 @@ class Case:
     """One job of a sweep.
 
     Attributes:
-        number: its place in the sweep, from 0.
-        key: hash of all that its results depend on, the same in every sweep (20 hex digits).
-        reuse_group: what cases have in common that share mesh, equations and the pattern of their factorization.
-        numbers: what cases of one reuse group differ in (SI).
-        parameters: values by key as the file has them, sampled ones in SI, and labels of branches by their axis' name.
-        settings: values by key that make the job from that of the sweep.
+        number: position in the sweep, from 0.
+        key: hash of everything that its results depend on, the same in every sweep (20 hex digits).
+        reuse_group: key of the cases that share mesh, equations and the pattern of the factorization.
+        numbers: the numbers in which cases of one reuse group differ (SI).
+        parameters: values by key as in the file, sampled ones in SI, and labels of branches by the name of their axis.
+        settings: values by key that are set in the job of the sweep.
     """
 
     number: int
@@ -58,7 +58,7 @@ class SweepPlan:
     """A sweep and its cases in order; ``data`` is the content of the job file ``base``.
 
     Attributes:
-        is_untrusted: whether it came from elsewhere, so that nothing in its jobs may be executed.
+        is_untrusted: whether the file is from another source, so that nothing in its jobs may be executed.
     """
 
     path: Path
@@ -70,20 +70,20 @@ class SweepPlan:
 
     @property
     def store(self) -> Path:
-        """The directory that this sweep shares with others."""
+        """Directory of the store, which sweeps may share."""
         return _STORE if self.sweep.store is None else self.path.parent / self.sweep.store
 
     def job(self, case: Case) -> Job:
-        """The job of a case; raises ``JobError`` if a file that it needs has gone meanwhile."""
+        """Return the job of a case; raises ``JobError`` if a file that it needs was removed meanwhile."""
         return parse(self.content(case), self.base, untrusted=self.is_untrusted)
 
     def content(self, case: Case) -> Mapping[str, Any]:
-        """What a job file of the case would hold, whose paths begin where those of the sweep's job do."""
+        """Return the content of a job file of the case, with paths relative to the job of the sweep."""
         return _content(self.data, case.settings)
 
 
 def is_sweep(path: Path) -> bool:
-    """Whether a file is a sweep rather than a job or a study; raises ``JobError`` if it cannot be read."""
+    """Return whether a file is a sweep rather than a job or a study; raises ``JobError`` if it cannot be read."""
     return "axes" in read_yaml(path)
 
 
@@ -93,18 +93,18 @@ def load_sweep(
     """Read a sweep, a file or a mapping with the content of one, and check all of its cases.
 
     Args:
-        directory: where relative paths in a mapping begin; those in a file begin where that lies.
-        untrusted: it came from elsewhere, as in `hpcinv.job.job.load`.
+        directory: base of relative paths in a mapping; in a file they are relative to the file.
+        untrusted: the sweep is from another source, as in `hpcinv.job.job.load`.
 
     Raises:
-        JobError: with a line for each thing that is wrong, of the form ``file: case (and n more cases): key: what``.
+        JobError: with a line for each fault, of the form ``file: case (and n more cases): key: fault``.
     """
     if isinstance(source, Mapping):
         path, content = Path(directory) / UNNAMED, {"sweep": "sweep", **source}
     else:
         path, content = Path(source), dict(read_yaml(Path(source)))
     if "axes" not in content:
-        raise JobError([f"{path}: is no sweep, since it has no 'axes'; 'run' takes jobs, 'study' takes studies"])
+        raise JobError([f"{path}: is not a sweep, since it has no 'axes'; use 'run' for jobs, 'study' for studies"])
     untrusted = untrusted or is_asked()
     sweep = read_spec(Sweep, "sweep", path, content, untrusted=untrusted)
     base, data = read_base(path, sweep.job)
@@ -115,7 +115,7 @@ def load_sweep(
 
 
 def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: Faults, untrusted: bool) -> Iterator[Case]:
-    """Every case that is valid; what is wrong with the others goes to ``faults``."""
+    """Yield every valid case; faults of the others are added to ``faults``."""
     digest = cache(file_digest)
     defaults = sections_first(sweep.set)
     for number, (parameters, given) in enumerate(combined(sweep.axes)):
@@ -134,12 +134,12 @@ def _case(number: int, point: Point, job: Job, digest: Callable[[Path], str]) ->
 
 
 def _job(data: Mapping[str, Any], settings: Mapping[str, Any], base: Path, untrusted: bool) -> Job:
-    """The job with some settings; raises ``JobError`` if it is not valid."""
+    """Return the job with some settings; raises ``JobError`` if it is not valid."""
     return parse(_content(data, settings), base, untrusted=untrusted)
 
 
 def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What a file of the job would hold: no output but its summary, and few checkpoints, unless that is asked for.
+    """Return the content of a job file with some settings, whose only output by default is the summary.
 
     Raises:
         JobError: something cannot be set.

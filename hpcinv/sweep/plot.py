@@ -1,4 +1,4 @@
-"""Diagrams of a sweep: a quantity over one or two parameters, alternatives compared, and where cases fail."""
+"""Diagrams of a sweep: a quantity over one or two parameters, by branches, or a map of failures."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from hpcinv.sweep.plan import SweepPlan
 
 FAILURES = "failures"
-"""what stands for the map of outcomes in place of a quantity"""
+"""name of the map of outcomes, in place of a quantity"""
 MOST_PANELS = 6
-"""maps that are drawn side by side"""
+"""largest number of maps in a diagram"""
 MOST_LINES = 7
-"""lines that are told apart; more of them share the colour of their first parameter"""
+"""largest number of lines with different colours; beyond it lines share the colour of their first parameter"""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Diagram:
 
     Attributes:
         files: contents by their format.
-        left_out: which cases it does not show, and why; the diagram says so too.
+        left_out: cases that it does not show, and the reason, as in its title.
     """
 
     files: Mapping[str, bytes]
@@ -45,23 +45,23 @@ class Diagram:
 
 
 def plot(plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, over: Sequence[str]) -> Diagram:
-    """A diagram of a quantity over one or two parameters.
+    """Return the diagram of a quantity over one or two parameters.
 
     Args:
         quantity: a column of the table, or ``failures``.
         over: one or two columns of parameters; ``failures`` needs two.
 
     Raises:
-        JobError: there is no such column, or nothing in it yet.
+        JobError: there is no such column, or it has no values yet.
     """
     table, known_units = columns(plan, records), units(plan, records)
     _check(plan, table, quantity, over)
     finished = [i for i, status in enumerate(table["status"]) if status != "open"]
     rows = [i for i in finished if all(table[name][i] not in (None, "") for name in over)]
     if not rows:
-        raise JobError([f"{plan.path}: no case that has {' and '.join(over)} is finished"])
+        raise JobError([f"{plan.path}: no case with {' and '.join(over)} is finished"])
     if quantity != FAILURES and all(table[quantity][i] is None for i in rows):
-        raise JobError([f"{plan.path}: no finished case has a {quantity}"])
+        raise JobError([f"{plan.path}: no finished case has a value of {quantity}"])
     logarithmic = {parameter_name(key) for key in log_uniform(plan)}
     places = [_positions([table[name][i] for i in rows]) for name in over]
     scales = [
@@ -89,7 +89,7 @@ def plot(plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, over
 
 
 def _left_out(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) -> Iterator[str]:
-    """Which cases a diagram cannot show, by the reason, with the branches that they are in."""
+    """Yield lines on cases that a diagram cannot show: their number, the reason, and their branches."""
     left = list(range(len(plan.cases)))
     reasons: list[tuple[str, Callable[[int], bool]]] = [
         ("not finished", lambda i: table["status"][i] == "open"),
@@ -112,9 +112,12 @@ def _left_out(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str
 def _series(
     plan: SweepPlan, table: Columns, over: Sequence[str], cases: Mapping[int, tuple[tuple[float, ...], float, str]]
 ) -> list[Series]:
-    """Cases (place, value and status by row) that have the same values of all other parameters, unless those are drawn.
+    """Return series of cases with the same values of all other parameters, except sampled ones.
 
-    Where there is a sample in play, its points are not joined.
+    The points of samples are not joined.
+
+    Args:
+        cases: place, value and status by row.
     """
     parameters = [parameter_name(key) for key in parameter_columns(plan)]
     drawn = {parameter_name(key) for key in sampled(plan)}
@@ -132,7 +135,7 @@ def _series(
 
 
 def is_even_in_log(values: Sequence[float]) -> bool:
-    """Whether positive values span two decades and more, with their median at the middle in logarithm."""
+    """Return whether positive values span at least two decades, with the logarithm of their median near the middle."""
     low, high = min(values), max(values)
     if low <= 0 or high < 100 * low:
         return False
@@ -141,7 +144,7 @@ def is_even_in_log(values: Sequence[float]) -> bool:
 
 
 def _check(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) -> None:
-    """That there is what is to be drawn."""
+    """Raise ``JobError`` unless the quantity and the parameters exist."""
     parameters = [parameter_name(key) for key in parameter_columns(plan)]
     problems = [
         f"there is no parameter '{name}'.{did_you_mean(name, parameters)}" for name in over if name not in table
@@ -158,7 +161,7 @@ def _check(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) 
 
 
 def _positions(values: Sequence[Any]) -> tuple[list[float], tuple[str, ...]]:
-    """Numbers as they are; texts at 0, 1, … in their order, with the texts."""
+    """Return numbers unchanged without texts, or texts as 0, 1, … in their order, with the distinct texts."""
     if not any(isinstance(value, str) for value in values):
         return [float(value) for value in values], ()
     ticks = tuple(dict.fromkeys(values))
@@ -166,7 +169,7 @@ def _positions(values: Sequence[Any]) -> tuple[list[float], tuple[str, ...]]:
 
 
 def _labels(others: list[str], groups: Mapping[tuple[Any, ...], Any], axes: int) -> list[tuple[str, int]]:
-    """A label and the number of a style for each group."""
+    """Return label and number of the style of each group."""
 
     def text(names: Sequence[str], values: Sequence[Any]) -> str:
         known = ((n, v) for n, v in zip(names, values, strict=True) if v not in (None, ""))

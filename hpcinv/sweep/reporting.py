@@ -1,4 +1,4 @@
-"""Commands that look at what a store has of a sweep: ``sweep status | table | statistics | plot``."""
+"""Commands that show the results of a sweep: ``sweep status | table | statistics | plot``."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:
-    """Add the commands; ``action`` makes a parser for a name, what it calls, and its help."""
-    status = action("status", _status, "what is done, running, failed and open, and the time that is left")
-    status.add_argument("--follow", action="store_true", help="go on looking until all cases are finished")
+    """Add the commands; ``action`` makes a parser from name, function and help."""
+    status = action("status", _status, "numbers of finished, running, failed and open cases, and the time left")
+    status.add_argument("--follow", action="store_true", help="repeat it until all cases are finished")
 
     table = action("table", _table, "a row for each case: parameters, quantities, certificate, costs")
     table.add_argument("--output", type=_table_file, metavar="FILE", help=".csv or .h5 (default: CSV to the screen)")
@@ -75,7 +75,7 @@ def _statistics(options: argparse.Namespace) -> int:
     from hpcinv.batch.tables import as_csv
     from hpcinv.sweep.statistics import statistics
 
-    sys.stdout.write(as_csv(statistics(plan, records), {}))  # a column tells the unit of each row
+    sys.stdout.write(as_csv(statistics(plan, records), {}))  # a column has the unit of each row
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The sweep file: a job, and the axes along which it varies."""
+"""Sweep file: a job, and the axes along which it varies."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import FileName, ListOf, Spec, raise_if_any
 
 MOST = 1_000_000
-"""cases of one sweep: as many as are checked within minutes"""
+"""largest number of cases of a sweep, which can be checked within minutes"""
 
 
 class Sweep(Spec):
-    """Many cases of one job."""
+    """Sweep: many cases of one job."""
 
     sweep: FileName = "sweep"
     """up to 100 letters, digits, dots, _, - (no dot or - first), naming the sweep; left out, the name of the file"""
     job: FileBeside
-    """path from the sweep file to the job that all cases begin with"""
+    """path from the sweep file to the job of all cases"""
     store: str | None = None
-    """path from the sweep file to the directory of all cases; left out, results/store where the command runs"""
+    """path from the sweep file to the store of all cases; left out, results/store in the working directory"""
     set: Mapping[JobKey, Any] = {}
-    """values that all cases have unless an axis has its own"""
+    """values of all cases, unless an axis sets them"""
     warm_start: bool = True
-    """whether a case begins with the solution of the nearest one that has converged; else with the unloaded body"""
+    """whether a case begins with the solution of the nearest converged one; else with the unloaded body"""
     limit: Annotated[float, Quantity("s", above=0.0)] | None = None
     """wall time that a case may take, such as 10 min; one that takes longer has failed. Left out, there is none"""
     axes: ListOf[Axis]

@@ -1,4 +1,4 @@
-"""What a sample of cases says of the quantities of interest: mean, standard deviation and quantiles, of each branch."""
+"""Statistics of the quantities of interest over a sample: mean, standard deviation and quantiles, of each branch."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ QUANTILES = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "maximum"
 
 
 def statistics(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
-    """A row for each quantity of interest and each combination of branches, over the cases that have converged; SI.
+    """Return a row for each quantity of interest and each combination of branches, over the converged cases; SI.
 
-    ``sd`` is that of the population from which the sample is, estimated with ``n - 1``; ``sd of mean`` is ``sd/√n``,
-    as for independent draws.
+    ``sd`` is that of the population, estimated with ``n - 1``; ``sd of mean`` is ``sd/√n``, as for independent draws.
     """
     table, quantities = columns(plan, records), quantity_columns(plan, records)
     names, unit = _branches(plan), units(plan, records)
@@ -41,7 +40,7 @@ def statistics(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
 
 
 def _branches(plan: SweepPlan) -> list[str]:
-    """The columns that tell branches apart."""
+    """Return the columns with the labels of branches."""
     return [axis.name for axis in plan.sweep.axes if axis.branches is not None]
 
 

@@ -1,4 +1,4 @@
-"""A sweep handed to Slurm: batch scripts from the templates, the jobs that run them, and one that collects."""
+"""Submission of a sweep to Slurm: batch scripts from templates, their jobs, and a job that collects the results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def add_submit(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:
-    """Add the command; ``action`` makes a parser for a name, what it calls, and its help."""
+    """Add the command; ``action`` makes a parser from name, function and help."""
     parser = action("submit", _submit, "run under Slurm: requeued at time limits, then collected")
     parser.add_argument("--ntasks", type=int, required=True, metavar="N", help="ranks (of each task of an array)")
     parser.add_argument("--ranks-per-case", type=int, default=1, metavar="K", help="ranks that solve a case together")
@@ -50,7 +50,7 @@ def _submit(options: argparse.Namespace) -> int:
             "Ask for a multiple of it with --ntasks.",
         )
     plan = load_sweep(options.sweep)
-    open_store(plan.store)  # a store that cannot be written shows itself here rather than in the queue
+    open_store(plan.store)  # fails here, rather than in the queue, if the store cannot be written
     directory = Path("results") / plan.sweep.sweep
     run, collect = _write_scripts(plan, options, directory)
     print(f"{plan.sweep.sweep}: {len(plan.cases)} cases; store {plan.store}")
@@ -72,7 +72,7 @@ def _submit(options: argparse.Namespace) -> int:
 
 
 def _write_scripts(plan: SweepPlan, options: argparse.Namespace, directory: Path) -> tuple[Path, Path]:
-    """The scripts of a sweep, each a template with options and arguments of its own: to run it, and to collect."""
+    """Write the scripts of a sweep, templates with options and arguments: one to run it, one to collect the results."""
     name, place, sweep = plan.sweep.sweep, directory / "slurm", str(options.sweep)
     others = [option.lstrip("-") for option in options.sbatch]
     run = filled(
@@ -80,7 +80,7 @@ def _write_scripts(plan: SweepPlan, options: argparse.Namespace, directory: Path
         [f"job-name={name}", *_resources(options, place), *others],
         [sweep, str(options.ranks_per_case)],
     )
-    # Account and partition are needed for both jobs; of the resources the second takes least.
+    # Both jobs need account and partition; the second one needs the least resources.
     collect = filled(
         TEMPLATES / "collect.sbatch",
         [f"job-name={name}-collect", f"output={place}/collect-%j.out", *others, "nodes=1", "ntasks=1"],
@@ -109,7 +109,7 @@ def _resources(options: argparse.Namespace, place: Path) -> Iterator[str]:
 
 
 def filled(template: Path, options: Sequence[str], arguments: Sequence[str]) -> str:
-    """The text of a template with options added to its own, which they replace, and its arguments set."""
+    """Return the text of a template with further options, which override its options, and with its arguments."""
     lines = template.read_text().splitlines()
     end = 1 + max(i for i, line in enumerate(lines) if line.startswith("#SBATCH"))
     added = [*(f"#SBATCH --{option}" for option in options), "", f"set -- {shlex.join(arguments)}"]
@@ -119,10 +119,10 @@ def filled(template: Path, options: Sequence[str], arguments: Sequence[str]) -> 
 
 
 def sbatch(*words: object) -> str:
-    """Submit a script with the Python that runs this; gives the job's id.
+    """Submit a script with this Python in PATH; return the id of the job.
 
     Raises:
-        SubmitError: sbatch is not there, or refuses.
+        SubmitError: sbatch was not found, or refuses the script.
     """
     environment = dict(os.environ)
     if shutil.which("python") != sys.executable:
@@ -133,7 +133,7 @@ def sbatch(*words: object) -> str:
         )
     except FileNotFoundError:
         raise SubmitError(
-            "there is no sbatch here, with which jobs are given to Slurm",
+            "the command sbatch of Slurm was not found",
             "Submit on a login node of the cluster, or use 'sweep run' under mpirun.",
         ) from None
     if done.returncode != 0:

@@ -1,4 +1,4 @@
-"""The table of a sweep: a row for each case, with its parameters, what came out of it, and what it took."""
+"""Table of a sweep: a row for each case, with its parameters, results and costs."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ COSTS: Mapping[str, Callable[[CaseRecord], Any]] = {
     "started_from": lambda record: record.start,
 }
 TEXT = ("status", "certificate", "geometry_error", "started_from")
-"""columns of text"""
+"""columns with text"""
 FIXED = frozenset({"number", "key", *OUTCOME, *COSTS})
-"""columns that every table has"""
+"""columns of every table"""
 _UNITS = {"seconds": "s", "peak_memory": "B"}
 
 
 def columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
-    """A list for each column, with an entry for each case; numbers are SI, and ``None`` is what is not known.
+    """Return a list for each column, with an entry for each case; numbers are SI, ``None`` if unknown.
 
     Args:
-        records: of finished cases by key; cases that have none are ``open``.
+        records: of finished cases by key; others are ``open``.
     """
     rows = [records.get(case.key) for case in plan.cases]
     found: Columns = {"number": [case.number for case in plan.cases], "key": [case.key for case in plan.cases]}
@@ -61,7 +61,7 @@ def columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
 
 
 def units(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> dict[str, str]:
-    """SI units of the columns that have one, as far as they are known."""
+    """Return the SI units of the columns, as far as they are known."""
     found = _UNITS | {parameter_name(key): unit for key, unit in parameter_units(plan).items()}
     taken, seen = _taken(plan), set[str]()
     for case in plan.cases:
@@ -81,14 +81,14 @@ def units(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> dict[str, str]:
 
 
 def quantity_columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> list[str]:
-    """The columns of quantities of interest, a vector's components each."""
+    """Return the columns of quantities of interest, one for each component of a vector."""
     taken = _taken(plan)
     found = (_parts(n, v) for record in records.values() for n, v in record.statistics.get("quantities", {}).items())
     return list(dict.fromkeys(_result_name(part, taken) for parts in found for part in parts))
 
 
 def as_hdf5(plan: SweepPlan, records: Mapping[str, CaseRecord], provenance: Iterable[str]) -> bytes:
-    """The table as HDF5: in ``cases`` a dataset for each column, and ``provenance``, JSON text for each case."""
+    """Return the table as HDF5: in ``cases`` a dataset for each column, and ``provenance``, JSON text of each case."""
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
         file.attrs["sweep"] = plan.sweep.sweep
@@ -98,12 +98,12 @@ def as_hdf5(plan: SweepPlan, records: Mapping[str, CaseRecord], provenance: Iter
 
 
 def parameter_name(key: str) -> str:
-    """The column of a parameter; not one of those that every table has."""
+    """Return the column of a parameter, different from the columns of every table."""
     return f"parameters.{key}" if key in FIXED else key
 
 
 def _taken(plan: SweepPlan) -> frozenset[str]:
-    """Names of columns that are not those of quantities."""
+    """Return the names of columns that are not those of quantities."""
     return FIXED | {parameter_name(key) for case in plan.cases for key in case.parameters}
 
 
@@ -112,7 +112,7 @@ def _result_name(name: str, taken: frozenset[str]) -> str:
 
 
 def _per(unit: str, of: str) -> str:
-    """The unit of a slope."""
+    """Return the unit of a slope."""
     below = of if of.isalpha() else f"({of})"
     return f"{unit or 1}/{below}" if of else unit
 
@@ -123,14 +123,14 @@ def _of_solutions(record: CaseRecord, key: str) -> int | None:
 
 
 def _results(rows: list[CaseRecord | None]) -> Iterator[tuple[str, list[Any]]]:
-    """Columns of the quantities of interest, of their estimated errors, and of what they depend on."""
+    """Yield the columns of quantities of interest, of their estimated errors, and of their sensitivities."""
     every: list[dict[str, Any]] = [{} if row is None else dict(_values(row.statistics)) for row in rows]
     for name in dict.fromkeys(name for values in every for name in values):
         yield name, [values.get(name) for values in every]
 
 
 def _values(statistics: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
-    """Numbers of one case by their column."""
+    """Yield the numbers of one case by column."""
     estimate = (statistics.get("certificate", {}).get("estimate") or {}).get("quantities", {})
     sensitivities = (statistics.get("sensitivities") or {}).get("quantities", {})
     for name, value in statistics.get("quantities", {}).items():
@@ -145,7 +145,7 @@ def _values(statistics: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]
 
 
 def _parts(name: str, value: Any, suffix: str = "") -> dict[str, float | None]:
-    """A number by its name, or the components of a vector by theirs."""
+    """Return a number by its name, or the components of a vector by their names."""
     if isinstance(value, list):
         return {f"{name}[{i}]{suffix}": v for i, v in enumerate(value)}
     return {f"{name}{suffix}": value}

@@ -1,4 +1,4 @@
-"""Where the batch scripts for Slurm are; as a program, prints it for them, since Slurm runs a copy of a script."""
+"""Directory of the batch scripts for Slurm; as a program, prints it, since Slurm runs a copy of a script."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ def test_tasks_of_an_array_begin_with_different_shares() -> None:
 def test_where_there_is_no_slurm_that_is_said(sweep: Path, tmp_path: Path) -> None:
     done = submit(sweep, "--ntasks", 2, path=str(tmp_path))
     assert done.returncode == 2
-    assert done.stderr.startswith("there is no sbatch here")
+    assert done.stderr.startswith("the command sbatch of Slurm was not found")
     assert "Traceback" not in done.stderr
 
 

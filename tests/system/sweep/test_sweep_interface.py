@@ -53,7 +53,7 @@ def test_a_case_that_fails_is_told_in_the_table(tmp_path: Path, comm: MPI.Intrac
 def test_what_is_wrong_is_raised(tmp_path: Path, comm: MPI.Intracomm) -> None:
     with pytest.raises(JobError, match=r"\(mapping\): axes"):
         hpcinv.sweep({"job": "block.yaml", "axes": 3}, comm, directory=tmp_path)
-    with pytest.raises(JobError, match="is no sweep, since it has no 'axes'"):
+    with pytest.raises(JobError, match="is not a sweep, since it has no 'axes'"):
         hpcinv.sweep(BLOCK, comm)
     write_sweep(tmp_path, AXES)
     with pytest.raises(OutputError, match="1 ranks cannot be divided into groups"):

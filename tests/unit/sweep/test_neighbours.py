@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hpcinv.methods.initial_guess import Guess
-from hpcinv.sweep.neighbours import Neighbour, Neighbours, Space
+from hpcinv.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
 
 
 def known(points: np.ndarray, field: object, signs: list[int] | None = None) -> Neighbours:
@@ -74,9 +74,9 @@ def test_memory_is_bounded() -> None:
 
 
 def test_distances_know_logarithms_and_ranges() -> None:
-    space = Space([(1e3, 5.0, 2.0), (1e5, 5.0, 3.0), (1e4, 5.0, 2.5)])
+    space = ParameterSpace([(1e3, 5.0, 2.0), (1e5, 5.0, 3.0), (1e4, 5.0, 2.5)])
     assert space.point((1e4, 5.0, 2.5)) == pytest.approx([0.5, 0.5])
     assert space.point((1e3, 5.0, 3.0)) == pytest.approx([0.0, 1.0])
-    negative = Space([(-1e3,), (-1e5,)])
+    negative = ParameterSpace([(-1e3,), (-1e5,)])
     assert abs(negative.point((-1e4,)) - 0.5) < 1e-12
-    assert Space([(1.0, 2.0)]).point((1.0, 2.0)).shape == (0,)
+    assert ParameterSpace([(1.0, 2.0)]).point((1.0, 2.0)).shape == (0,)

@@ -426,9 +426,9 @@ def test_what_cannot_be_drawn_is_told(quantity: str, over: list[str], expected: 
 
 def test_without_results_there_is_no_diagram(tmp_path: Path) -> None:
     found = plan(tmp_path, {"grid": {MU: [1e4]}})
-    with pytest.raises(JobError, match=r"no case that has material\.mu is finished"):
+    with pytest.raises(JobError, match=r"no case with material\.mu is finished"):
         plot(found, {}, "seconds", [MU])
-    with pytest.raises(JobError, match="no finished case has a unknowns"):
+    with pytest.raises(JobError, match="no finished case has a value of unknowns"):
         plot(found, {found.cases[0].key: bad()}, "unknowns", [MU])
 
 
