@@ -1,4 +1,4 @@
-"""Jobs that demand an accuracy: degree, mesh and tolerance are chosen to meet it at the least cost."""
+"""Search for degree, mesh and tolerance that meet the accuracy demanded by a job at the least cost."""
 
 from __future__ import annotations
 

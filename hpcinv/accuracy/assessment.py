@@ -1,8 +1,9 @@
-"""How far the quantities of interest may be off, judged by all discretisations that were solved.
+"""Estimated errors of the quantities of interest, from all discretisations that were solved.
 
-The estimate compares one degree with the next on the same mesh. What it cannot see, the shape that a coarse mesh gives
-to a curved body, or nodes that happen to lie beside a maximum, is what corrected values on two meshes differ by. The
-estimate itself is put to the test: what it foresaw for one discretisation is compared with what the next one found.
+The error estimate compares one degree with the next on the same mesh. It does not contain errors that a finer mesh
+alone reveals, such as the geometry of a curved body or a maximum between nodes; these are estimated by the difference
+of the corrected values on two meshes. The estimate itself is tested: that of one discretisation is compared with the
+values of the next one.
 """
 
 from __future__ import annotations
@@ -14,21 +15,21 @@ from dataclasses import dataclass
 
 type Value = float | list[float]
 
-UNTESTED, LEAST, MOST = 2.0, 1.5, 10.0  # safety factors: of an estimate not yet put to the test; and their bounds
-FASTEST = 4.0  # order with which what an estimate cannot see is believed to fall, at most
-SLOWEST = 0.75  # share of the error that is presumed to remain at each step to a finer mesh, at most
+UNTESTED, LEAST, MOST = 2.0, 1.5, 10.0  # safety factors: of an untested estimate, and their bounds
+FASTEST = 4.0  # largest presumed order of the errors that the estimate does not contain
+SLOWEST = 0.75  # largest presumed ratio of these errors on a finer mesh to those on a coarser one
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one discretisation found.
+    """Values of one discretisation.
 
     Attributes:
         mesh: number of its mesh.
         size: of the cells, as in `forecast.Step`.
         degree: of the displacement.
         values: of the quantities with a demand.
-        corrected: the same, corrected by the estimate.
+        corrected: these values plus the estimated errors.
     """
 
     mesh: int
@@ -44,8 +45,8 @@ class Assessment:
 
     Attributes:
         errors: estimated error of each quantity.
-        safety: by which they are multiplied before they are compared with the demands.
-        demands: what they may be.
+        safety: factors by which the errors are multiplied before they are compared with the demands.
+        demands: largest errors that the job allows.
     """
 
     errors: Mapping[str, float]
@@ -59,7 +60,7 @@ class Assessment:
 
     @property
     def excess(self) -> float:
-        """The largest bound over its demand: the promise is made if it is at most 1."""
+        """The largest ratio of a bound to its demand; the demands are met if it is at most 1."""
         return max(bound / self.demands[name] for name, bound in self.bounds.items())
 
 
@@ -69,12 +70,11 @@ def assess(
     unseen_order: float | None,
     previous: Assessment | None = None,
 ) -> Assessment:
-    """Judge the last of the ``findings``.
+    """Assess the last of the ``findings``.
 
     Args:
-        previous: what was said of the last but one.
-        unseen_order: power of the cells' size with which falls what an estimate on one mesh cannot see; ``None`` where
-            there is nothing of that kind.
+        previous: assessment of the last but one.
+        unseen_order: order of the errors that an estimate on one mesh does not contain; ``None`` if there are none.
     """
     errors, safety = {}, {}
     for name, demand in demands.items():
@@ -85,24 +85,24 @@ def assess(
 
 
 def hindsight(findings: Sequence[Finding], demands: Mapping[str, float]) -> list[float]:
-    """How far each finding was from what is best known now: the largest distance over its demand."""
+    """Return the error of each finding against the best values known now: the largest ratio to a demand."""
     best = findings[-1].corrected
     return [max(distance(f.values[name], best[name]) / demand for name, demand in demands.items()) for f in findings]
 
 
 def _unseen(findings: Sequence[Finding], name: str, order: float | None) -> float:
-    """What is left of the difference between the corrected values on two meshes."""
+    """Return the part of the last difference between corrected values on two meshes that is presumed to remain."""
     pairs = [(f, g) for f, g in itertools.pairwise(findings) if f.mesh != g.mesh]
     if not pairs:
         return 0.0 if order is None else math.inf
     before, after = pairs[-1]
     if order is None and after is not findings[-1]:
-        return 0.0  # a degree more on the same mesh makes the corrected values better too
+        return 0.0  # a higher degree on the same mesh improves the corrected values, too
     differences = [distance(g.corrected[name], f.corrected[name]) for f, g in pairs]
     sizes = [f.size for f, _ in pairs] + [after.size]
-    if sizes[-2] is None or sizes[-1] is None:  # refined in places
-        foreseen, found = (distance(f.corrected[name], f.values[name]) for f in (before, after))
-        left = max(found / foreseen, 0.25) if foreseen > 0 else SLOWEST
+    if sizes[-2] is None or sizes[-1] is None:  # refined locally
+        expected, found = (distance(f.corrected[name], f.values[name]) for f in (before, after))
+        left = max(found / expected, 0.25) if expected > 0 else SLOWEST
     else:
         power = after.degree + 1.0 if order is None else order
         if len(pairs) > 1 and sizes[-3] is not None:
@@ -114,7 +114,7 @@ def _unseen(findings: Sequence[Finding], name: str, order: float | None) -> floa
 
 
 def _order_seen(sizes: tuple[float, float, float], earlier: float, later: float) -> float:
-    """The ``k`` of errors ``h^k`` that differ by so much on meshes of these ``sizes``, from the first to the last."""
+    """Return ``k`` of errors ``h^k`` that differ by ``earlier`` and ``later`` on successive meshes."""
     low, high = 0.0, FASTEST
     for _ in range(40):
         k = (low + high) / 2
@@ -127,22 +127,22 @@ def _order_seen(sizes: tuple[float, float, float], earlier: float, later: float)
 
 
 def _safety(findings: Sequence[Finding], name: str, demand: float, previous: Assessment | None) -> float:
-    """The larger, the less had been said of the error of the last but one that is known of it now."""
-    if previous is None or not math.isfinite(said := previous.errors[name]):
+    """Return the safety factor: larger, the more the last error but one was underestimated, as known now."""
+    if previous is None or not math.isfinite(estimated := previous.errors[name]):
         return UNTESTED
     before, after = findings[-2:]
     found = distance(after.corrected[name], before.values[name])
-    if max(said, found) < 0.01 * demand:
+    if max(estimated, found) < 0.01 * demand:
         return UNTESTED
-    return min(max(LEAST, LEAST * found / said), MOST) if said > 0 else MOST
+    return min(max(LEAST, LEAST * found / estimated), MOST) if estimated > 0 else MOST
 
 
 def distance(one: Value, other: Value) -> float:
-    """Of two values: of vectors, the length of their difference."""
+    """Return the distance of two numbers or vectors."""
     a, b = (v if isinstance(v, list) else [v] for v in (one, other))
     return math.dist(a, b)
 
 
 def magnitude(value: Value) -> float:
-    """Of a number or vector."""
+    """Return the magnitude of a number or vector."""
     return math.hypot(*value) if isinstance(value, list) else abs(value)

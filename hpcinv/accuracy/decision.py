@@ -1,4 +1,4 @@
-"""What to try next: the cheapest discretisation that promises to be accurate enough, and its mesh."""
+"""Choice of the next discretisation: the cheapest one that is predicted to meet the demands, and its mesh."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.accuracy.forecast import AIM, RefinementChoice, RefinementForecast, cautious, choose
+from hpcinv.accuracy.forecast import TARGET, RefinementChoice, RefinementForecast, cautious, choose
 from hpcinv.accuracy.marking import MarkingPlan, plan
 from hpcinv.parallel.runtime import on_root
 
@@ -15,33 +15,35 @@ if TYPE_CHECKING:
     from hpcinv.accuracy.meshes import Meshes, Variant
     from hpcinv.accuracy.trial import Trial
 
-DEEPEST = 2  # halvings of a marked cell in one step
-SECOND_MESH = 1.5  # least factor between two meshes where one alone cannot tell
+DEEPEST = 2  # largest number of halvings of a marked cell in one step
+SECOND_MESH = 1.5  # smallest factor between the sizes of two meshes whose comparison gives the error
 
 
 def decide(
     meshes: Meshes, last: Trial, forecast: RefinementForecast, *, limit: int, highest: int, known: bool, may_mark: bool
 ) -> tuple[Variant, int] | None:
-    """Mesh and degree to try after the ``last`` ones; ``None`` if nothing that is possible is worth it; collective.
+    """Return mesh and degree to try after the ``last`` ones; ``None`` if no possible choice helps much; collective.
 
     Args:
         limit: largest number of unknowns.
-        highest: degree to which that may be raised.
-        known: whether the present error is; else any second mesh will do.
-        may_mark: whether cells may be refined in places.
+        highest: largest degree.
+        known: whether the present error is known; else any second mesh is taken.
+        may_mark: whether cells may be refined locally.
     """
     factors = meshes.factors(last.variant)
     indicators = indicators_of(last) if may_mark and known else None
     planned: list[MarkingPlan] = []
 
-    def on_rank_0() -> tuple[RefinementChoice, float] | None:  # by measured times, which differ from rank to rank
+    def on_rank_0() -> (
+        tuple[RefinementChoice, float] | None
+    ):  # depends on measured times, which differ from rank to rank
         if not known:
             factor = min(f for f in factors if f >= SECOND_MESH)
             choice = forecast.everywhere(factor, forecast.last.degree)
             return (choice, factor) if choice.unknowns <= limit else None
         if indicators is not None:
-            order = max(forecast.order(last.degree), last.degree + 1.0)
-            planned.append(plan(indicators, forecast.excess / AIM, order))
+            order = max(forecast.order(last.solve.degree), last.solve.degree + 1.0)
+            planned.append(plan(indicators, forecast.excess / TARGET, order))
         places = planned[0].places if planned else None
         best = choose(forecast, factors, places, limit=limit, highest=highest)
         return None if best is None else (best, cautious(forecast, best, factors))
@@ -60,7 +62,7 @@ def decide(
 
 
 def indicators_of(trial: Trial) -> npt.NDArray[np.float64]:
-    """The estimate's share of each cell of the source on rank 0, of none elsewhere; collective."""
+    """Return each cell's share of the estimate on rank 0, in the order of the source, else nothing; collective."""
     assert trial.estimate is not None
     mesh = trial.body.mesh
     numbers = np.asarray(mesh.topology.original_cell_index)[: mesh.topology.index_map(3).size_local]

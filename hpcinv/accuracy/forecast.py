@@ -1,33 +1,34 @@
-"""What the next discretisation will reach and what it will cost, learnt from those that have been solved.
+"""Prediction of error and cost of the next discretisation, from those that have been solved.
 
-The error falls as ``h^k``. A factorization of ``N`` unknowns takes ``N^q`` and the assembly before it a time for each
-cell that grows with the cube of its nodes. The exponents are fitted to the run's own steps as soon as two of them can
-be compared; until then ``k`` is one more than the degree.
+The error is proportional to ``h^k``, the time of a factorization of ``N`` unknowns to ``N^q``, and the time of assembly
+to the number of cells and the cube of their nodes. The exponents are fitted to the steps of the run as soon as two of
+them can be compared; until then ``k`` is one more than the degree.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-AIM = 0.7  # share of what is allowed that a step aims at, so that it need not be repeated for a small miss
-GAIN, POOR_GAIN = 0.2, 0.5  # what a degree more leaves of the error, where the solution is smooth, and where it is not
-CAREFUL, BOLD = 2.0, 4.0  # by which cells are made smaller at once, at most: before and after the order was seen
-WORTHWHILE = 0.8  # of the error that must be left at most, for a step that does not meet the demand to be taken
-HIGHEST_DEGREE = 3  # that is chosen: its estimate is made with one more
-COMPILATION = 10.0  # seconds that are presumed, at least, for kernels of a degree that the run has not used
-POWER, SHORTEST = 1.5, 0.01  # ``q`` as long as no factorization has taken so many seconds
-SHAMANSKII = 1.5  # factorizations of a solve that begins at the solution of a coarser mesh
+TARGET = 0.7  # predicted error of a step, as a share of the demand, so that small deviations do not matter
+GAIN, POOR_GAIN = 0.2, 0.5  # ratio of errors of one degree more, for smooth and other solutions
+CAREFUL, BOLD = 2.0, 4.0  # largest refinement factor of one step, before and after the order was observed
+WORTHWHILE = 0.8  # largest ratio of errors of a step that is taken although it does not meet the demand
+HIGHEST_DEGREE = 3  # largest degree that is chosen; its estimate uses one degree more
+COMPILATION = 10.0  # smallest presumed time (s) to compile kernels of a degree that the run has not used
+POWER, SHORTEST = 1.5, 0.01  # ``q`` until a factorization has taken so many seconds
+SHAMANSKII = 1.5  # number of factorizations of a solve from the solution on a coarser mesh
 
 type Kind = Literal["everywhere", "in places"]
 
 
 @dataclass(frozen=True)
 class Work:
-    """Seconds of ``count`` tangents of one degree: assembled, and factorized."""
+    """Seconds for assembly and factorization of ``count`` tangents of one degree."""
 
     degree: int
     unknowns: int
@@ -38,14 +39,14 @@ class Work:
 
 @dataclass(frozen=True)
 class Step:
-    """A discretisation that was solved and estimated.
+    """Costs of a discretisation that was solved and estimated.
 
     Attributes:
         cell: "tetrahedron" or "hexahedron".
-        size: of the cells, relative to the first mesh; ``None`` where they were refined in places.
-        cells: their number.
-        solve, estimate: what they took; the estimate is one tangent of one degree more.
-        compilation: seconds.
+        size: of the cells, relative to the first mesh; ``None`` if they were refined locally.
+        cells: number of cells.
+        solve, estimate: their work; the estimate is one tangent of one degree more.
+        compilation: seconds to compile kernels.
     """
 
     cell: str
@@ -66,9 +67,9 @@ class Step:
 
 @dataclass(frozen=True)
 class RefinementChoice:
-    """What may come next: all cells smaller by a ``factor``, perhaps of a higher ``degree``, or marked cells refined.
+    """Possible next step: all cells smaller by a ``factor``, perhaps of a higher ``degree``, or marked cells refined.
 
-    ``excess`` is the error that is expected, over what is allowed.
+    ``excess`` is the predicted ratio of the error to the demand.
     """
 
     kind: Kind
@@ -81,18 +82,18 @@ class RefinementChoice:
 
 @dataclass(frozen=True)
 class Places:
-    """Refinement in places: by how much it multiplies the cells and the error."""
+    """Local refinement: factors on the number of cells and on the error."""
 
     cells: float
     error: float
 
 
 class RefinementForecast:
-    """Predictions from the steps so far, the last of which is the one to start from.
+    """Predictions from the steps so far, relative to the last one.
 
     Args:
         errors: of the steps, all in the same unit.
-        excess: of the last one: its error over what is allowed.
+        excess: ratio of the last error to the demand.
     """
 
     def __init__(self, steps: Sequence[Step], errors: Sequence[float], excess: float) -> None:
@@ -100,29 +101,29 @@ class RefinementForecast:
         self.last = steps[-1]
         done = [work for step in steps for work in (step.solve, step.estimate)]
         self.power, self._factorization = _fit((w.unknowns, w.factorization / max(w.count, 1)) for w in done)
-        # Of the largest problem so far: in the smallest there is much besides.
+        # Measured on the largest problem so far, in which overhead matters least.
         largest, step = max(
             ((work, step) for step in steps for work in (step.solve, step.estimate)), key=lambda pair: pair[0].unknowns
         )
         self._assembly = largest.assembly / max(largest.count, 1) / (step.cells * nodes(step.cell, largest.degree) ** 3)
 
     def order(self, degree: int) -> float:
-        """``k`` of a degree, where all cells are refined."""
+        """Return ``k`` of a degree if all cells are refined."""
         slopes = self._slopes(degree)
         if len(slopes) > 1:
             return slopes[-1]
-        if slopes:  # the coarsest mesh of all may tell little
+        if slopes:  # the coarsest mesh may be outside the asymptotic range
             return (slopes[0] + degree + 1) / 2
-        # What limits the order of one degree, a corner or an edge, limits that of the next.
+        # A singularity at a corner or an edge limits the order of each degree.
         seen = {lower: self.order(lower) for lower in range(1, degree) if self._slopes(lower)}
         return min([degree + 1.0, *(k for lower, k in seen.items() if k < lower + 0.5)])
 
     def is_known(self, degree: int) -> bool:
-        """Whether the order of a degree was seen twice, and so is more than presumed."""
+        """Return whether the order of a degree was observed twice."""
         return len(self._slopes(degree)) > 1
 
     def gain(self, degree: int) -> float:
-        """What one degree more leaves of the error on the same mesh."""
+        """Return the ratio of errors of one degree more on the same mesh."""
         for i in range(len(self.steps) - 1, 0, -1):
             before, after = self.steps[i - 1], self.steps[i]
             if (after.degree, after.cells) == (degree + 1, before.cells) and self.errors[i - 1] > 0:
@@ -130,22 +131,22 @@ class RefinementForecast:
         return GAIN if self.order(degree) >= degree + 0.5 else POOR_GAIN
 
     def needed(self, degree: int) -> float:
-        """By how much smaller all cells must be to meet the demand with a degree."""
-        return float(max(self.everywhere(1.0, degree).excess / AIM, 1.0) ** (1 / self.order(degree)))
+        """Return the refinement factor of all cells that meets the demand with a degree."""
+        return float(max(self.everywhere(1.0, degree).excess / TARGET, 1.0) ** (1 / self.order(degree)))
 
     def everywhere(self, factor: float, degree: int) -> RefinementChoice:
-        """All cells smaller by ``factor``, and perhaps of one degree more."""
+        """Return the choice of all cells smaller by ``factor``, perhaps with one degree more."""
         excess = self.excess * factor ** -self.order(degree)
         if degree > self.last.degree:
             excess *= self.gain(self.last.degree)
         return self._choice("everywhere", factor, degree, factor**3, excess)
 
     def in_places(self, places: Places) -> RefinementChoice:
-        """Marked cells refined."""
+        """Return the choice of refining marked cells."""
         return self._choice("in places", 1.0, self.last.degree, places.cells, self.excess * places.error)
 
     def seconds(self, degree: int, cells: float, unknowns: float) -> float:
-        """Of one tangent, assembled and factorized."""
+        """Return the seconds for assembly and factorization of one tangent."""
         assembly = self._assembly * cells * nodes(self.last.cell, degree) ** 3
         return float(assembly + self._factorization * unknowns**self.power)
 
@@ -158,7 +159,7 @@ class RefinementForecast:
         return RefinementChoice(kind, factor, degree, round(unknowns), excess, seconds)
 
     def _slopes(self, degree: int) -> list[float]:
-        """``k`` from each mesh refined everywhere to the next, of the steps of one degree."""
+        """Return ``k`` between successive uniformly refined meshes, for the steps of one degree."""
         errors = {
             step.size: error
             for step, error in zip(self.steps, self.errors, strict=True)
@@ -172,33 +173,32 @@ class RefinementForecast:
 
 
 def nodes(cell: str, degree: int) -> int:
-    """Of one cell."""
+    """Return the number of nodes of one cell."""
     return (degree + 1) ** 3 if cell == "hexahedron" else math.comb(degree + 3, 3)
 
 
 def _fit(points: Iterable[tuple[float, float]]) -> tuple[float, float]:
-    """``q`` and ``c`` of ``c N^q`` seconds, by least squares in logarithms through the times that tell something."""
+    """Return ``q`` and ``c`` of ``c N^q`` seconds, by least squares in logarithms, without short times."""
     logs = sorted((math.log(n), math.log(max(t, SHORTEST))) for n, t in points)
-    told = [(n, t) for n, t in logs if t > math.log(SHORTEST)] or logs[-1:]
-    mean_n, mean_t = (sum(values) / len(told) for values in zip(*told, strict=True))
-    spread = sum((n - mean_n) ** 2 for n, _ in told)
-    slope = sum((n - mean_n) * (t - mean_t) for n, t in told) / spread if spread > 0 else POWER
+    sizes, times = zip(*[(n, t) for n, t in logs if t > math.log(SHORTEST)] or logs[-1:], strict=True)
+    slope = statistics.linear_regression(sizes, times).slope if len(set(sizes)) > 1 else POWER
     power = min(max(slope, 1.0), 2.2)
-    return power, math.exp(mean_t - power * mean_n)
+    return power, math.exp(statistics.fmean(times) - power * statistics.fmean(sizes))
 
 
 def choose(
     forecast: RefinementForecast, factors: Sequence[float], places: Places | None, *, limit: int, highest: int
 ) -> RefinementChoice | None:
-    """The cheapest discretisation that meets the demand, else the one that gets nearest to it.
+    """Return the cheapest discretisation that meets the demand, else the most accurate one.
 
     Args:
-        factors: by which all cells can be made smaller, ascending.
-        places: what refining in places would do if it went on to the end; ``None`` where it is not possible.
+        factors: possible refinement factors of all cells, ascending.
+        places: effect of complete local refinement; ``None`` if it is not possible.
         limit: largest number of unknowns.
-        highest: degree to which that may be raised.
+        highest: largest degree.
 
-    ``None`` if nothing that is possible makes the error much smaller.
+    Returns:
+        ``None`` if no possible choice reduces the error much.
     """
     last = forecast.last
     choices = [] if places is None else [forecast.in_places(places)]
@@ -218,7 +218,7 @@ def choose(
 
 
 def cautious(forecast: RefinementForecast, choice: RefinementChoice, factors: Sequence[float]) -> float:
-    """The factor to take now: orders that were only presumed, and long ways, are not to be trusted too far."""
+    """Return the refinement factor of the next step, which is bounded since predictions become uncertain."""
     bound = BOLD if forecast.is_known(choice.degree) else CAREFUL
     if choice.factor <= bound:
         return choice.factor

@@ -1,7 +1,7 @@
-"""Which cells to refine, and how often: the fewest cells for the error that is asked for; numpy alone.
+"""Marking of cells for local refinement: the fewest cells for a given reduction of the error.
 
-Halving the cells of a cell's place divides its share of the error by ``2^k`` and makes eight of it. The fewest cells
-with a given sum of shares are those whose shares per cell are equal, as far as cells can be split.
+Halving the size of a cell divides its share of the error by ``2^k`` and makes eight cells of it. The number of cells is
+smallest if all cells have the same share, as far as halving allows.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import numpy.typing as npt
 
 from hpcinv.accuracy.forecast import Places
 
-# Cells that are bisected to fit those which were marked, seen as a factor on the cells that are added.
+# Factor on the number of added cells, for those that are bisected to keep the mesh conforming.
 CLOSURE = 1.5
 DEEPEST = 40
 
 
 @dataclass(frozen=True)
 class MarkingPlan:
-    """How often to halve each cell (n,), and what is to be expected of it in the end."""
+    """Number of halvings of each cell (n,), and the predicted effect."""
 
     levels: npt.NDArray[np.int64]
     places: Places
 
 
 def plan(indicators: npt.NDArray[np.float64], reduction: float, order: float) -> MarkingPlan:
-    """Levels that divide the sum of the ``indicators`` (n,) of the cells by ``reduction`` with the fewest cells.
+    """Return levels that divide the sum of the cells' ``indicators`` (n,) by ``reduction`` with the fewest cells.
 
     Args:
-        order: ``k``, with which the share of a cell falls.
+        order: ``k`` of the share of a cell.
     """
     shares = indicators / indicators.sum()
     positive = np.maximum(shares, 1e-300)

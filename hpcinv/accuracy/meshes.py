@@ -1,4 +1,4 @@
-"""The meshes of one body that a search goes through: made anew by their generator, or refined as they are."""
+"""Meshes of one body in a search: made by their generator, or refined from another mesh."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from hpcinv.parallel.runtime import MPI, on_root
 if TYPE_CHECKING:
     from hpcinv.job.job import Job
 
-MOST = 16  # factor by which cells are made smaller, at most
-FLAT = 1e-6  # distance of a node from the middle of its edge, relative to that, which is only the generator's rounding
+MOST = 16  # largest refinement factor
+FLAT = 1e-6  # rounding error of a generator: distance of a node from the middle of its edge, relative to the edge
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class Variant:
     """One mesh of the body.
 
     Attributes:
-        resolution: parameters of the generator that are not as in the job; empty for a mesh that was refined.
-        given: on rank 0 the mesh itself, if it was refined from another.
-        refined: whether it was.
-        size: of its cells relative to the job's own mesh; ``None`` where they were refined in places.
-        origin: how it came to be, in words.
+        resolution: parameters of the generator that differ from the job; empty for a refined mesh.
+        given: the mesh, on rank 0, if it was refined from another one.
+        refined: whether the mesh was refined from another one.
+        size: of its cells, relative to the job's mesh; ``None`` if they were refined locally.
+        origin: description of how it was made.
     """
 
     resolution: Resolution
@@ -44,7 +44,7 @@ class Variant:
 
 
 class Meshes:
-    """Makes them; all methods are collective."""
+    """Maker of the meshes of a job; all methods are collective."""
 
     def __init__(self, job: Job, comm: MPI.Intracomm) -> None:
         self.job, self.comm = job, comm
@@ -55,7 +55,7 @@ class Meshes:
         self.first = Variant(self.resolution, None, False, 1.0, "as given")
 
     def build(self, variant: Variant) -> Body:
-        """The body on one of the meshes."""
+        """Return the body on one of the meshes."""
         return build_body(
             self.job_on(variant).mesh,
             self.job.regions,
@@ -65,17 +65,17 @@ class Meshes:
         )
 
     def job_on(self, variant: Variant) -> Job:
-        """The job with the parameters of a mesh."""
+        """Return the job with the parameters of a mesh."""
         parameters = {**self.job.mesh.parameters, **variant.resolution.parameters}
         return self.job.model_copy(update={"mesh": self.job.mesh.model_copy(update={"parameters": parameters})})
 
     def coarser(self) -> Variant | None:
-        """The job's mesh with cells twice as large, if a generator can make it."""
+        """Return the job's mesh with cells twice as large; ``None`` if no generator can make it."""
         coarse = self._generated(self.first, 0.5)
         return None if coarse.resolution == self.resolution else coarse
 
     def factors(self, variant: Variant) -> Sequence[float]:
-        """By which its cells can be made smaller, ascending."""
+        """Return the possible refinement factors of a mesh, ascending."""
         if variant.refined or not self.resolution.parameters:
             return [2.0**n for n in range(1, 5)]
         if divisions := variant.resolution.divisions:
@@ -84,7 +84,7 @@ class Meshes:
         return [1.25**n for n in range(1, 13)]
 
     def everywhere(self, variant: Variant, body: Body, factor: float) -> Variant:
-        """All cells smaller by one of the `factors`."""
+        """Return the mesh with all cells smaller by one of the `factors`."""
         if not variant.refined and self.resolution.parameters:
             return self._generated(variant, factor)
         given, times = None, round(np.log2(factor))
@@ -96,7 +96,7 @@ class Meshes:
         return Variant(variant.resolution, given, True, size, f"each cell cut into {8**times}")
 
     def in_places(self, variant: Variant, body: Body, levels: npt.NDArray[np.int64]) -> Variant:
-        """Cells of the source halved as often as ``levels`` says, which rank 0 knows."""
+        """Return the mesh with each cell of the source halved ``levels`` times; ``levels`` is used on rank 0."""
         given, marked = None, self.comm.bcast(int(np.count_nonzero(levels)))
         if self.comm.rank == 0:
             given = body.source
@@ -106,13 +106,13 @@ class Meshes:
         return Variant(variant.resolution, given, True, None, f"refined in {marked} cells")
 
     def have_one_shape(self, body: Body) -> bool:
-        """Whether finer meshes are of exactly the same body: one with flat faces only, or that of a ready-made mesh."""
+        """Return whether finer meshes have exactly the same geometry: flat faces only, or no generator."""
         if not self.resolution.parameters:
             return True
 
         def is_flat() -> bool:
             source = body.source
-            if source.degree == 1:  # a generator puts nodes of degree 2 on the surface
+            if source.degree == 1:  # with degree 2 the generator puts nodes on the surface
                 spec = self.job.mesh.model_copy(update={"geometry_degree": 2})
                 source = read_source(spec, self.job.resolve(self.job.mesh.file))
             return is_straight(source)
@@ -122,12 +122,12 @@ class Meshes:
     def _generated(self, variant: Variant, factor: float) -> Variant:
         resolution = variant.resolution.finer(factor)
         assert variant.size is not None
-        told = ", ".join(f"{name} {value:.3g}" for name, value in resolution.parameters.items())
-        return Variant(resolution, None, False, variant.size / factor, told)
+        origin = ", ".join(f"{name} {value:.3g}" for name, value in resolution.parameters.items())
+        return Variant(resolution, None, False, variant.size / factor, origin)
 
 
 def is_straight(source: MeshSource) -> bool:
-    """Whether the edges of a mesh of degree 2 have their nodes in the middle."""
+    """Return whether the edges of a mesh of degree 2 have their nodes in the middle."""
     ends = source.points[source.cells[:, sub_entities(source.kind, 1)]]
     middles = source.points[source.cells[:, inner_dofs(source.kind, 1)]]
     offset = np.linalg.norm(middles - ends.mean(axis=2), axis=2)

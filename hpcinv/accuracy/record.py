@@ -1,4 +1,4 @@
-"""What a search for accuracy did, and what it promises."""
+"""Record of a search for accuracy: its steps, and bounds of the errors."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from hpcinv.certificate.check import Line, Verdict
 
 
 class Ending(enum.Enum):
-    """How a search ended: what a user is told, and what to try."""
+    """End of a search: text and advice."""
 
     MET = "met", ""
     LIMIT = (
-        "not met: nothing that is possible within the limits would be much more accurate",
-        "raise solver.maximum_unknowns, take a machine with more memory, or demand less",
+        "not met: no discretisation within the limits is predicted to be much more accurate",
+        "raise solver.maximum_unknowns, use a machine with more memory, or demand less",
     )
     STEPS = "not met: too many steps", "the error hardly falls: give a mesh that is finer where the stress concentrates"
     UNSOLVED = (
@@ -31,14 +31,14 @@ class Ending(enum.Enum):
 
 @dataclass(frozen=True)
 class AccuracyStep:
-    """One step: the mesh and how it came to be, and what was found on it.
+    """One step: the mesh, and the values and errors on it.
 
     Attributes:
-        errors: estimated errors of the quantities (SI), without a safety factor.
-        bounds: the same with it.
-        excess: the largest bound over its demand. All are ``None`` where one mesh alone cannot tell.
-        left_out: what the estimate has to add, if it has no error of the geometry.
-        seconds: of the whole step.
+        errors: estimated errors of the quantities (SI), without safety factors.
+        bounds: errors times safety factors.
+        excess: the largest ratio of a bound to its demand. All are ``None`` if a second mesh is needed to know them.
+        left_out: note that the estimate has no error of the geometry; else empty.
+        seconds: of the step.
     """
 
     mesh: str
@@ -55,22 +55,24 @@ class AccuracyStep:
 
     @property
     def text(self) -> str:
-        """One line for a user."""
-        seen = ", ".join(f"{name} ± {'?' if bound is None else f'{bound:.3g}'}" for name, bound in self.bounds.items())
+        """The step as one line of text."""
+        errors = ", ".join(
+            f"{name} ± {'?' if bound is None else f'{bound:.3g}'}" for name, bound in self.bounds.items()
+        )
         excess = "one mesh cannot tell" if self.excess is None else f"{self.excess:.2g} of what is allowed"
         return (
             f"  {self.mesh}: {self.cells} cells, degree {self.degree}, {self.unknowns} unknowns,"
-            f" {self.factorizations} factorizations, {self.seconds:.1f} s: {seen} ({excess}){self.left_out}"
+            f" {self.factorizations} factorizations, {self.seconds:.1f} s: {errors} ({excess}){self.left_out}"
         )
 
 
 @dataclass(frozen=True)
 class AccuracyRecord:
-    """The demands, the steps, and the ending.
+    """Demands, steps and ending of a search.
 
     Attributes:
-        chosen: number of the step whose result is given, from 0.
-        bounds: estimated errors of that with their safety factors.
+        chosen: number of the step whose result is returned, from 0.
+        bounds: estimated errors of that step times safety factors.
         seconds: of all steps.
     """
 
@@ -82,7 +84,7 @@ class AccuracyRecord:
     seconds: float
 
     def lines(self) -> list[Line]:
-        """One for the certificate from each demand."""
+        """Return a line of the certificate for each demand."""
         return [self._line(name, demand) for name, demand in self.demands.items()]
 
     def _line(self, name: str, demand: float) -> Line:
@@ -93,7 +95,7 @@ class AccuracyRecord:
         return Line(f"error of {name}", self.bounds[name], "", rule, Verdict.PASS if met else Verdict.FAIL, note)
 
     def as_data(self) -> dict[str, Any]:
-        """The record as JSON data."""
+        """Return the record as JSON data."""
         return {
             "demands": dict(self.demands),
             "ending": self.ending.name,

@@ -1,4 +1,4 @@
-"""From discretisation to discretisation, until the quantities of interest are as accurate as the job demands."""
+"""Search for a discretisation whose quantities of interest are as accurate as the job demands."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING
 
 from hpcinv.accuracy.assessment import UNTESTED, Assessment, Finding, assess, hindsight, magnitude
 from hpcinv.accuracy.decision import decide
-from hpcinv.accuracy.forecast import HIGHEST_DEGREE, RefinementForecast, Step, Work
-from hpcinv.accuracy.memory import RefinementMemory
+from hpcinv.accuracy.forecast import HIGHEST_DEGREE, RefinementForecast, Step
 from hpcinv.accuracy.meshes import Meshes, Variant
 from hpcinv.accuracy.record import AccuracyRecord, AccuracyStep, Ending
-from hpcinv.accuracy.trial import Spent, Trial, attempt
+from hpcinv.accuracy.trial import Trial, attempt
 from hpcinv.certificate.estimate import one_degree_more
 from hpcinv.errors import Interrupted, MeshError
 from hpcinv.model.outcome import Outcome
+from hpcinv.parallel.available_memory import available
+from hpcinv.parallel.memory_use import peak
+from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -27,17 +29,36 @@ if TYPE_CHECKING:
     from hpcinv.parallel.timings import Timings
     from hpcinv.solver.observer import Observer
 
+USABLE = 0.7  # share of the free memory before the first mesh is made
+# The factors of a three-dimensional problem have O(N^(4/3)) entries: George (1973), doi:10.1137/0710032.
+FILL = 4 / 3
+LEAST = 50e6  # bytes, below which the memory that was used is no basis of a prediction
 MOST_STEPS = 15
 AVERAGES = ("mean", "rms", "integral")
-TOLERANCE, FINEST = 1e-3, 1e-15  # of the solver, as a share of the demand; and no finer than rounding errors
+TOLERANCE, FINEST = 1e-3, 1e-15  # tolerance of the solver as a share of the demand, and its smallest value
+
+
+class RefinementMemory:
+    """Memory of all ranks that a run has used so far, as a limit of the number of unknowns; collective."""
+
+    def __init__(self, comm: Intracomm) -> None:
+        self.comm = comm
+        self.free = USABLE * available(comm) / comm.size
+        self.before = peak()
+
+    def limit(self, unknowns: int) -> int:
+        """Return the largest number of unknowns; ``unknowns`` is the largest number so far, also of an estimate."""
+        used = max(peak() - self.before, LEAST)
+        ratio = self.comm.allreduce(self.free / used, op=MPI.MIN)
+        return int(unknowns * ratio ** (1 / FILL))
 
 
 class Search:
-    """The way to the demands of a job; its methods are collective.
+    """Search for a discretisation that meets the demands of a job; its methods are collective.
 
     Attributes:
         best: the discretisation with the smallest estimated error, or the last one if none reached the full load.
-        promise, chosen: what is known of its error, and its row.
+        promise, chosen: its assessment, and the number of its row.
     """
 
     best: Trial
@@ -64,21 +85,21 @@ class Search:
 
         Raises:
             MeshError: the same on every rank.
-            Interrupted: the observer asked to stop on some rank.
+            Interrupted: a stop was requested on some rank.
         """
         begin, first = time.perf_counter(), self.meshes.first
         body = self._build(first)
         one_shape = self.meshes.have_one_shape(body)
         demanded = [q for q in self.job.quantities if q.name in self.job.accuracy]
         sampled = [q for q in demanded if q.on is not None and not (q.by_quadrature and q.reduce in AVERAGES)]
-        averaged = any(q.reduce in AVERAGES for q in sampled)  # over nodes: it counts where they are dense
+        averaged = any(q.reduce in AVERAGES for q in sampled)  # over nodes, so that the distribution of nodes matters
         if averaged:
             self.unseen_order = 1.0
         elif sampled or self.job.regions or not one_shape:
             self.unseen_order = 2.0
         self.may_mark = body.source.kind == "tetrahedron" and one_shape and not averaged
         if self.unseen_order is not None and (coarser := self.meshes.coarser()) is not None:
-            with suppress(MeshError):  # it may lack what the job names
+            with suppress(MeshError):  # it may lack regions of the job
                 self._attempt(coarser, self._build(coarser), self._degree)
         if not self._attempt(first, body, self._degree):
             return None
@@ -90,17 +111,17 @@ class Search:
         while self.assessments[-1].excess > 1:
             if len(self.rows) >= MOST_STEPS:
                 return Ending.STEPS
-            following = self._following()
-            if following is None:
+            choice = self._next()
+            if choice is None:
                 return Ending.LIMIT
             before = self.last
-            if not self._attempt(*following):
+            if not self._attempt(*choice):
                 return Ending.UNSOLVED
-            self._judge_degree(before)
+            self._check_degree(before)
         return Ending.MET
 
-    def _judge_degree(self, before: Trial | None) -> None:
-        """Go back if a degree more has not helped: some meshes do not suit it, those of the estimate least of all."""
+    def _check_degree(self, before: Trial | None) -> None:
+        """Return to the lower degree if a higher one has not reduced the error, which happens on some meshes."""
         (*_, earlier, last), (*_, lower, higher) = self.assessments, self.steps
         if higher.degree > lower.degree and last.excess > earlier.excess:
             self.highest, self.last = lower.degree, before
@@ -108,7 +129,7 @@ class Search:
                 known.pop()
 
     def _attempt(self, variant: Variant, body: Body, degree: int) -> bool:
-        """Solve and estimate one discretisation, and take it in if it reached the full load."""
+        """Solve and estimate one discretisation; return ``False`` if it did not reach the full load."""
         begin, before = time.perf_counter(), self.last
         trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.observer, before)
         if trial.outcome is Outcome.INTERRUPTED:
@@ -126,31 +147,18 @@ class Search:
         found = assess(self.findings, self.job.accuracy, self.unseen_order, previous)
         self.last = trial
         self.assessments.append(found)
-        self.steps.append(self._step(trial))
-        self._tell(trial, time.perf_counter() - begin)
+        cells = sum(trial.body.partition.cells)
+        self.steps.append(
+            Step(trial.body.source.kind, variant.size, cells, trial.solve, trial.estimation, trial.compilation)
+        )
+        self._add_row(trial, time.perf_counter() - begin)
         if len(self.assessments) == 1 or found.excess <= self.promise.excess:
             self.best, self.promise, self.chosen = trial, found, len(self.rows) - 1
         return True
 
-    def _step(self, trial: Trial) -> Step:
-        """What forecasts learn from a trial."""
-        assert trial.estimate is not None
-
-        def work(degree: int, unknowns: int, count: int, spent: Spent) -> Work:
-            return Work(degree, unknowns, count, spent.assembly, spent.factorization)
-
-        return Step(
-            cell=trial.body.source.kind,
-            size=trial.variant.size,
-            cells=sum(trial.body.partition.cells),
-            solve=work(trial.degree, trial.model.unknowns.size, trial.factorizations, trial.solve),
-            estimate=work(trial.degree + 1, trial.estimate.unknowns, 1, trial.estimation),
-            compilation=trial.solve.compilation + trial.estimation.compilation,
-        )
-
-    def _tell(self, trial: Trial, seconds: float) -> None:
+    def _add_row(self, trial: Trial, seconds: float) -> None:
         step, found = self.steps[-1], self.assessments[-1]
-        seen, bounds = (
+        errors, bounds = (
             {name: value if math.isfinite(value) else None for name, value in values.items()}
             for values in (found.errors, found.bounds)
         )
@@ -162,7 +170,7 @@ class Search:
                 degree=step.degree,
                 unknowns=step.unknowns,
                 values=self.findings[-1].values,
-                errors=seen,
+                errors=errors,
                 bounds=bounds,
                 excess=found.excess if math.isfinite(found.excess) else None,
                 left_out=trial.estimate.left_out,
@@ -172,8 +180,8 @@ class Search:
         )
         self.note(self.rows[-1].text)
 
-    def _following(self) -> tuple[Variant, Body, int] | None:
-        """What to try next; ``None`` if nothing within the limits is worth it."""
+    def _next(self) -> tuple[Variant, Body, int] | None:
+        """Return mesh, body and degree of the next step; ``None`` if no choice within the limits helps much."""
         assert self.last is not None
         limit = min(self.job.solver.maximum_unknowns, self.memory.limit(self.steps[-1].estimate.unknowns))
         excess = self.assessments[-1].excess
@@ -199,7 +207,7 @@ class Search:
         return self.job.discretisation.displacement
 
     def _job_in(self, variant: Variant, degree: int) -> Job:
-        """The job in a discretisation, its solver as exact as the demands need."""
+        """Return the job in a discretisation, with the tolerance that the demands need."""
         job = self.meshes.job_on(variant)
         for _ in range(degree - self._degree):
             job = one_degree_more(job)

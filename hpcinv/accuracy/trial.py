@@ -1,4 +1,4 @@
-"""Solution, quantities of interest and estimated errors of a job's first direction with one discretisation."""
+"""Trial of one discretisation: solution, quantities of interest and estimated errors in a job's first direction."""
 
 from __future__ import annotations
 
@@ -7,10 +7,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from hpcinv.accuracy.transfer import begin_with
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import numpy as np
+from dolfinx import fem
+
+from hpcinv.accuracy.forecast import Work
 from hpcinv.certificate.estimate import Estimate, estimate
+from hpcinv.mesh.moved import placed
 from hpcinv.methods import method_for
 from hpcinv.model.outcome import Outcome
+from hpcinv.parallel.runtime import MPI
 from hpcinv.results.quantities_of_interest import Value, check_points, evaluate
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.problem import Model
@@ -26,26 +34,23 @@ if TYPE_CHECKING:
     from hpcinv.solver.observer import Observer
 
 
-@dataclass(frozen=True)
-class Spent:
-    """Seconds on this rank, by what they were spent on."""
-
-    assembly: float
-    factorization: float
-    compilation: float
+_PHASES = ("tangent", "factorization", "compile")
+# A curved surface of one mesh lies outside the straight cells of another, by a share of the larger cell.
+_PADDING = 0.2
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of it.
+    """Results of one discretisation.
 
     Attributes:
-        job: with the degrees and the mesh parameters of this discretisation.
+        job: with degrees and mesh parameters of this discretisation.
         variant, body, model: its mesh and its equations.
-        solution: with all solves that led to it, those of earlier trials too.
-        solves: those of this one.
-        quantities, estimate: values of the job's quantities of interest, and their errors; none below the full load.
-        solve, estimation: what they took.
+        solution: with all solves that led to it, also those of earlier trials.
+        solves: those of this trial.
+        quantities, estimate: the job's quantities of interest, and their errors; none below the full load.
+        solve, estimation: work on this rank.
+        compilation: seconds to compile kernels on this rank.
         unused_options: PETSc options of the job that nothing asked for.
     """
 
@@ -57,18 +62,10 @@ class Trial:
     solves: tuple[Solve, ...]
     quantities: Mapping[str, Value]
     estimate: Estimate | None
-    solve: Spent
-    estimation: Spent
+    solve: Work
+    estimation: Work
+    compilation: float
     unused_options: list[str]
-
-    @property
-    def degree(self) -> int:
-        return self.job.discretisation.displacement
-
-    @property
-    def factorizations(self) -> int:
-        """Of the solves of this trial."""
-        return sum(s.factorizations for s in self.solves)
 
     @property
     def outcome(self) -> Outcome:
@@ -101,13 +98,29 @@ def attempt(
     quantities: Mapping[str, Value] = evaluate(job.quantities, body, solution, model) if reached else {}
     with _measured(timings) as estimated:
         found = estimate(model, solution, quantities) if reached else None
-    return Trial(job, variant, body, model, solution, solves, quantities, found, solved[0], estimated[0], unused)
+    degree, count = job.discretisation.displacement, sum(s.factorizations for s in solves)
+    return Trial(
+        job=job,
+        variant=variant,
+        body=body,
+        model=model,
+        solution=solution,
+        solves=solves,
+        quantities=quantities,
+        estimate=found,
+        solve=Work(degree, model.unknowns.size, count, solved["tangent"], solved["factorization"]),
+        estimation=Work(
+            degree + 1, found.unknowns if found else 0, 1, estimated["tangent"], estimated["factorization"]
+        ),
+        compilation=solved["compile"] + estimated["compile"],
+        unused_options=unused,
+    )
 
 
 def _path(before: Trial | None, model: Model) -> Iterator[Solve]:
-    """What was solved on the way to a state, with the signs of tangents as they are with the unknowns of ``model``.
+    """Yield the solves of earlier trials, with signs of tangents as for the unknowns of ``model``.
 
-    Each pressure is a negative eigenvalue of a stable state: with an odd number more, the sign is the opposite.
+    Each pressure unknown is a negative eigenvalue of a stable state: an odd number more changes the sign.
     """
     if before is not None:
         odd = (model.unknowns.pressure_size - before.model.unknowns.pressure_size) % 2
@@ -116,7 +129,7 @@ def _path(before: Trial | None, model: Model) -> Iterator[Solve]:
 
 
 def _solve(model: Model, method: Method, *, near: bool) -> Iterator[Solve]:
-    """At the full load from the present state if that is near to the solution, else from no load."""
+    """Solve at the full load if the present state is ``near``; if not, or if that fails, from zero load."""
     if near:
         solve = method.equilibrium.solve(1.0, model.job.solver.tolerance)
         yield solve
@@ -129,13 +142,34 @@ def _solve(model: Model, method: Method, *, near: bool) -> Iterator[Solve]:
 
 
 @contextmanager
-def _measured(timings: Timings) -> Iterator[list[Spent]]:
-    """One entry in the list when it ends."""
-    spent: list[Spent] = []
+def _measured(timings: Timings) -> Iterator[dict[str, float]]:
+    """Measure the seconds by phase within the context; they are in the mapping when it ends."""
+    spent: dict[str, float] = {}
     before = dict(timings.seconds)
     yield spent
+    spent |= {phase: timings.seconds[phase] - before.get(phase, 0.0) for phase in _PHASES}
 
-    def since(phase: str) -> float:
-        return timings.seconds[phase] - before.get(phase, 0.0)
 
-    spent.append(Spent(since("tangent"), since("factorization"), since("compile")))
+def begin_with(model: Model, solution: Solution, body: Body) -> None:
+    """Set the state of ``model`` to ``solution``, on a mesh of ``body``; collective."""
+    u, p = model.solution()
+    pairs = [(u, solution.displacement)] if p is None else [(u, solution.displacement), (p, solution.pressure)]
+    for new, old in pairs:
+        assert old is not None
+        if model.body is body:
+            new.interpolate(old)
+        else:
+            _across(new, old, body.length_scale / model.body.length_scale)
+    model.set_solution(u, p)
+    model.unknowns.state.x.scatter_forward()
+
+
+def _across(new: fem.Function, old: fem.Function, scale: float) -> None:
+    """Interpolate between meshes of one body; coordinates of the new mesh are ``scale`` times those of the old one."""
+    here, there = new.function_space.mesh, old.function_space.mesh
+    cells, owned = (np.arange(m.topology.index_map(3).size_local, dtype=np.int32) for m in (here, there))
+    with placed(there, there.geometry.x * scale):
+        largest = here.comm.allreduce(float(there.h(3, owned).max(initial=0.0)), op=MPI.MAX)
+        data = fem.create_interpolation_data(new.function_space, old.function_space, cells, padding=_PADDING * largest)
+        new.interpolate_nonmatching(old, cells, data)
+    new.x.scatter_forward()

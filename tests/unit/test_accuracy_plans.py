@@ -12,7 +12,18 @@ import pytest
 from helpers.verification import box, job
 
 from hpcinv.accuracy.assessment import Assessment, Finding, assess, hindsight
-from hpcinv.accuracy.forecast import AIM, BOLD, CAREFUL, Places, RefinementForecast, Step, Work, cautious, choose, nodes
+from hpcinv.accuracy.forecast import (
+    BOLD,
+    CAREFUL,
+    TARGET,
+    Places,
+    RefinementForecast,
+    Step,
+    Work,
+    cautious,
+    choose,
+    nodes,
+)
 from hpcinv.accuracy.marking import CLOSURE, plan
 from hpcinv.accuracy.record import AccuracyRecord, AccuracyStep, Ending
 from hpcinv.certificate import Verdict
@@ -78,7 +89,7 @@ def test_orders_and_costs_are_learnt() -> None:
     forecast = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.5, 2**-7.0], 10.0)
     assert forecast.order(2) == pytest.approx(3.5)
     assert forecast.power == pytest.approx(1.5)
-    assert forecast.needed(2) == pytest.approx((10 / AIM) ** (1 / 3.5))
+    assert forecast.needed(2) == pytest.approx((10 / TARGET) ** (1 / 3.5))
     finer = forecast.everywhere(2.0, 2)
     assert finer.excess == pytest.approx(10 * 2**-3.5)
     assert finer.unknowns == 8 * forecast.last.unknowns

@@ -19,8 +19,7 @@ import hpcinv as package
 from hpcinv.accuracy.decision import indicators_of
 from hpcinv.accuracy.marking import plan
 from hpcinv.accuracy.meshes import Meshes, is_straight
-from hpcinv.accuracy.transfer import begin_with
-from hpcinv.accuracy.trial import attempt
+from hpcinv.accuracy.trial import attempt, begin_with
 from hpcinv.certificate import Verdict
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.job.job import Job
