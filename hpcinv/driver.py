@@ -58,12 +58,12 @@ def run(
     """Solve a job on all ranks of ``comm``; collective.
 
     Args:
-        directory: where checkpoints and results go; ``None`` writes nothing.
+        directory: of checkpoints and results; ``None`` writes nothing.
         overwrite: whether results of another run may be replaced.
-        resume: go on from the last checkpoint in ``directory``, if there is one.
-        stop_asked: asked on every rank before each Newton iteration; true saves a checkpoint and ends the run.
+        resume: continue from the last checkpoint in ``directory``, if there is one.
+        stop_asked: called on every rank before each Newton iteration; true saves a checkpoint and ends the run.
         workspace: body and model of earlier runs on ``comm``, to be used again by this run and later ones.
-        guess: where to begin in the first direction at full load; else, or if that fails, with the unloaded body.
+        guess: initial guess in the first direction at full load; without it, or if it fails, the unloaded body.
 
     Raises:
         MeshError, OutputError, CheckpointError, SystemPartMissing: the same on every rank.
@@ -110,7 +110,7 @@ def run(
 
 @dataclass(frozen=True)
 class _Problem:
-    """The equations of a run; after a search for accuracy also the first solution, and what is known of its error."""
+    """The equations of a run; after a search for accuracy also the first solution and its estimated error."""
 
     model: Model
     expected: Floats | None = None  # local nodes of the expected shape, (n, 3) in m
@@ -121,7 +121,7 @@ class _Problem:
 
 
 def _prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timings, _stop: Observer) -> _Problem:
-    """The job on its own mesh; collective."""
+    """Return the equations of a job on its mesh; collective."""
     verb = "meshing" if is_generator(Path(job.mesh.file)) else "reading"
     with timings("mesh"), progress.phase(verb, job.mesh.file):
         body = workspace.body(job, progress.detail)
@@ -132,7 +132,7 @@ def _prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timing
 
 
 def _search(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> _Problem:
-    """The job on a mesh, and in spaces, that meet its demands on the accuracy; collective."""
+    """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
     search = Search(job, workspace.comm, timings, progress.note, stop)
     with progress.phase("searching", "for mesh and degree"):
         record, best = search.run(), search.best

@@ -1,15 +1,14 @@
-"""Checkpoints: converged states of a run, from which it goes on with any number of ranks.
+"""Checkpoints: converged states of a run, from which it resumes with any number of ranks.
 
 A checkpoint is a directory with the functions (ADIOS2, in the cell order of the mesh's source, so that neither the
-partition nor the number of ranks matters) and ``state.json``: where the run stood, which problem it was, and a digest
-of it all. It is written under another name and renamed when all ranks are done, so that what is there is whole.
+partition nor the number of ranks matters) and ``state.json``: position of the run, fingerprint of the problem, and a
+digest of all. It is written under another name and renamed when all ranks have finished, so that it is always whole.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import shutil
 from collections.abc import Mapping
@@ -23,6 +22,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 import adios4dolfinx
 
 from hpcinv.errors import CheckpointError
+from hpcinv.files.atomic import replace
 from hpcinv.job.fingerprint import difference
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.methods.method import Start
@@ -42,7 +42,7 @@ _NAME = re.compile(r"\d{4,}")
 
 @dataclass(frozen=True)
 class Position:
-    """How far a run has come: the direction, the load factor reached in it, and the solves of each direction so far."""
+    """Progress of a run: the direction, the load factor reached in it, and the solves of each direction so far."""
 
     direction_index: int
     load: float
@@ -63,11 +63,11 @@ class Position:
 
 
 class Checkpoints:
-    """The checkpoints of one run, oldest first, in ``directory``.
+    """Checkpoints of one run in ``directory``, oldest first.
 
     Args:
         problem: the job's fingerprint; only checkpoints of the same problem are read.
-        keep: how many are kept.
+        keep: number of checkpoints that are kept.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, problem: Mapping[str, Any], keep: int) -> None:
@@ -78,7 +78,7 @@ class Checkpoints:
         """Save a converged state; collective.
 
         Raises:
-            CheckpointError: on each rank that cannot write it; earlier ones are then still there.
+            CheckpointError: on each rank that cannot write it; earlier checkpoints are kept.
         """
         number = on_root(self.comm, lambda: max((int(p.name) for p in self._all()), default=0) + 1)
         partial = self.directory / f".partial-{number:04}"
@@ -86,7 +86,7 @@ class Checkpoints:
         try:
             for name, function in functions.items():
                 adios4dolfinx.write_function_on_input_mesh(partial / "functions.bp", function, name=name)
-        except RuntimeError as exc:  # ADIOS2 knows no other
+        except RuntimeError as exc:  # the only exception of ADIOS2
             raise _unwritable(partial, exc) from exc
         self.comm.Barrier()
 
@@ -99,21 +99,21 @@ class Checkpoints:
             }
             try:
                 state["digest"] = _digest(state, partial / "functions.bp")
-                _write_durably(partial / "state.json", json.dumps(state, indent=1))
+                replace(partial / "state.json", json.dumps(state, indent=1).encode())
                 partial.replace(self.directory / f"{number:04}")
             except OSError as exc:
                 raise _unwritable(partial, exc) from exc
-            # A damaged one must not push out one that is whole.
+            # A damaged checkpoint must not count, so that a whole one is kept.
             for old in [*self._damaged, *[p for p in self._all() if p not in self._damaged][: -self.keep]]:
                 shutil.rmtree(old, ignore_errors=True)
 
         on_root(self.comm, finish)
 
     def latest(self) -> Restart | None:
-        """The last checkpoint that is whole, ``None`` if the run has none yet; collective.
+        """Return the last checkpoint that is not damaged, ``None`` if there is none yet; collective.
 
         Raises:
-            CheckpointError: on every rank, if all are damaged, or if they are of another problem.
+            CheckpointError: on every rank, if all are damaged or belong to another problem.
         """
 
         def search() -> Restart | None:
@@ -127,12 +127,12 @@ class Checkpoints:
             if complaints:
                 raise CheckpointError(
                     "\n".join(["no checkpoint can be used:", *complaints]),
-                    "Restore one from a copy, or start the job anew with 'run'.",
+                    "Restore one from a copy, or start the job again with 'run'.",
                 )
             return None
 
         restart = on_root(self.comm, search)
-        on_root(self.comm, lambda: _remove_partial(self.directory))  # only now: one that is refused touches nothing
+        on_root(self.comm, lambda: _remove_partial(self.directory))  # last: a refused resume changes nothing
         return restart
 
     def _all(self) -> list[Path]:
@@ -153,18 +153,18 @@ class Checkpoints:
                 "Resume with the version that wrote it.",
             )
         if digest != _digest(state, path / "functions.bp"):
-            raise _Damaged("functions.bp or state.json is damaged: the digest is not the one written down")
+            raise _Damaged("functions.bp or state.json is damaged: the digest does not match")
         if changes := difference(problem, self.problem):
             raise CheckpointError(
                 "\n".join([f"{path}: belongs to another problem:", *(f"  {line}" for line in changes)]),
-                "Solver, output and checkpoint settings may change in a resume, the physics may not; use 'run' for it.",
+                "A resume may change solver, output and checkpoint settings, but not the physics; use 'run' for that.",
             )
         return Restart(path, position, functions, complaints)
 
 
 @dataclass(frozen=True)
 class Restart:
-    """A checkpoint to go on from; ``complaints`` tells which later ones were damaged."""
+    """A checkpoint to resume from; ``complaints`` lists later ones that are damaged."""
 
     path: Path
     position: Position
@@ -172,7 +172,7 @@ class Restart:
     complaints: tuple[str, ...]
 
     def start(self, number: int, model: Model) -> Start | None:
-        """Where to go on in a direction (from 0), ``None`` if that had not begun; collective."""
+        """Return the start in a direction (from 0), ``None`` if that had not begun; collective."""
         if self.position.direction_index < number:
             return None
         u, p = model.solution()
@@ -182,19 +182,19 @@ class Restart:
         return Start((u, p), load, self.position.solves[number])
 
     def read(self, name: str, function: Function) -> None:
-        """Fill a function that was saved under ``name``; collective."""
+        """Read the function that was saved under ``name``; collective."""
         adios4dolfinx.read_function(self.path / "functions.bp", function, name=name)
         function.x.scatter_forward()
 
 
 def named(number: int, u: Function, p: Function | None) -> dict[str, Function]:
-    """The functions of one direction (from 0) under the names that they have in a checkpoint."""
+    """Return the functions of one direction (from 0) by their names in a checkpoint."""
     functions = {f"displacement-{number}": u}
     return functions if p is None else functions | {f"pressure-{number}": p}
 
 
 def cells_digest(body: Body) -> str:
-    """Checksum of the cells of a body's mesh, in whose order functions are saved; collective."""
+    """Return a checksum of the cells of a body's mesh, in whose order functions are saved; collective."""
     cells = body.source.cells
     return Rows.of(body.mesh.comm, len(cells)).checksum(cells)
 
@@ -204,7 +204,7 @@ class _Damaged(Exception):
 
 
 def _remove_partial(directory: Path) -> None:
-    """Remove what a run left that was killed while it wrote."""
+    """Remove the partial checkpoints of a run that was killed while writing."""
     for partial in directory.glob(".partial-*"):
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -212,7 +212,7 @@ def _remove_partial(directory: Path) -> None:
 def _create(partial: Path) -> None:
     _remove_partial(partial.parent)
     try:
-        partial.parent.mkdir(exist_ok=True)  # but not the run's directory, which may have been removed
+        partial.parent.mkdir(exist_ok=True)  # the run's directory is not made again if it was removed
         partial.mkdir()
     except OSError as exc:
         raise CheckpointError(f"{partial}: cannot be created: {exc.strerror}", "Is the directory writable?") from exc
@@ -223,15 +223,8 @@ def _unwritable(partial: Path, exc: OSError | RuntimeError) -> CheckpointError:
     return CheckpointError(f"{partial}: cannot be written: {reason}", "Is there space left?")
 
 
-def _write_durably(path: Path, text: str) -> None:
-    with path.open("w") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-
-
 def _digest(state: Mapping[str, Any], functions: Path) -> str:
-    """SHA-256 of all that a checkpoint holds but the digest itself."""
+    """Return the SHA-256 of a checkpoint without the digest."""
     digest = hashlib.sha256(json.dumps(state, sort_keys=True).encode())
     for file in sorted(p for p in functions.rglob("*") if p.is_file()):
         digest.update(str(file.relative_to(functions)).encode())

@@ -1,4 +1,4 @@
-"""Checkpoints written while a run is solved: after so many steps, and where it ends early."""
+"""Writer of checkpoints during a run: after a number of steps, and when the run stops early."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
 
 
 class CheckpointWriter(Observer):
-    """Saves the states that the job asks for, and the last one before a run stops.
+    """Writes checkpoints at the intervals of the job, and of the last state before a run stops.
 
     Args:
-        checkpoints: where to; ``None`` saves nothing.
-        store: the directory of the run, which must still be in place.
-        model: whose present state is saved.
+        checkpoints: of the run; ``None`` writes nothing.
+        store: of the run, whose directory must not have been removed.
+        model: its present state is written.
     """
 
     def __init__(self, checkpoints: Checkpoints | None, store: RunStore, model: Model) -> None:
         self._checkpoints, self._store, self._model = checkpoints, store, model
         self._settings, self._comm = model.job.checkpoint, model.body.mesh.comm
         self._finished: list[Solution] = []
-        self._steps, self._last = 0, time.monotonic()  # accepted steps since the last one; its time on this rank
+        self._steps, self._last = 0, time.monotonic()  # since the last checkpoint
 
     def finished(self, solution: Solution) -> None:
-        """One direction is solved: its solution is part of all later checkpoints."""
+        """Add the solution of a finished direction to all later checkpoints."""
         self._finished.append(solution)
 
     def solved(self, event: SolveEvent) -> None:
@@ -49,7 +49,7 @@ class CheckpointWriter(Observer):
             self._write(found.load, found.solves)
 
     def _is_late_enough(self) -> bool:
-        """Whether the last one is long enough ago, by the clock of rank 0."""
+        """Return whether the last checkpoint is old enough, by the clock of rank 0; collective."""
         least = self._settings.seconds
         return not least or bool(self._comm.bcast(time.monotonic() - self._last >= least))
 
@@ -65,6 +65,6 @@ class CheckpointWriter(Observer):
             parts = [named(number, *solution) for number, solution in enumerate(solutions)]
             try:
                 self._checkpoints.write(position, {name: f for part in parts for name, f in part.items()})
-            except CheckpointError:  # not on all ranks
+            except CheckpointError:  # raised on some ranks only
                 self._store.check_in_place_on_this_rank()
                 raise

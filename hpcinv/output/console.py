@@ -1,4 +1,4 @@
-"""Consoles for what is printed where somebody may stop reading, as ``hpcinv laws | head`` does."""
+"""Consoles that handle a closed pipe, as in ``hpcinv laws | head``."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from hpcinv.parallel.signals import discard_output
 
 
 class Console(rich.console.Console):
-    """Of commands that do nothing but print: raises ``BrokenPipeError`` when nobody reads any more."""
+    """Console of commands that only print: raises ``BrokenPipeError`` when the pipe is closed."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
 
 
 class RunConsole(rich.console.Console):
-    """Of a run, which goes on without it: its results are files."""
+    """Console of a run, which continues when the pipe is closed, since its results are files."""
 
     def on_broken_pipe(self) -> None:
         self.quiet = True
@@ -23,7 +23,7 @@ class RunConsole(rich.console.Console):
 
 
 class ForwardedConsole(RunConsole):
-    """Of a run whose terminal others write to: it keeps its cursor, which a run that is killed could not give back."""
+    """Console of a run under mpirun: it never hides the cursor, which a killed run could not show again."""
 
     def show_cursor(self, show: bool = True) -> bool:
         return False

@@ -1,4 +1,4 @@
-"""What a run says while it goes on, on rank 0: phases, steps, a live bar on a terminal, and a report; and its log."""
+"""Messages of a run on rank 0: phases, steps, a live bar on a terminal, the report, and the log."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ _ERRORS = {
 
 
 class Level(IntEnum):
-    """How much is printed; the log has all of it."""
+    """Level of the messages that are printed; the log has all of them."""
 
     QUIET = 0
-    """warnings, findings of the certificate that do not pass, and how it ended"""
+    """warnings, lines of the certificate that do not pass, and the outcome"""
     NORMAL = 1
     """a line for each phase and step, and the report"""
     VERBOSE = 2
@@ -54,7 +54,7 @@ class Level(IntEnum):
 class Progress(Observer):
     """Messages of a run; silent without a stream, and on every rank but 0.
 
-    Use it as a context, which takes the live bar off the terminal whatever happens, and ends the log.
+    Use it as a context, which always removes the live bar from the terminal and closes the log.
     """
 
     def __init__(self, comm: Intracomm, stream: TextIO | None, level: Level = Level.NORMAL) -> None:
@@ -78,12 +78,12 @@ class Progress(Observer):
         self.close()
         if self._log is not None:
             if error is not None:
-                said = str(error) if isinstance(error, HpcinvError) else "".join(traceback.format_exception(error))
-                self._log.write(f"ended by an error: {said}")
+                text = str(error) if isinstance(error, HpcinvError) else "".join(traceback.format_exception(error))
+                self._log.write(f"ended by an error: {text}")
             self._log.close()
 
     def note(self, text: str, level: Level = Level.NORMAL) -> None:
-        """One line of text."""
+        """Print one line of text."""
         if self._console is not None and level <= self.level:
             self._break_line()
             self._console.print(text)
@@ -91,14 +91,14 @@ class Progress(Observer):
             self._log.write(text)
 
     def warn(self, text: str) -> None:
-        """One line that is printed in any case."""
+        """Print a warning at every level."""
         self.note(f"warning: {text}", Level.QUIET)
 
     def open_log(self, comm: Intracomm, directory: Path, about: str) -> None:
-        """Log from now on, and what was said before, in a run's directory; collective.
+        """Open the log in a run's directory, and write earlier messages to it; collective.
 
         Args:
-            about: versions of the programs.
+            about: versions of the libraries.
         """
         hosts = comm.gather(socket.gethostname())
         if self._log is None:
@@ -110,10 +110,10 @@ class Progress(Observer):
 
     @contextmanager
     def phase(self, name: str, about: str = "", *, announced: bool = True) -> Iterator[None]:
-        """A part of a run: one line that begins with it, grows with each `detail`, and ends with its time.
+        """Print a phase of a run within the context as one line: its name, each `detail`, and its time.
 
         Args:
-            announced: whether to say that it begins; if not, other lines have.
+            announced: whether a line begins with the name of the phase; else other lines have announced it.
         """
         begun = time.perf_counter()
         title = f"{name} {about}".rstrip()
@@ -134,7 +134,7 @@ class Progress(Observer):
             self._phase = outer
 
     def detail(self, text: str) -> None:
-        """Something about the present phase."""
+        """Print a detail of the present phase."""
         if self._phase is None:
             return
         if self._log is not None:
@@ -154,14 +154,14 @@ class Progress(Observer):
         self.note(f"    iteration: {sizes}{tangent}", Level.VERBOSE)
 
     def _end_phase(self, phase: _Phase, name: str, seconds: float) -> None:
-        told = f"{', '.join(phase.details)}; {seconds:.1f} s" if phase.details else f"{seconds:.1f} s"
+        text = f"{', '.join(phase.details)}; {seconds:.1f} s" if phase.details else f"{seconds:.1f} s"
         if self._log is not None:
-            self._log.write(f"{phase.title}: {told}")
+            self._log.write(f"{phase.title}: {text}")
         if self._console is None or self.level < Level.NORMAL:
             return
         if self._is_terminal:
             self.close()
-            self._console.print(f"  {name}: {seconds:.1f} s" if phase.broken else f"{phase.title}: {told}")
+            self._console.print(f"  {name}: {seconds:.1f} s" if phase.broken else f"{phase.title}: {text}")
         elif phase.broken:
             self._console.print(f"  {name}: {seconds:.1f} s")
         else:
@@ -169,7 +169,7 @@ class Progress(Observer):
             phase.broken = True
 
     def _break_line(self) -> None:
-        """End the line of a phase that is not complete, so that others can follow."""
+        """End the incomplete line of a phase, so that other lines can follow."""
         if self._phase is not None and not self._phase.broken:
             self._phase.broken = not self._is_terminal
             if self._console is not None and self.level >= Level.NORMAL and not self._is_terminal:
@@ -180,7 +180,7 @@ class Progress(Observer):
         return self._console is not None and self._console.is_terminal and self.level >= Level.NORMAL
 
     def _show(self, title: str, total: float | None = None) -> None:
-        """A live bar; without a total it only shows that something goes on."""
+        """Show a live bar; without a total it has no length."""
         if not self._is_terminal or self._bar is not None:
             return
         from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
@@ -193,9 +193,9 @@ class Progress(Observer):
         self._bar.start()
 
     def begin(self, job: Job, body: Body, unknowns: int, directory: Path, restart: Restart | None) -> None:
-        """What is about to be solved, and where results go."""
+        """Print the problem, the directory of its results, and the checkpoint that it resumes from."""
         cells = sum(body.partition.cells)
-        ranks = f"{self._ranks} rank{'s' if self._ranks > 1 else ''}"
+        ranks = _count(self._ranks, "rank")
         self._directory = str(directory)
         self.note(f"{job.job}: {job.analysis}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
         if restart is not None:
@@ -204,16 +204,16 @@ class Progress(Observer):
             self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}")
 
     def body(self, totals: Totals) -> None:
-        """What the job describes, in figures that show a mistake in a unit."""
+        """Print size, volume, mass and load of the meshed part, which reveal mistakes in units."""
         sides = " x ".join(readable(side, "m") for side in totals.size)
-        told = [sides, f"volume {readable(totals.volume, 'm^3')}"]
+        parts = [sides, f"volume {readable(totals.volume, 'm^3')}"]
         if totals.mass is not None:
-            told.append(f"mass {readable(totals.mass, 'kg')}")
+            parts.append(f"mass {readable(totals.mass, 'kg')}")
         if totals.load is not None:
             size = math.hypot(*totals.load)
             along = ", ".join(f"{part / size:.3g}" for part in totals.load) if size else ""
-            told.append(f"resultant of the loads {readable(size, 'N')}{along and f' along ({along})'}")
-        self.note(f"  meshed part: {', '.join(told)}")
+            parts.append(f"resultant of the loads {readable(size, 'N')}{along and f' along ({along})'}")
+        self.note(f"  meshed part: {', '.join(parts)}")
         for text in totals.warnings:
             self.warn(text)
 
@@ -245,7 +245,7 @@ class Progress(Observer):
             self._bar.update(self._bar.task_ids[0], completed=solve.load)
 
     def finish(self, statistics: Mapping[str, Any]) -> None:
-        """How it ended; how far it is from what was expected stands last."""
+        """Print the report of the run."""
         self.close()
         for line in report(statistics):
             self.note(line)
@@ -254,7 +254,7 @@ class Progress(Observer):
                 self.note(line, Level.QUIET)
 
     def close(self) -> None:
-        """Take the live bar off the terminal, and give that its cursor back."""
+        """Remove the live bar from the terminal, and show the cursor."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
@@ -276,7 +276,7 @@ class SilentProgress(Progress):
 
 @dataclass
 class _Phase:
-    """The line of a phase: whether it was broken off, so that the time must stand in another."""
+    """Line of a phase; ``broken``: the line was ended early, so that the time is printed in another one."""
 
     title: str
     broken: bool
@@ -284,11 +284,8 @@ class _Phase:
 
 
 def _console(stream: TextIO) -> Console:
-    """With a live bar where a terminal is behind the stream, also through mpirun."""
-    from hpcinv.output.console import (  # a tenth of the files of a start; others need not read it
-        ForwardedConsole,
-        RunConsole,
-    )
+    """Return a console, with a live bar if the output is a terminal, also through mpirun."""
+    from hpcinv.output.console import ForwardedConsole, RunConsole  # rich is slow to import
 
     settings: dict[str, Any] = {"highlight": False, "markup": False, "soft_wrap": True}
     if not stream.isatty() and (width := width_through_mpirun(stream)):
@@ -297,7 +294,7 @@ def _console(stream: TextIO) -> Console:
 
 
 def _in_short(statistics: Mapping[str, Any], directory: str) -> list[str]:
-    """What a quiet run says at its end: findings that do not pass, and one line."""
+    """Return the report of a quiet run: lines of the certificate that do not pass, and the outcome."""
     certificate, seconds = statistics["certificate"], statistics["timings"]["total"]
     open_questions = [line for line in _certificate(certificate)[1:] if line.lstrip().startswith(("warning", "fail"))]
     where = f"; results in {directory}" if directory else ""
@@ -305,7 +302,7 @@ def _in_short(statistics: Mapping[str, Any], directory: str) -> list[str]:
 
 
 def report(statistics: Mapping[str, Any]) -> list[str]:
-    """Lines of text on the statistics of a run."""
+    """Return the report of a run: lines of text on its statistics."""
     timings, solutions = statistics["timings"], statistics["solutions"]
     total = sum(solution["factorizations"] for solution in solutions)
     lines = [f"{statistics['status']}, {_count(total, 'factorization')}, {timings['total']:.1f} s"]
@@ -326,14 +323,14 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
     lines += _certificate(statistics["certificate"])
     estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
-    promised = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
+    bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
     without = ", without that of the geometry" if estimated.get("without_geometry") else ""
     slopes = statistics["sensitivities"] or {"quantities": {}}
     reactions = _reactions(statistics)
     for name, value in statistics["quantities"].items():
         notes = []
-        if name in promised:  # an output has one figure for the error of a quantity
-            notes.append(f"error at most {_number(promised[name], 3)}{without}")
+        if name in bounds:  # only one error of a quantity is printed
+            notes.append(f"error at most {_number(bounds[name], 3)}{without}")
         elif name in estimated["quantities"]:
             notes.append(f"estimated error {_value(estimated['quantities'][name], digits=2)}{without}")
         elif name in reactions and statistics["certificate"]["estimate"] is not None:
@@ -353,7 +350,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
 
 
 def _certificate(certificate: Mapping[str, Any]) -> list[str]:
-    """The verdict, and each finding under it."""
+    """Return the verdict and the lines of a certificate."""
     lines = [f"certificate: {certificate['verdict']}"]
     for line in certificate["lines"]:
         found = "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"
@@ -363,7 +360,7 @@ def _certificate(certificate: Mapping[str, Any]) -> list[str]:
 
 
 def _sensitivities(found: Mapping[str, Any] | None) -> list[str]:
-    """What changes with each parameter, and how uncertain the shape is."""
+    """Return lines on the derivatives by each parameter, and on the standard deviation of the shape."""
     if found is None:
         return []
     lines = ["per SI unit of"]
@@ -377,13 +374,13 @@ def _sensitivities(found: Mapping[str, Any] | None) -> list[str]:
 
 
 def _reactions(statistics: Mapping[str, Any]) -> dict[str, str]:
-    """The quantities that are reactions, with their units."""
-    asked = {q["name"]: q["of"].strip() for q in statistics.get("job", {}).get("quantities", ())}
-    return {name: REACTIONS[of] for name, of in asked.items() if of in REACTIONS}
+    """Return the units of the quantities that are reactions, by name."""
+    sources = {q["name"]: q["of"].strip() for q in statistics.get("job", {}).get("quantities", ())}
+    return {name: REACTIONS[of] for name, of in sources.items() if of in REACTIONS}
 
 
 def _value(value: float | list[float | None] | None, digits: int = 6, unit: str = "m") -> str:
-    """A number, or a vector with its unit."""
+    """Return a number, or a vector with its unit, as text."""
     if isinstance(value, list):
         return f"({', '.join(_number(v, digits) for v in value)}) {unit}"
     return _number(value, digits)
@@ -393,5 +390,5 @@ def _number(value: float | None, digits: int = 6) -> str:
     return "not finite" if value is None else f"{value:.{digits}g}"
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""What a run gives back: the recovered shape, the fields that belong to it, and how it was reached."""
+"""Result of a run: the recovered shape, its fields, and their certificate."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ type Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, repr=False)
 class Result:
-    """A finished run.
+    """Result of a run.
 
     Attributes:
         solutions: one for each direction that was solved; the first is on the mesh that the job gives.
-        certificate: what the answer is worth.
+        certificate: checks of the solutions.
         quantities: the job's quantities of interest by name.
-        errors: distances (``comparison``): from the job's expected shape, and what a round trip failed to close.
-        estimate: estimated discretisation errors, ``None`` if they were not asked for.
-        sensitivities: derivatives by numbers of the job, ``None`` if it asks for none.
-        statistics: what ``summary.json`` holds.
-        directory: where it was written, if anywhere.
-        accuracy: how the job's demands on it were met, if it has any.
+        errors: distances from the job's expected shape, and of a round trip from the given shape.
+        estimate: estimated discretisation errors, ``None`` if not requested.
+        sensitivities: derivatives by numbers of the job, ``None`` if not requested.
+        statistics: content of ``summary.json``.
+        directory: of the run, ``None`` if nothing was written.
+        accuracy: record of the search for the accuracy that the job demands, if any.
         totals: size, volume, mass and load of the meshed part.
     """
 
@@ -55,15 +55,15 @@ class Result:
 
     @property
     def shape(self) -> Floats:
-        """Coordinates of the local geometry nodes in the body that was looked for, (n, 3) in m."""
+        """Coordinates of the local geometry nodes in the unknown body, (n, 3) in m."""
         return self.solutions[0].other_nodes
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers of the run as plain data, the same on every rank: what ``summary.json`` holds."""
+        """Return a copy of the content of ``summary.json``, the same on every rank."""
         return copy.deepcopy(dict(self.statistics))
 
     def __repr__(self) -> str:
-        """Five lines; not collective."""
+        """Return five lines of text; not collective."""
         statistics = self.statistics
         mesh, solution = statistics.get("mesh", {}), statistics.get("solutions", [{}])[0]
         lines = statistics.get("certificate", {}).get("lines", ())
@@ -86,7 +86,7 @@ _SHOWN = 6  # quantities in a line
 
 
 def _short(value: Any) -> str:
-    """A number or a vector with a few digits."""
+    """Return a number or a vector with a few digits as text."""
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_short, value))}]"
     return "not known" if value is None else f"{value:.6g}"

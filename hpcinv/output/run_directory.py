@@ -1,4 +1,4 @@
-"""The directory of one run: the job as it was run, checkpoints, and results."""
+"""Directory of one run: the job as run, checkpoints, and results."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _CONTENT = (_JOB, "checkpoints", "fields", "shape.*", "summary.*", "run.log", ".
 class RunDirectory:
     """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``.
 
-    A run that is killed as it begins leaves nothing, ``.lock``, or ``origin.json`` without ``job.yaml``: never a file
-    that is not whole.
+    A run that is killed at its beginning leaves nothing, ``.lock``, or ``origin.json`` without ``job.yaml``: never a
+    partial file.
 
     Attributes:
-        text: what stands in ``job.yaml``; left out, what is in the file that the job was read from.
-        claimed: whether a claim in the ledger of a sweep already keeps others out, so that no lock is needed.
+        text: content of ``job.yaml``; left out, that of the file from which the job was read.
+        claimed: whether a claim in a ledger excludes other processes, so that no lock is needed.
     """
 
     path: Path
@@ -55,7 +55,7 @@ class RunDirectory:
 
     @property
     def is_begun(self) -> bool:
-        """Whether job and origin are there and can be read, so that a run can go on here."""
+        """Whether job and origin can be read, so that a run can resume here."""
         try:
             origin, _ = self._origin()
             return origin is None or isinstance(read_yaml(self.path / _JOB), dict)
@@ -63,7 +63,7 @@ class RunDirectory:
             return False
 
     def check_free(self, *, overwrite: bool) -> None:
-        """Raise ``OutputError`` if a run cannot have this directory for itself; nothing is touched."""
+        """Raise ``OutputError`` if a run cannot use this directory; nothing is changed."""
         check_output(self.path)
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path}: is a file", "Choose another --output.")
@@ -75,30 +75,30 @@ class RunDirectory:
         if not overwrite:
             raise OutputError(
                 f"{self.path}: holds the results of another run",
-                "Choose another place with --output, go on with it by 'resume', or give --overwrite.",
+                "Choose another directory with --output, continue it by 'resume', or give --overwrite.",
             )
 
     def lock(self) -> DirectoryLock | None:
-        """Keep other processes out, of a directory that is there.
+        """Lock the directory, if it exists, against other processes.
 
         Raises:
-            OutputError: one is at work there.
+            OutputError: another process has locked it.
         """
         return None if self.claimed or not self.path.is_dir() else DirectoryLock(self.path)
 
     def create(self, job: Job, *, overwrite: bool) -> DirectoryLock | None:
-        """Make the directory and put the job in it; what another run left there goes, other files stay.
+        """Make the directory and write the job; files of another run there are removed, other files are kept.
 
         Raises:
-            OutputError: there are other results, or it cannot be written.
+            OutputError: it holds other results, or cannot be written.
         """
         self.check_free(overwrite=overwrite)
         lock = None
         try:
-            text = self._text(job)  # first: its file may be among what goes
+            text = self._text(job)  # first, since its file may be removed
             self.path.mkdir(parents=True, exist_ok=True)
             lock = self.lock()
-            # The origin stays until the new one is there: a directory without one is taken for somebody else's.
+            # The origin is kept until it is replaced: without it the directory does not count as that of a run.
             for old in (p for pattern in _CONTENT for p in self.path.glob(pattern)):
                 shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
             self._write_origin(job, overwrite=overwrite)
@@ -118,19 +118,19 @@ class RunDirectory:
         path, content = self.path / _ORIGIN, _origin_of(job)
         if overwrite and path.exists():
             replace(path, content)
-        elif not create(path, content):  # of two runs that start together one gets it, where there are no locks either
+        elif not create(path, content):  # one of two runs that start together, without locks, too
             raise OutputError(f"{self.path}: another run has just taken it", "Choose another --output.")
 
     def check_in_place(self, lock: DirectoryLock | None) -> None:
-        """Raise ``OutputError`` if the directory of a run has gone since it began."""
+        """Raise ``OutputError`` if the directory was removed since the run began."""
         if not (self.path / _ORIGIN).exists() or not (lock is None or lock.is_in_place):
             raise OutputError(
-                f"{self.path}: was removed while the run was at work in it; what is computed cannot be saved",
-                "Start the run again, and leave its directory where it is until it has ended.",
+                f"{self.path}: was removed during the run; results cannot be saved",
+                "Start the run again, and keep its directory until it has ended.",
             )
 
     def change(self, job: Job) -> None:
-        """Put a changed job in place of the one that was run, for the next resume.
+        """Replace the job by a changed one, for the next resume.
 
         Raises:
             OutputError: it cannot be written.
@@ -146,16 +146,16 @@ class RunDirectory:
     def _text(self, job: Job) -> str | None:
         if self.text is not None or job.path is None:
             return self.text
-        with contextlib.suppress(JobError):  # there is no file of a job that was made in Python
+        with contextlib.suppress(JobError):  # a job made in Python has no file
             if read_yaml(job.path) == job.data:
                 return job.path.read_text(encoding="utf-8")
         return as_yaml(job.data)
 
     def _origin(self) -> tuple[str | None, bool]:
-        """The file that the job was read from, and whether the job is untrusted.
+        """Return the file from which the job was read, and whether the job is untrusted.
 
         Raises:
-            OSError, ValueError: that cannot be read.
+            OSError, ValueError: it cannot be read.
         """
         try:
             content = json.loads((self.path / _ORIGIN).read_text())
@@ -165,23 +165,23 @@ class RunDirectory:
         return None if origin is None else str(origin), untrusted
 
     def holds(self, job: Job) -> bool:
-        """Whether the job that was run here is this one."""
+        """Return whether the job that was run here is this one."""
         try:
             return self.job(None) == job
         except (OutputError, JobError):
             return False
 
     def job(self, changed: Path | None) -> Job:
-        """The job to resume: the one that was run, or a ``changed`` file.
+        """Return the job to resume: the one that was run, or that of a ``changed`` file.
 
         Raises:
-            OutputError: this is no directory of a run.
-            JobError: the job is not valid (any more).
+            OutputError: this is not the directory of a run.
+            JobError: the job is not valid.
         """
         if not (self.path / _ORIGIN).exists():
             raise OutputError(
                 f"{self.path}: is not the directory of a run",
-                "Give 'resume' the directory that 'run' named when it began, such as results/pdms-beam.",
+                "Give 'resume' the directory that 'run' printed at its beginning, such as results/pdms-beam.",
             )
         try:
             origin, untrusted = self._origin()
@@ -194,10 +194,10 @@ class RunDirectory:
         if not origin or not (self.path / _JOB).exists():
             job = relative(Path(origin)) if origin else "JOB"
             raise OutputError(
-                f"{self.path}: the run was interrupted as it began, before its job was saved",
+                f"{self.path}: the run was interrupted at its beginning, before its job was saved",
                 f"Start it again: mpirun -n N python -m hpcinv run {job} --output {relative(self.path)} --overwrite",
             )
-        # Relative paths in the job still start from where the job file was.
+        # Relative paths in the job are relative to the original job file.
         return parse(read_yaml(self.path / _JOB), Path(origin), untrusted=untrusted)
 
 
@@ -219,18 +219,18 @@ def _plain(value: Any) -> Any:
 
 
 def _origin_of(job: Job) -> bytes:
-    """Where a job is from, and whether it was refused to execute anything, which holds for a resume, too."""
+    """Return the content of ``origin.json``: the job file, and whether the job is untrusted, also for a resume."""
     origin = str(job.path.resolve()) if job.path else None
     return json.dumps({"job": origin, "untrusted": job.is_untrusted}).encode()
 
 
 def _is_remainder(path: Path) -> bool:
-    """Whether a file is what a run leaves that was killed as it began."""
+    """Return whether a file is one that a run leaves if it is killed at its beginning."""
     return path.name == LOCK or (path.name.startswith(".") and path.name.endswith(".partial"))
 
 
 def choose(output: Path | None, job: Job) -> RunDirectory:
-    """The directory asked for, or the first free one of ``results/JOB``, ``results/JOB-2``, …"""
+    """Return the given directory, or the first free one of ``results/JOB``, ``results/JOB-2``, …"""
     if output is not None:
         return RunDirectory(output)
     base = Path("results")
@@ -242,5 +242,5 @@ def choose(output: Path | None, job: Job) -> RunDirectory:
 
 
 def relative(path: Path) -> str:
-    """A path as short as the working directory allows."""
+    """Return a path relative to the working directory."""
     return os.path.relpath(path)

@@ -1,4 +1,4 @@
-"""The log of a run, ``run.log`` in its directory: all that is said, with the time of each line, on rank 0."""
+"""Log of a run, ``run.log`` in its directory: all messages with their times, on rank 0."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _STAMP = "%Y-%m-%d %H:%M:%S"
 
 
 class RunLog:
-    """Lines with their times; those from before there is a file are kept for it.
+    """Lines with their times; lines before the file is open are kept and written then.
 
-    A file that cannot be written ends the log and not the run; ``fault`` tells why.
+    If the file cannot be written, the log ends but the run continues; ``fault`` is the reason.
     """
 
     def __init__(self) -> None:
@@ -24,7 +24,7 @@ class RunLog:
         self._waiting: list[str] = []
 
     def open(self, directory: Path) -> None:
-        """Go on in the log of a directory, behind what earlier runs there have said."""
+        """Open the log of a directory, after the lines of earlier runs there."""
         self.close()
         try:
             self._file = (directory / NAME).open("a", encoding="utf-8")
@@ -35,7 +35,7 @@ class RunLog:
         self._append("".join([f"{time.strftime(_STAMP)} {_command()}\n", *waiting]))
 
     def write(self, text: str) -> None:
-        """One or more lines."""
+        """Write one or more lines."""
         stamp = time.strftime(_STAMP)
         lines = "".join(f"{stamp}   {line}\n" for line in text.splitlines())
         if self._file is not None:

@@ -1,4 +1,4 @@
-"""The summary of a run, in whichever way it ends."""
+"""Report of a run: its summary, and the error of a run that does not reach its end."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 class RunReport(Observer):
-    """Writes the summary of a run, and says why a run has not reached its end; methods are collective.
+    """Writes the summary of a run, and raises the error of a run that does not reach its end; methods are collective.
 
     Args:
-        model: that of the run.
+        model: of the run.
         totals: size, volume, mass and load of the meshed part.
-        record: how the job's demands on the accuracy were met, if it has any.
-        unused_options: PETSc options of the job that nothing has asked for so far.
+        record: of the search for the accuracy that the job demands, if any.
+        unused_options: PETSc options of the job that were not used so far.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class RunReport(Observer):
         estimate: Estimate | None,
         slopes: Sensitivities | None,
     ) -> Result:
-        """Write the summary of a run that has converged, and print it; the arguments are those of `Result`."""
+        """Write and print the summary of a converged run; the arguments are those of `Result`."""
         if self._record is not None:
             certificate = Certificate((*certificate.lines, *self._record.lines()))
         self._check_displacement(solutions[0])
@@ -71,7 +71,7 @@ class RunReport(Observer):
         return self._finish(result, "converged")
 
     def _check_displacement(self, solution: Solution) -> None:
-        """Warn where the body hardly moves, unless that was predicted."""
+        """Warn if the body hardly moves, unless there was a warning before."""
         if self._model.job.output.unit_warnings and not self._totals.warnings:
             self._totals = self._totals.after(solution.largest_displacement)
             for text in self._totals.warnings:
@@ -83,7 +83,7 @@ class RunReport(Observer):
         return result
 
     def check_reached(self, solutions: Sequence[Solution]) -> None:
-        """Raise ``SolveError`` if the last direction did not reach the full load; the summary says how far it came."""
+        """Raise ``SolveError`` if the last direction did not reach the full load, which the summary then has."""
         solution = solutions[-1]
         if solution.load == 1.0:
             return
@@ -101,7 +101,7 @@ class RunReport(Observer):
     def check_not_stopped(self, before: Sequence[Solution], found: SolvedDirection) -> None:
         """Raise ``Interrupted`` if a request to stop ended the run before its last solve.
 
-        The summary then has the solutions ``before`` this direction, and how far this one came.
+        The summary then has the solutions ``before`` this direction, and the load factor that it reached.
         """
         job = self._model.job
         if not found.stopped or (found.load == 1.0 and len(before) + 1 == len(job.directions)):

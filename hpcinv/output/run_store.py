@@ -1,4 +1,4 @@
-"""The directory of a run while the run is at work in it: locked, filled, and checked before it is written to."""
+"""Store of a run: its directory, locked during the run, and checked before each writing."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 
 class RunStore:
-    """What a run keeps on disk, if anything; methods are collective.
+    """Directory of a run on disk, if it has one; methods are collective.
 
-    Use it as a context, which lets other processes have the directory at the end.
+    Use it as a context, which unlocks the directory at its end.
 
     Args:
-        directory: ``None`` for a run that writes nothing.
+        directory: ``None`` writes nothing.
 
     Raises:
-        OutputError: from every method, on all ranks, if another process is at work there, or it was removed.
+        OutputError: from every method, on all ranks, if another process has locked the directory, or it was removed.
     """
 
     def __init__(self, directory: Path | RunDirectory | None, comm: MPI.Intracomm) -> None:
@@ -49,7 +49,7 @@ class RunStore:
         return self.directory.path if self.directory else None
 
     def lock(self) -> None:
-        """Keep other processes out of a directory that a run resumes in."""
+        """Lock the directory in which a run resumes."""
 
         def take(directory: RunDirectory) -> None:
             self._lock = directory.lock()
@@ -60,15 +60,15 @@ class RunStore:
     def open(
         self, model: Model, progress: Progress, *, overwrite: bool, resume: bool
     ) -> tuple[Checkpoints | None, Restart | None]:
-        """Make the directory for the job of a model, or find what an earlier run has left in it.
+        """Make the directory for the job of a model, or open that of the run to resume.
 
         Returns:
-            Its checkpoints, and the one to resume from. A search for accuracy has none and begins again.
+            Its checkpoints, and the one to resume from. A search for accuracy has none and starts again.
         """
         if (directory := self.directory) is None:
             return None, None
         job = model.job
-        # Functions are saved cell by cell: a generator must have made the same cells again.
+        # Functions are saved cell by cell, so that a generator must make the same cells again.
         problem = on_root(self.comm, lambda: fingerprint(job)) | {"cells": cells_digest(model.body)}
         checkpoints = None
         if not job.accuracy:
@@ -76,7 +76,7 @@ class RunStore:
         restart = checkpoints.latest() if checkpoints and resume else None
 
         def create() -> None:
-            self._unlock()  # it is locked again between there and here
+            self._unlock()  # `create` locks it again
             self._lock = directory.create(job, overwrite=overwrite or resume)
 
         if not resume or checkpoints is None:
@@ -88,17 +88,17 @@ class RunStore:
         return checkpoints, restart
 
     def check_in_place(self) -> None:
-        """Raise ``OutputError`` on all ranks if the directory was removed meanwhile."""
+        """Raise ``OutputError`` on all ranks if the directory was removed."""
         if (directory := self.directory) is not None:
             on_root(self.comm, lambda: directory.check_in_place(self._lock))
 
     def check_in_place_on_this_rank(self) -> None:
-        """Raise ``OutputError`` if this rank finds that the directory was removed; not collective."""
+        """Raise ``OutputError`` on this rank if the directory was removed; not collective."""
         if self.directory is not None:
             self.directory.check_in_place(None)
 
     def write_shape(self, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress) -> None:
-        """Write the recovered shape, and the fields that belong to it."""
+        """Write the recovered shape and its fields."""
         with progress.phase("writing"):
             if self.directory is not None:
                 self.check_in_place()

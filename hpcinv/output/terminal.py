@@ -1,4 +1,4 @@
-"""The terminal that standard output ends on, also through the pipes of a process manager such as mpirun."""
+"""Terminal of standard output, also through the pipes of a process manager such as mpirun."""
 
 from __future__ import annotations
 
@@ -9,21 +9,16 @@ from pathlib import Path
 from typing import TextIO
 
 _MANAGERS = ("mpirun", "mpiexec", "mpiexec.hydra")
-_LABELS = (
-    "-l",
-    "-prepend-rank",
-    "-prepend-pattern",
-    "-outfile",
-    "-outfile-pattern",
-)  # lines are changed or go to files
+# Options that change lines or write them to files.
+_LABELS = ("-l", "-prepend-rank", "-prepend-pattern", "-outfile", "-outfile-pattern")
 _GENERATIONS = 8
 
 
 def width_through_mpirun(stream: TextIO, proc: Path = Path("/proc")) -> int | None:
-    """Columns of the terminal to which mpirun, on this machine, passes on what is written to ``stream``, else ``None``.
+    """Return the width of the terminal to which mpirun on this machine forwards ``stream``, else ``None``.
 
-    It is the terminal only if ``stream`` is a pipe that a parent process reads, if one of the parents is mpirun, and if
-    the output of that is a terminal: output that is redirected or piped on, inside mpirun or behind it, is none.
+    There is one only if ``stream`` is a pipe that a parent process reads, one of the parents is mpirun, and the output
+    of mpirun is a terminal, so that nothing redirects the output.
     """
     try:
         number = stream.fileno()
@@ -48,7 +43,7 @@ def _without_control(path: str, flags: int) -> int:
 
 def _parents(proc: Path, process: int) -> Iterator[int]:
     for _ in range(_GENERATIONS):
-        # The name, in parentheses, may have any character in it.
+        # The name, in parentheses, may contain any character.
         process = int((proc / str(process) / "stat").read_text().rpartition(")")[2].split()[1])
         if process <= 1:
             return
@@ -64,5 +59,5 @@ def _arguments(proc: Path, process: int) -> list[str]:
 
 
 def _is_manager(arguments: list[str]) -> bool:
-    """By the program, or by the script where an interpreter runs it."""
+    """Return whether the program, or the script that an interpreter runs, is a process manager."""
     return any(Path(argument).name in _MANAGERS for argument in arguments[:2])

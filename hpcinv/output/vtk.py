@@ -1,4 +1,4 @@
-"""The fields of a solution as files for ParaView."""
+"""Fields of a solution as files for ParaView."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 def write_fields(directory: Path, body: Body, solution: Solution, more: Sequence[fem.Function] = ()) -> None:
-    """Write ``fields.pvd`` and what it points to into ``directory``, which appears whole or not at all; collective.
+    """Write ``fields.pvd`` and its data files into ``directory``, which appears whole or not at all; collective.
 
     On the solution's mesh in metres: ``displacement`` (m) and ``pressure`` (Pa, of the mixed form) at the nodes of
     Lagrange cells of the higher of the displacement's and the geometry's degree; in each cell the means ``J`` and
-    ``cauchy_stress`` (Pa, row by row), and ``region:NAME``, 1 in the cells of that region. A directory of that name
-    that an earlier run left is replaced.
+    ``cauchy_stress`` (Pa, row by row), and ``region:NAME``, 1 in the cells of that region. A directory of that name is
+    replaced.
 
     Args:
         more: further fields of the displacement's degree at the nodes, by their names.
@@ -56,10 +56,10 @@ def write_fields(directory: Path, body: Body, solution: Solution, more: Sequence
             _write(partial / "fields.pvd", functions)
     except RuntimeError:
         error = failed
-    agree(comm, error)  # also the barrier that all have written
+    agree(comm, error)  # also a barrier after writing
 
     def publish() -> None:
-        # DOLFINx does not notice a full disk.
+        # DOLFINx does not report a full disk.
         if not all(_is_whole(file) for file in partial.iterdir()):
             raise failed
         try:
@@ -73,13 +73,13 @@ def write_fields(directory: Path, body: Body, solution: Solution, more: Sequence
 
 
 def _write(path: Path, functions: list[fem.Function]) -> None:
-    # In a function of its own, since a VTKFile writes once more when it is deleted.
+    # A separate function, since a VTKFile writes once more when it is deleted.
     with VTKFile(functions[0].function_space.mesh.comm, path, "w") as file:
         file.write_function(functions)
 
 
 def _at_nodes(solution: Solution, more: Sequence[fem.Function]) -> list[fem.Function]:
-    """Displacement, pressure and more in one point element, as the file wants it; they are exact in it."""
+    """Return displacement, pressure and more in one nodal element, which the file needs and in which they are exact."""
     mesh = solution.displacement.function_space.mesh
     cell, geometry = mesh.basix_cell(), mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree
     degree = max(solution.displacement.function_space.ufl_element().degree, geometry)
@@ -113,7 +113,7 @@ def _in_cells(body: Body, solution: Solution) -> list[fem.Function]:
 
 
 def _is_whole(file: Path) -> bool:
-    """Whether an XML file has its end."""
+    """Return whether an XML file has its end."""
     with file.open("rb") as stream:
         size = file.stat().st_size
         stream.seek(max(0, size - 100))

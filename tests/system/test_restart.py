@@ -28,17 +28,17 @@ import os, signal, sys
 from hpcinv.output import checkpoint
 from hpcinv.__main__ import main
 
-durably, count = checkpoint._write_durably, 0
+replace, count = checkpoint.replace, 0
 
-def write_and_die(path, text):
+def write_and_die(path, content):
     global count
     count += 1
     if count == 3:
-        path.write_text(text[:100])
+        path.write_bytes(content[:100])
         os.kill(os.getpid(), signal.SIGKILL)
-    durably(path, text)
+    replace(path, content)
 
-checkpoint._write_durably = write_and_die
+checkpoint.replace = write_and_die
 sys.exit(main())
 """
 

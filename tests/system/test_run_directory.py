@@ -82,7 +82,9 @@ def assert_can_be_started_again(place: Path, *, replaced: bool) -> None:
             assert (run / name).stat().st_size, f"{run / name} is empty"
     directory = RunDirectory(run)
     if not directory.is_begun and (run / "origin.json").exists():
-        with pytest.raises(OutputError, match=r"interrupted as it began(.|\n)*run cube\.yaml --output .* --overwrite"):
+        with pytest.raises(
+            OutputError, match=r"interrupted at its beginning(.|\n)*run cube\.yaml --output .* --overwrite"
+        ):
             _in(place, lambda: directory.job(None))
         assert directory.job(job.path) == job
     directory = created(run, job, overwrite=(run / "origin.json").exists())
@@ -116,7 +118,7 @@ def test_an_origin_that_cannot_be_read_is_told_and_can_be_overwritten(origin: st
     directory = created(tmp_path / "run", job)
     (directory.path / "origin.json").write_text(origin)
     if origin != '{"job": 3}':
-        with pytest.raises(OutputError, match="interrupted as it began"):
+        with pytest.raises(OutputError, match="interrupted at its beginning"):
             directory.job(None)
     assert directory.job(job.path) == job
     assert created(directory.path, job, overwrite=True).holds(job)
@@ -227,7 +229,7 @@ def test_a_directory_that_is_removed_in_mid_run_is_an_error(every: int, tmp_path
         started.wait_for("load 0.0125:")
         (tmp_path / "run").rename(tmp_path / "elsewhere")
         assert started.exit_code() == 2, started.text
-    assert "was removed while the run was at work in it" in started.text
+    assert "was removed during the run" in started.text
     assert "Traceback" not in started.text
     if not every:  # else it may have been about to write a checkpoint, whose directories ADIOS2 makes
         assert not (tmp_path / "run").exists()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
+
+from hpcinv.files.json_data import json_data
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class CaseRecord:
 
     def encoded(self) -> bytes:
         """Return the content of its file; numbers that are not finite become null, tuples lists."""
-        return _sealed(json.dumps(_plain(asdict(self)), ensure_ascii=False).encode())
+        return _sealed(json.dumps(json_data(asdict(self)), ensure_ascii=False).encode())
 
     @classmethod
     def decoded(cls, data: bytes) -> CaseRecord:
@@ -77,11 +78,3 @@ def _sealed(content: bytes) -> bytes:
 
 def _digest(content: bytes) -> bytes:
     return hashlib.sha256(content).hexdigest().encode()
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(v) for key, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

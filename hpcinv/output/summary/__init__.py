@@ -1,4 +1,4 @@
-"""The summary of a run: what is in it, and the files that hold it."""
+"""Summary of a run: its content, and its files."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
-"""What is in the summary of a run, as plain data; docs/summary.md explains the keys."""
+"""Content of the summary of a run as plain data; docs/summary.md explains the keys."""
 
 from __future__ import annotations
 
-import math
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +12,9 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import dolfinx
-import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.files.json_data import json_data
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.parallel.memory_use import Memory, peak
 from hpcinv.parallel.runtime import MPI, on_root
@@ -38,12 +37,12 @@ def statistics(
     timings: Timings,
     comm: MPI.Intracomm,
 ) -> dict[str, Any]:
-    """The summary of a run as JSON data, its numbers finite or ``None``, the same on every rank; collective.
+    """Return the summary of a run as JSON data, its numbers finite or ``None``, the same on every rank; collective.
 
     Args:
-        status: "converged", or what stopped the run.
+        status: "converged", or the reason why the run ended.
         unknowns: number of unknowns over all ranks.
-        unused_options: PETSc options of the job that nothing asked for.
+        unused_options: PETSc options of the job that were not used.
     """
     job, body = result.job, result.body
     found = {
@@ -65,11 +64,11 @@ def statistics(
         "timings": _timings(timings, comm),
         "peak_memory": _memory(timings.memory, comm),
     }
-    return _plain(found)  # type: ignore[no-any-return]  # a dict stays one
+    return json_data(found)  # type: ignore[no-any-return]  # a dict remains a dict
 
 
 def versions() -> dict[str, str | None]:
-    """What the run was made with; ``None`` for what has no version where it was installed."""
+    """Return the versions of hpcinv and its libraries; ``None`` if a library was installed without one."""
     return {
         "python": platform.python_version(),
         "hpcinv": __version__,
@@ -83,7 +82,7 @@ def versions() -> dict[str, str | None]:
 def _version_of(package: str) -> str | None:
     try:
         return version(package)
-    except PackageNotFoundError:  # a site's own build
+    except PackageNotFoundError:  # a local build
         return None
 
 
@@ -146,7 +145,7 @@ def _solve(solve: Solve) -> dict[str, Any]:
 
 
 def _timings(timings: Timings, comm: MPI.Intracomm) -> dict[str, Any]:
-    """Seconds by phase over the ranks, and the share of the wall time that is not `WORK`, in the certificate or not."""
+    """Return seconds by phase over the ranks, and the share of the wall time that is not `WORK`."""
     total, mine = timings.total, dict(timings.seconds)
     mine["other"] = total - sum(mine.values())
     work = sum(counted.get(phase, 0.0) for phase in WORK for counted in (mine, timings.within))
@@ -160,23 +159,12 @@ def _timings(timings: Timings, comm: MPI.Intracomm) -> dict[str, Any]:
 
 
 def _memory(memory: Memory, comm: MPI.Intracomm) -> dict[str, Any]:
-    """Largest resident size in bytes of each rank, and of each phase over the ranks."""
+    """Return the largest resident size in bytes of each rank, and of each phase over the ranks."""
     phases = comm.allgather(memory.phases)
     return {
-        # Linux counts a process's memory in two ways that differ by some pages: a phase may be seen above the peak.
+        # Linux counts a process's memory in two ways that differ by some pages: a phase may exceed the peak.
         "ranks": comm.allgather(max([peak(), *memory.phases.values()])),
         "phases": {
             phase: {"max": max(sizes.get(phase, 0) for sizes in phases)} for phase in sorted(set().union(*phases))
         },
     }
-
-
-def _plain(value: Any) -> Any:
-    """As JSON has it: no NumPy types, and no number that is not finite."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(v) for key, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value

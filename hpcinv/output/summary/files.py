@@ -1,4 +1,4 @@
-"""The summary as files: ``summary.json``, and ``summary.h5`` with the same content for those who read HDF5."""
+"""Files of a summary: ``summary.json``, and ``summary.h5`` with the same content."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hpcinv.errors import OutputError
+from hpcinv.files.atomic import replace
 from hpcinv.parallel.runtime import on_root
 
 if TYPE_CHECKING:
@@ -29,40 +30,33 @@ def write_summary(
 
     def on_rank_0() -> None:
         for form in formats:
-            name = f"summary.{form}"
-            path, partial = directory / name, directory / f".{name}.partial"
+            path = directory / f"summary.{form}"
             try:
-                WRITERS[form](partial, statistics)
-                partial.replace(path)
+                replace(path, CONTENTS[form](statistics))
             except OSError as exc:
-                partial.unlink(missing_ok=True)
                 raise OutputError(f"{path}: cannot be written: {exc}", "Is the directory there, and space?") from exc
 
     on_root(comm, on_rank_0)
 
 
-def _write_json(path: Path, statistics: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(statistics, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+def _as_json(statistics: Mapping[str, Any]) -> bytes:
+    return (json.dumps(statistics, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def _write_hdf5(path: Path, statistics: Mapping[str, Any]) -> None:
+def _as_hdf5(statistics: Mapping[str, Any]) -> bytes:
     import h5py  # on rank 0 alone
 
-    # In memory first: on a full disk h5py raises what is no OSError, and leaves a file that it cannot close.
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
         _fill(file, statistics)
-    path.write_bytes(content.getvalue())
+    return content.getvalue()
 
 
-WRITERS: Mapping[str, Callable[[Path, Mapping[str, Any]], None]] = {
-    "json": _write_json,
-    "h5": _write_hdf5,
-}
+CONTENTS: Mapping[str, Callable[[Mapping[str, Any]], bytes]] = {"json": _as_json, "h5": _as_hdf5}
 
 
 def _fill(group: h5py.Group, content: Mapping[str, Any]) -> None:
-    """Put a mapping in a group.
+    """Write a mapping to an HDF5 group.
 
     Mappings become groups, single values attributes (``None`` an empty one), lists of numbers datasets. Lists of
     mappings become a table where these have the same numbers, else groups 0, 1, …; any other list is JSON text.
@@ -90,7 +84,7 @@ def _fill(group: h5py.Group, content: Mapping[str, Any]) -> None:
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> np.ndarray | None:
-    """Rows of the same numbers and flags as a structured array; ``None`` if they are not that."""
+    """Return rows with the same numbers and flags as a structured array; ``None`` if that is not possible."""
     columns = rows[0].keys()
     if any(row.keys() != columns or not all(_is_number(v) or v is None for v in row.values()) for row in rows):
         return None
