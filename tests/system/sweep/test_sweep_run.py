@@ -62,7 +62,7 @@ def test_every_case_is_solved_once_whatever_the_ranks(ranks: int, per_case: int,
     assert not list(tmp_path.glob("store/cases/*/*/run-*"))
     again = hpcinv(ranks, "sweep", "run", sweep, cwd=tmp_path)
     assert again.returncode == 0
-    assert not re.findall(r"case \d", again.stdout)
+    assert not re.findall(r"^case \d", again.stdout, re.MULTILINE)
     assert records_of(sweep) == records
 
 
@@ -93,7 +93,7 @@ def test_a_case_that_fails_is_told_and_the_others_go_on(tmp_path: Path) -> None:
     assert failed.statistics["status"] in ended.stdout
     again = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
     assert again.returncode == 3
-    assert not re.findall(r"case \d", again.stdout)
+    assert not re.findall(r"^case \d", again.stdout, re.MULTILINE)
     retried = hpcinv(1, "sweep", "retry", "--failed", sweep, cwd=tmp_path)
     assert "1 failed case is open again" in retried.stdout
     again = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
