@@ -17,8 +17,8 @@ from hpcinv.output import checkpoint_writer, run_report
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.run_report import RunReport
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolvedDirection, SolveEvent
-from hpcinv.solver.step_report import Solve
 
 LINEAR: Any = SimpleNamespace()
 
