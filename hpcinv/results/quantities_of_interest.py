@@ -86,10 +86,10 @@ def evaluate(
 def values_of(
     quantities: Iterable[QuantityOfInterest], body: Body, solution: Solution, fields: SceneFields | None
 ) -> dict[str, Value]:
-    """As `evaluate`, of what is on the body, whose mesh lies as the solution's, and without reactions.
+    """Evaluate quantities other than reactions within `Model.at` or `placed` at the solution; collective.
 
     Args:
-        fields: those of the solution's scene, as it is now; ``None`` if no quantity needs them.
+        fields: fields of the scene at the solution; ``None`` if no quantity needs them.
     """
     quantities = tuple(quantities)
     places = {q.name: place for q in quantities if q.at and (place := locate(body, np.array(q.at)))}
