@@ -133,9 +133,8 @@ def _prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timing
 
 def _search(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> _Problem:
     """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
-    search = Search(job, workspace.comm, timings, progress.note, stop)
     with progress.phase("searching", "for mesh and degree"):
-        record, best = search.run(), search.best
+        record, best = Search(job, workspace.comm, timings, progress.note, stop).run()
     return _Problem(best.model, None, (best.solution,), record, best.estimate, best.unused_options)
 
 

@@ -80,8 +80,10 @@ class Search:
         self.steps: list[Step] = []
         self.rows: list[AccuracyStep] = []
 
-    def run(self) -> AccuracyRecord | None:
-        """Solve until the demands are met or cannot be; ``None`` if the job's own mesh did not reach the full load.
+    def run(self) -> tuple[AccuracyRecord | None, Trial]:
+        """Solve until the demands are met or cannot be met; return the record and the best trial.
+
+        There is no record if the full load was not reached on the job's mesh.
 
         Raises:
             MeshError: the same on every rank.
@@ -102,10 +104,11 @@ class Search:
             with suppress(MeshError):  # it may lack regions of the job
                 self._attempt(coarser, self._build(coarser), self._degree)
         if not self._attempt(first, body, self._degree):
-            return None
+            return None, self.best
         ending = self._improve()
         seconds = time.perf_counter() - begin
-        return AccuracyRecord(self.job.accuracy, self.rows, self.chosen, self.promise.bounds, ending, seconds)
+        bounds = self.promise.bounds
+        return AccuracyRecord(self.job.accuracy, self.rows, self.chosen, bounds, ending, seconds), self.best
 
     def _improve(self) -> Ending:
         while self.assessments[-1].excess > 1:

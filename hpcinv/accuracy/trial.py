@@ -51,7 +51,7 @@ class Trial:
         quantities, estimate: the job's quantities of interest, and their errors; none below the full load.
         solve, estimation: work on this rank.
         compilation: seconds to compile kernels on this rank.
-        unused_options: PETSc options of the job that nothing asked for.
+        unused_options: PETSc options of the job that were not used.
     """
 
     job: Job

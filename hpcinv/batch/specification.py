@@ -61,8 +61,8 @@ class Faults:
     def add(self, title: str, text: str) -> None:
         """Add a fault of one case."""
         like = _VALUE.sub("", text)  # sampled values differ from case to case
-        first, said, others = self._found.get(like, (title, text, -1))
-        self._found[like] = first, said, others + 1
+        first, fault, others = self._found.get(like, (title, text, -1))
+        self._found[like] = first, fault, others + 1
 
     def raise_if_any(self) -> None:
         """Raise a ``JobError`` with a line for each fault."""

@@ -136,7 +136,11 @@ class Worker:
             status, advice = given_up
             return replace(record, status=status, advice=advice)
         progress = SilentProgress(self.comm)
-        overdue = self._overdue(begun)
+        limit = self.batch.limit
+
+        def overdue() -> bool:
+            return limit is not None and time.perf_counter() - begun > limit
+
         try:
             entries = self.runner.run(task, progress, lambda: self.stop_asked() or overdue())
             record = replace(record, status="converged", **entries)
@@ -156,11 +160,6 @@ class Worker:
             record = replace(record, status=_unforeseen(error), advice="This is an error in hpcinv; please report it.")
             self.runner.clear()
         return replace(record, statistics=progress.statistics, seconds=time.perf_counter() - begun)
-
-    def _overdue(self, begun: float) -> Callable[[], bool]:
-        """Return a function that is true when a case takes longer than its limit."""
-        limit = self.batch.limit
-        return lambda: limit is not None and time.perf_counter() - begun > limit
 
     def _release(self, task: BatchTask) -> bool:
         """Release a case; ``False`` if another process has claimed it and its directory, which explains the error."""

@@ -12,11 +12,22 @@ import contextlib
 import errno
 import os
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal
 
+from hpcinv.errors import OutputError
+
 _NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
+
+
+@contextlib.contextmanager
+def output_errors(path: Path, advice: str = "") -> Iterator[None]:
+    """Turn an ``OSError`` within the context into an ``OutputError``: the path cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}", advice) from error
 
 
 def create(path: Path, content: bytes) -> bool:

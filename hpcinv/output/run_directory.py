@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from hpcinv.errors import JobError, OutputError
-from hpcinv.files.atomic import create, replace
+from hpcinv.files.atomic import create, output_errors, replace
 from hpcinv.files.directory_lock import NAME as LOCK
 from hpcinv.files.directory_lock import DirectoryLock, check_unlocked
 from hpcinv.files.names import check_output
@@ -93,25 +93,18 @@ class RunDirectory:
             OutputError: it holds other results, or cannot be written.
         """
         self.check_free(overwrite=overwrite)
-        lock = None
-        try:
+        with contextlib.ExitStack() as on_error, output_errors(self.path, "Choose another --output."):
             text = self._text(job)  # first, since its file may be removed
             self.path.mkdir(parents=True, exist_ok=True)
-            lock = self.lock()
+            if (lock := self.lock()) is not None:
+                on_error.callback(lock.release)
             # The origin is kept until it is replaced: without it the directory does not count as that of a run.
             for old in (p for pattern in _CONTENT for p in self.path.glob(pattern)):
                 shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
             self._write_origin(job, overwrite=overwrite)
             if text is not None:
                 replace(self.path / _JOB, text.encode())
-        except OutputError:
-            if lock is not None:
-                lock.release()
-            raise
-        except OSError as exc:
-            if lock is not None:
-                lock.release()
-            raise OutputError(f"{self.path}: cannot be written: {exc.strerror}", "Choose another --output.") from exc
+            on_error.pop_all()  # the run releases the lock
         return lock
 
     def _write_origin(self, job: Job, *, overwrite: bool) -> None:
@@ -137,11 +130,9 @@ class RunDirectory:
         """
         if job.path is None:
             return
-        try:
+        with output_errors(self.path):
             replace(self.path / _JOB, (self._text(job) or "").encode())
             replace(self.path / _ORIGIN, _origin_of(job))
-        except OSError as exc:
-            raise OutputError(f"{self.path}: cannot be written: {exc.strerror}") from exc
 
     def _text(self, job: Job) -> str | None:
         if self.text is not None or job.path is None:

@@ -114,7 +114,7 @@ class RunReport(Observer):
         self._write(self._unfinished(before, line), why)
         saved = not job.accuracy and (bool(before) or found.can_restart)
         raise Interrupted(
-            f"{where}; {'what was reached is saved' if saved else 'there was nothing to save yet'}",
+            f"{where}; {'its state is saved' if saved else 'there was no state to save yet'}",
             f"{'Go on with' if saved else 'Start it again with'}: "
             f"mpirun -n {self._store.comm.size} python -m hpcinv resume {relative(self._store.path)}",
         )

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 from hpcinv.errors import OutputError
-from hpcinv.files.atomic import publish, replace
+from hpcinv.files.atomic import output_errors, publish, replace
 from hpcinv.files.names import check_output
 
 _MARK, _STORE = "study.json", "store"
@@ -24,7 +23,7 @@ class StudyDirectory:
     def __init__(self, path: Path, study: str) -> None:
         self.path = path
         check_output(path)
-        with self._as_output_error():
+        with output_errors(self.path, "Choose another --output."):
             check_content(path, study)
             path.mkdir(parents=True, exist_ok=True)
             publish(path / _MARK, json.dumps({"study": study}).encode())
@@ -35,15 +34,8 @@ class StudyDirectory:
 
     def write(self, name: str, content: str | bytes) -> None:
         """Write a file of the study; it appears whole or not at all."""
-        with self._as_output_error():
+        with output_errors(self.path, "Choose another --output."):
             replace(self.path / name, content.encode() if isinstance(content, str) else content, shared=True)
-
-    @contextlib.contextmanager
-    def _as_output_error(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as exc:
-            raise OutputError(f"{self.path}: cannot be written: {exc.strerror}", "Choose another --output.") from exc
 
 
 def check_content(path: Path, study: str) -> None:

@@ -22,7 +22,7 @@ def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -
     """Print the report."""
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
-        console.width = 160  # a file has no width of its own
+        console.width = 160  # files have no width
     for accuracy in found:
         console.print()
         console.print(_heading(plan, accuracy), soft_wrap=True)

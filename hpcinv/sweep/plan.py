@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from hpcinv.batch.expand import Point, combined, sections_first
+from hpcinv.batch.expand import combined, sections_first
 from hpcinv.batch.specification import Faults, read_base, read_spec, text_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
@@ -120,22 +120,13 @@ def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: Faults, un
     defaults = sections_first(sweep.set)
     for number, (parameters, given) in enumerate(combined(sweep.axes)):
         settings = {k: v for k, v in defaults.items() if k not in given} | sections_first(given)
-        point = Point(parameters, settings)
         try:
-            yield _case(number, point, _job(data, settings, base, untrusted), digest)
+            job = parse(_content(data, settings), base, untrusted=untrusted)
+            key, reuse_group = content_key(job, digest), reuse_group_of(job, digest)
+            yield Case(number, key, reuse_group, numbers_of(job), parameters, settings)
         except JobError as error:
             for problem in error.problems:
                 faults.add(_title(number, parameters), problem.removeprefix(f"{base}: "))
-
-
-def _case(number: int, point: Point, job: Job, digest: Callable[[Path], str]) -> Case:
-    key, reuse_group = content_key(job, digest), reuse_group_of(job, digest)
-    return Case(number, key, reuse_group, numbers_of(job), point.parameters, point.settings)
-
-
-def _job(data: Mapping[str, Any], settings: Mapping[str, Any], base: Path, untrusted: bool) -> Job:
-    """Return the job with some settings; raises ``JobError`` if it is not valid."""
-    return parse(_content(data, settings), base, untrusted=untrusted)
 
 
 def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:

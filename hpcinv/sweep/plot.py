@@ -99,12 +99,11 @@ def _left_out(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str
         reasons.append(
             (f"without {quantity}", lambda i: table["status"][i] == "converged" and table[quantity][i] is None)
         )
-    branches = [axis.name for axis in plan.sweep.axes if axis.branches is not None]
     for reason, applies in reasons:
         found = [i for i in left if applies(i)]
         left = [i for i in left if not applies(i)]
         if found:
-            labels = dict.fromkeys(str(table[name][i]) for i in found for name in branches if table[name][i])
+            labels = dict.fromkeys(str(table[name][i]) for i in found for name in plan.sweep.branches if table[name][i])
             where = f" ({', '.join(labels)})" if labels else ""
             yield f"{len(found)} of {len(plan.cases)} cases, {reason}{where}"
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.status import Status, show
-from hpcinv.errors import OutputError
-from hpcinv.files.atomic import replace
+from hpcinv.files.atomic import output_errors, replace
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import provenance, results, status_of
 
@@ -108,8 +107,6 @@ def _table_file(text: str) -> Path:
 
 def _write(path: Path, content: bytes) -> None:
     """Write a file; it appears whole or not at all."""
-    try:
+    with output_errors(path, "Choose another --output."):
         path.parent.mkdir(parents=True, exist_ok=True)
         replace(path, content)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}", "Choose another --output.") from error

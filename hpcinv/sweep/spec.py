@@ -35,6 +35,11 @@ class Sweep(Spec):
     axes: ListOf[Axis]
     """every combination of their points is a case, the last axis changing fastest"""
 
+    @property
+    def branches(self) -> list[str]:
+        """Names of the axes with branches, which are columns of the table."""
+        return [axis.name for axis in self.axes if axis.branches is not None]
+
     @field_validator("store")
     @classmethod
     def _is_ours(cls, store: str | None, info: ValidationInfo) -> str | None:

@@ -23,7 +23,7 @@ def statistics(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
     ``sd`` is that of the population, estimated with ``n - 1``; ``sd of mean`` is ``sd/√n``, as for independent draws.
     """
     table, quantities = columns(plan, records), quantity_columns(plan, records)
-    names, unit = _branches(plan), units(plan, records)
+    names, unit = plan.sweep.branches, units(plan, records)
     labels = list(zip(*(table[name] for name in names), strict=True)) or [()] * len(plan.cases)
     found: Columns = {
         name: [] for name in (*names, "quantity", "unit", "cases", "mean", "sd", "sd of mean", *QUANTILES)
@@ -37,11 +37,6 @@ def statistics(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
                 for column, value in zip(found.values(), row, strict=True):
                     column.append(value)
     return found
-
-
-def _branches(plan: SweepPlan) -> list[str]:
-    """Return the columns with the labels of branches."""
-    return [axis.name for axis in plan.sweep.axes if axis.branches is not None]
 
 
 def _moments(values: Sequence[float]) -> tuple[float, float | None, float | None]:

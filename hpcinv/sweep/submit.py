@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.batch.ledger.store import open_store
-from hpcinv.errors import OutputError, SubmitError
+from hpcinv.errors import SubmitError
+from hpcinv.files.atomic import output_errors
 from hpcinv.files.untrusted import VARIABLE, is_asked
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.templates import TEMPLATES
@@ -87,12 +88,10 @@ def _write_scripts(plan: SweepPlan, options: argparse.Namespace, directory: Path
         [sweep, str(directory)],
     )
     scripts = {place / "run.sbatch": run, place / "collect.sbatch": collect}
-    try:
+    with output_errors(place):
         place.mkdir(parents=True, exist_ok=True)
         for path, text in scripts.items():
             path.write_text(text)
-    except OSError as error:
-        raise OutputError(f"{place}: cannot be written: {error.strerror}") from error
     first, second = scripts
     return first, second
 

@@ -164,7 +164,7 @@ def test_a_signal_saves_and_ends_with_75_however_often_it_comes(name: str, to: s
     assert "Traceback" not in started.text
     position = state(newest(run))
     assert steps_behind(position) >= 1
-    assert f"load factor {position['load']:g}; what was reached is saved" in started.text
+    assert f"load factor {position['load']:g}; its state is saved" in started.text
     assert summary(run)["status"] == "stopped by a signal"
 
 
@@ -197,7 +197,7 @@ def test_a_signal_before_the_first_step_leaves_a_run_that_begins_anew(place: Pat
         started.wait_for("forward:")
         started.send(signal.SIGTERM, started.ranks())
         assert started.exit_code() == 75, started.text
-    assert ("there was nothing to save yet" in started.text) != list_checkpoints(place / "early")
+    assert ("there was no state to save yet" in started.text) != list_checkpoints(place / "early")
     shutil.rmtree(place / "early" / "checkpoints", ignore_errors=True)
     done = hpcinv(2, "resume", "early", cwd=place)
     assert done.returncode == 0, done.stderr

@@ -62,7 +62,7 @@ class CaseRecord:
         """
         content = data[len(_BEFORE) : -len(_AFTER % _digest(b""))]
         if data != _sealed(content):
-            raise ValueError("it is not what was written")
+            raise ValueError("the digest does not match")
         try:
             return cls(**json.loads(content))
         except TypeError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Sequence
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +54,7 @@ def statistics(
         "machine": {"ranks": comm.size, "omp_threads": int(os.environ.get("OMP_NUM_THREADS", "1"))},
         "mesh": _mesh(body) | {"file": job.mesh.file, "unknowns": unknowns},
         "body": result.totals and result.totals.as_data(),
-        "partition": _partition(body),
+        "partition": asdict(body.partition) | {"imbalance": body.partition.imbalance},
         "solutions": [_solution(solution, job.discretisation.displacement) for solution in result.solutions],
         "unused_petsc_options": list(unused_options),
         "quantities": dict(result.quantities),
@@ -92,16 +93,6 @@ def _mesh(body: Body) -> dict[str, Any]:
         "nodes": body.mesh.geometry.index_map().size_global,
         "kind": body.source.kind,
         "geometry_degree": body.source.degree,
-    }
-
-
-def _partition(body: Body) -> dict[str, Any]:
-    parts = body.partition
-    return {
-        "method": parts.method,
-        "cells": list(parts.cells),
-        "edge_cut": parts.edge_cut,
-        "imbalance": parts.imbalance,
     }
 
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hpcinv.errors import OutputError
-from hpcinv.files.atomic import replace
+from hpcinv.files.atomic import output_errors, replace
 from hpcinv.parallel.runtime import on_root
 
 if TYPE_CHECKING:
@@ -31,10 +30,8 @@ def write_summary(
     def on_rank_0() -> None:
         for form in formats:
             path = directory / f"summary.{form}"
-            try:
+            with output_errors(path, "Is the directory there, and space?"):
                 replace(path, CONTENTS[form](statistics))
-            except OSError as exc:
-                raise OutputError(f"{path}: cannot be written: {exc}", "Is the directory there, and space?") from exc
 
     on_root(comm, on_rank_0)
 

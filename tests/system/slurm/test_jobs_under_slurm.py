@@ -63,7 +63,7 @@ def test_a_job_that_is_preempted_saves_its_state_and_goes_on_afterwards(batch: B
     assert {fact["JobState"] for fact in batch.wait(urgent)} == {"COMPLETED"}
     (facts,) = batch.wait(job)
     assert (facts["JobState"], facts["Restarts"]) == ("COMPLETED", "1"), batch.outputs()
-    assert "what was reached is saved" in batch.outputs()
+    assert "its state is saved" in batch.outputs()
     assert_finished(batch.place / "cube")
 
 
@@ -72,7 +72,7 @@ def test_a_cancelled_job_can_be_resumed_and_is_not_requeued(batch: Batch) -> Non
     job = submit_slowly(batch, **srun)
     assert batch.run("scancel", job).returncode == 0
     batch.wait(job)
-    assert "what was reached is saved" in batch.outputs()
+    assert "its state is saved" in batch.outputs()
     assert json.loads((batch.place / "cube" / "summary.json").read_text())["status"] == "stopped by a signal"
     again = batch.sbatch("--ntasks=2", JOB, "cube.yaml", "cube", **srun)
     batch.wait(again)
