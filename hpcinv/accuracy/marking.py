@@ -47,10 +47,5 @@ def plan(indicators: npt.NDArray[np.float64], reduction: float, order: float) ->
         else:
             low = middle
     chosen = levels(np.exp(low))
-    return MarkingPlan(chosen, _expected(indicators, chosen, order))
-
-
-def _expected(indicators: npt.NDArray[np.float64], levels: npt.NDArray[np.int64], order: float) -> Places:
-    cells = 1 + CLOSURE * float(np.mean(8.0**levels - 1))
-    error = float(np.sum(indicators * 2.0 ** (-order * levels)) / indicators.sum())
-    return Places(cells, error)
+    cells = 1 + CLOSURE * float(np.mean(8.0**chosen - 1))
+    return MarkingPlan(chosen, Places(cells, float(np.sum(shares * 2.0 ** (-order * chosen)))))

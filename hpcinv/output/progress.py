@@ -124,8 +124,8 @@ class Progress(Observer):
                 self._log.write(f"{title} ...")
             if self._is_terminal:
                 self._show(title)
-            elif self._console is not None and self.level >= Level.NORMAL:
-                self._console.print(f"{title}:", end="")
+            else:
+                self._print(f"{title}:", end="")
         try:
             yield
             self._end_phase(self._phase, name, time.perf_counter() - begun)
@@ -142,11 +142,10 @@ class Progress(Observer):
         first, self._phase.details = not self._phase.details, [*self._phase.details, text]
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], description=f"{self._phase.title}: {text}")
-        elif self._console is not None and self.level >= Level.NORMAL and not self._is_terminal:
-            if self._phase.broken:
-                self._console.print(f"  {text}")
-            else:
-                self._console.print(f"{'' if first else ','} {text}", end="")
+        elif self._phase.broken and not self._is_terminal:
+            self._print(f"  {text}")
+        elif not self._is_terminal:
+            self._print(f"{'' if first else ','} {text}", end="")
 
     def iteration(self, iteration: NewtonIteration) -> None:
         tangent = ", new tangent" if iteration.new_tangent else ""
@@ -157,23 +156,27 @@ class Progress(Observer):
         text = f"{', '.join(phase.details)}; {seconds:.1f} s" if phase.details else f"{seconds:.1f} s"
         if self._log is not None:
             self._log.write(f"{phase.title}: {text}")
-        if self._console is None or self.level < Level.NORMAL:
-            return
         if self._is_terminal:
             self.close()
-            self._console.print(f"  {name}: {seconds:.1f} s" if phase.broken else f"{phase.title}: {text}")
-        elif phase.broken:
-            self._console.print(f"  {name}: {seconds:.1f} s")
+        if phase.broken:
+            self._print(f"  {name}: {seconds:.1f} s")
+        elif self._is_terminal:
+            self._print(f"{phase.title}: {text}")
         else:
-            self._console.print(f"{';' if phase.details else ''} {seconds:.1f} s")
+            self._print(f"{';' if phase.details else ''} {seconds:.1f} s")
             phase.broken = True
 
     def _break_line(self) -> None:
         """End the incomplete line of a phase, so that other lines can follow."""
         if self._phase is not None and not self._phase.broken:
             self._phase.broken = not self._is_terminal
-            if self._console is not None and self.level >= Level.NORMAL and not self._is_terminal:
-                self._console.print()
+            if not self._is_terminal:
+                self._print()
+
+    def _print(self, text: str = "", end: str = "\n") -> None:
+        """Print text at the normal level."""
+        if self._console is not None and self.level >= Level.NORMAL:
+            self._console.print(text, end=end)
 
     @property
     def _is_terminal(self) -> bool:
