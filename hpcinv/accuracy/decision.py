@@ -34,9 +34,8 @@ def decide(
     indicators = indicators_of(last) if may_mark and known else None
     planned: list[MarkingPlan] = []
 
-    def on_rank_0() -> (
-        tuple[RefinementChoice, float] | None
-    ):  # depends on measured times, which differ from rank to rank
+    # Depends on measured times, which differ from rank to rank.
+    def on_rank_0() -> tuple[RefinementChoice, float] | None:
         if not known:
             factor = min(f for f in factors if f >= SECOND_MESH)
             choice = forecast.everywhere(factor, forecast.last.degree)

@@ -34,7 +34,7 @@ def main(directory: Path) -> int:
     def interrupted() -> NoReturn:
         abort(world, 130)
 
-    def end_in_library() -> NoReturn:  # the supervisor gives the case back
+    def end_in_library() -> NoReturn:  # the supervisor releases the case
         abort(world, STOPPED)
 
     end_on_interrupt(interrupted)

@@ -169,7 +169,7 @@ class _Supervisor:
                     signalled = True
                     process.send_signal(received)
                 if outcome.held is not None and self._is_stuck(time.monotonic() - since):
-                    self._give_up(outcome.held)
+                    self._record_overdue(outcome.held)
                     outcome.held = None
                     return outcome
         finally:
@@ -196,7 +196,7 @@ class _Supervisor:
         limit = self.task.batch.limit
         return limit is not None and seconds > limit + max(5.0, 0.1 * limit)
 
-    def _give_up(self, held: Held) -> None:
+    def _record_overdue(self, held: Held) -> None:
         """Record that a case took too long, before its process ends, so that no other process claims the case."""
         record = self.task.batch.overdue_record(held.claim)
         if self.ledger.commit(held.claim, record):

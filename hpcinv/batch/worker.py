@@ -153,9 +153,8 @@ class Worker:
                 raise
             record = self.batch.overdue_record(task.claim)
         except Exception as error:
-            if (
-                isinstance(error, HpcinvError) or self.comm.size > 1
-            ):  # the ranks may not be at the same collective call any more
+            # Several ranks may not be at the same collective call any more.
+            if isinstance(error, HpcinvError) or self.comm.size > 1:
                 raise
             record = replace(record, status=_unforeseen(error), advice="This is an error in hpcinv; please report it.")
             self.runner.clear()

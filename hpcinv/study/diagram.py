@@ -64,7 +64,7 @@ def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict
         return {}
     with new_figure(3.6 * len(keys) + 1.0, 3.8) as figure:
         for n, (key, axes) in enumerate(zip(keys, figure.subplots(1, len(keys), squeeze=False)[0], strict=True)):
-            groups = dict.fromkeys((row.place.series, row.place.step, row.place.label) for row, _ in shown)
+            groups = dict.fromkeys(_group(row) for row, _ in shown)
             for i, group in enumerate(groups):
                 values = [(row.place.parameters.get(key), e) for row, e in shown if _group(row) == group]
                 x, y = zip(*((p, e) for p, e in values if p is not None), strict=True)

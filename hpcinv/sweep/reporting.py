@@ -74,7 +74,7 @@ def _statistics(options: argparse.Namespace) -> int:
     from hpcinv.batch.tables import as_csv
     from hpcinv.sweep.statistics import statistics
 
-    sys.stdout.write(as_csv(statistics(plan, records), {}))  # a column has the unit of each row
+    sys.stdout.write(as_csv(statistics(plan, records), {}))  # units are a column
     return 0
 
 

@@ -43,6 +43,7 @@ def _as_json(statistics: Mapping[str, Any]) -> bytes:
 def _as_hdf5(statistics: Mapping[str, Any]) -> bytes:
     import h5py  # on rank 0 alone
 
+    # In memory, since on a full disk h5py raises no OSError and leaves a file that cannot be closed.
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
         _fill(file, statistics)
