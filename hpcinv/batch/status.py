@@ -82,7 +82,7 @@ class Status:
         return self.done + self.unfinished
 
     def exit_code(self, *, strict: bool) -> int:
-        """Return 3 if cases have failed, else 6 if a certificate fails, 7 if one is in between and ``strict``, else 0."""
+        """Return 3 if cases have failed, else 6 if a certificate fails, if ``strict`` 7 if one is in between, else 0."""
         if self.failed:
             return 3
         if "fail" in self.certificates:
