@@ -82,7 +82,7 @@ class Status:
         return self.done + self.unfinished
 
     def exit_code(self, *, strict: bool) -> int:
-        """Return 3 if cases have failed, else 6 if a certificate fails, if ``strict`` 7 if one is in between, else 0."""
+        """Return 3 for failed cases, 6 for a failed certificate, if ``strict`` 7 for one that does not pass, else 0."""
         if self.failed:
             return 3
         if "fail" in self.certificates:
