@@ -1,4 +1,4 @@
-"""Whether a state of a scene can be one of the body: elements the right way out, laws inside their domain."""
+"""Checks of a state of a scene: no element is inverted, and laws are inside their domain."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Admissibility:
-    """Checks at every quadrature point of the present state; all of them are collective."""
+    """Checks of the present state at every quadrature point; all of them are collective."""
 
     def __init__(self, scene: Scene) -> None:
         mesh, degree = scene.unknowns.mesh, scene.quadrature_degree
@@ -27,11 +27,11 @@ class Admissibility:
         ]
 
     def min_mesh_J(self) -> float:
-        """Smallest determinant of the position map; it must stay positive."""
+        """Return the smallest determinant of the position map, which must be positive."""
         return self._mesh_J.range()[0]
 
     def fault(self) -> Outcome | None:
-        """Why the state is not admissible, ``None`` if it is."""
+        """Return the reason why the state is not admissible, ``None`` if it is."""
         if not self.min_mesh_J() > 0:
             return Outcome.INVERTED
         if any(not values.range()[0] > 0 for values in self._domains):
@@ -39,9 +39,9 @@ class Admissibility:
         return None
 
     def fault_of_solution(self) -> Outcome | None:
-        """Why a solution of the discrete equations cannot be one of the continuous ones, ``None`` if it can.
+        """Return the reason why a solution of the discrete equations is not physical, ``None`` if it may be.
 
-        The discrete constraint holds a volume on average only: a coarse incompressible wall may fold through itself
+        The discrete constraint prescribes volumes on average only: a coarse incompressible wall may penetrate itself
         with a positive determinant at every quadrature point.
         """
         ranges = [values.range() for values in self._fixed_volumes]

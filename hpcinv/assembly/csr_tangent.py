@@ -1,6 +1,6 @@
-"""The tangent of a scene as a PETSc matrix, whose arrays are filled in place.
+"""Tangent of a scene as a PETSc matrix whose CSR arrays are filled in place.
 
-Each entry of each element matrix knows its place in the matrix beforehand, which saves PETSc's search for it.
+The place of each entry of each element matrix is computed once, which avoids PETSc's search for it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class FilledTangent:
     """``K = ∂R/∂x`` of the residual of a scene, with ones on the diagonal of unknowns that are prescribed.
 
     Raises:
-        UnsupportedForm: on all ranks, if the residual is of a form that moduli cannot be made of.
+        UnsupportedForm: on all ranks, if the form of the residual has no tangent moduli.
     """
 
     note = ""
@@ -44,7 +44,7 @@ class FilledTangent:
         self._any_form = fem.form(mass, jit_options=options)
 
     def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> PETSc.Mat:
-        """The matrix that `assemble` fills; ``conditions`` are what prescribes unknowns."""
+        """Return the matrix that `assemble` fills, for Dirichlet conditions."""
         rows = _Rows(self._any_form)
         self._conditions = conditions
         self._matrix, self._values, self._ghosts = rows.matrix, rows.values, rows.ghosts
@@ -59,7 +59,7 @@ class FilledTangent:
         return rows.matrix
 
     def assemble(self) -> None:
-        """Evaluate it in the present state and at the present load; collective."""
+        """Assemble the matrix at the present state and load; collective."""
         A, values = self._matrix, self._values
         A.zeroEntries()
         values[:] = 0.0
@@ -77,10 +77,10 @@ class FilledTangent:
 
 
 class _Rows:
-    """Rows of a matrix on this rank, and where their entries are in one array of values.
+    """Rows of a matrix on this rank, and places of their entries in one array of values.
 
-    The array begins with what PETSc calls the diagonal and the off-diagonal block of the rows owned here, which PETSc
-    uses as they are. Rows of ghosts follow, whose values are for other ranks.
+    The array begins with PETSc's diagonal and off-diagonal blocks of the owned rows, which PETSc uses without copies.
+    Rows of ghosts follow, whose values are sent to other ranks.
 
     Args:
         form: any form on the space of the unknowns.
@@ -97,22 +97,22 @@ class _Rows:
         names = _unrolled(_global(A.index_map(1)), bs).astype(PETSc.IntType)
         indptr, indices = _by_entries(A.indptr, A.indices, bs)
         del A, pattern
-        end = int(indptr[self.owned])  # of the rows owned here
+        end = int(indptr[self.owned])  # of the owned rows
         other = np.flatnonzero(indices[:end] >= self.owned)  # last in each row
         row = np.searchsorted(indptr, other, side="right") - 1
-        other = other[np.lexsort((names[indices[other]], row))]  # PETSc wants columns in their global order
-        before = np.zeros(self.owned + 1, dtype=np.int32)  # of those, in the rows before each
+        other = other[np.lexsort((names[indices[other]], row))]  # PETSc requires columns in their global order
+        before = np.zeros(self.owned + 1, dtype=np.int32)  # number of such entries before each row
         before[1:] = np.cumsum(np.bincount(row, minlength=self.owned))
         starts, diagonal = indptr[: self.owned + 1] - before, end - len(other)
         place = np.arange(len(indices), dtype=np.int32)
         place[:end] -= np.repeat(before[:-1], np.diff(indptr[: self.owned + 1]))
         place[other] = np.arange(diagonal, end)
-        from scipy.sparse import csr_array  # slow to import, and only large bodies need it
+        from scipy.sparse import csr_array  # slow import, needed for large bodies only
 
-        self._far = np.zeros(self.count, dtype=np.int32)  # lengths of rows outside of the diagonal block, and in it
+        self._far = np.zeros(self.count, dtype=np.int32)  # row lengths in the off-diagonal and in the diagonal block
         self._far[: self.owned] = np.diff(before)
         self._near = np.diff(indptr) - self._far
-        self._far[self.owned :] = self._near[self.owned :]  # ghosts' rows are whole
+        self._far[self.owned :] = self._near[self.owned :]  # rows of ghosts are not split
         self._place = csr_array((place, indices, indptr), shape=(self.count, len(names)))
         self.values = np.zeros(len(indices))
         inner = np.delete(indices[:end], other) if len(other) else indices[:end]
@@ -129,13 +129,13 @@ class _Rows:
         self.ghosts = (*_petsc(indptr[self.owned :] - end, names[indices[end:]], self.values[end:]), ghosts)
 
     def at(self, rows: Integers, columns: Integers) -> Integers:
-        """Places of entries by their local row and column."""
-        if not len(rows):  # SciPy would give a matrix
+        """Return places of entries by local row and column."""
+        if not len(rows):  # SciPy would return a matrix
             return np.zeros(0, dtype=np.int32)
         return np.asarray(self._place[rows, columns], dtype=np.int32)
 
     def of(self, unknowns: npt.NDArray[np.bool_]) -> Integers:
-        """Places of all entries in the rows and columns of some of the unknowns known here."""
+        """Return places of all entries in the rows and columns of some local unknowns."""
         place = self._place
         columns = np.zeros(place.shape[1], dtype=bool)
         columns[: len(unknowns)] = unknowns
@@ -143,7 +143,7 @@ class _Rows:
         return chosen
 
     def places(self, matrices: ElementMatrices) -> list[_Places]:
-        """Of the entries of element matrices, block by block."""
+        """Return places of the entries of element matrices, block by block."""
         return [self._places(self._dofs[matrices.cells], block) for block in matrices.blocks]
 
     def _places(self, dofs: Integers, block: Block) -> _Places:
@@ -154,11 +154,11 @@ class _Rows:
 
 @dataclass(frozen=True)
 class _Places:
-    """Where the entries of a block are. The unknowns of a node follow each other, and their rows are alike.
+    """Places of the entries of a block; the unknowns of a node are consecutive, and their rows have equal lengths.
 
     Attributes:
-        first: of each pair of nodes that of the first components, (cells, nodes, nodes).
-        row: how far it is from there to the next row.
+        first: place of the first components of each pair of nodes, (cells, nodes, nodes).
+        row: distance from there to the next row.
     """
 
     block: Block
@@ -166,14 +166,14 @@ class _Places:
     row: Integers
 
     def __getitem__(self, cells: slice) -> npt.NDArray[np.intp]:
-        """Those of some cells, (cells, *block.shape)."""
+        """Return the places for some cells, (cells, *block.shape)."""
         c, d = np.indices(self.block.shape[:2], dtype=np.int32)[..., None, None]
         found: npt.NDArray[np.intp] = self.first[cells, None, None] + c * self.row[cells, None, None] + d
         return found.astype(np.intp)
 
 
 def _surface_tangent(residual: Any, state: fem.Function) -> Any:
-    """The derivative of a form's integrals over facets, ``None`` where there is none."""
+    """Return the derivative of the integrals over facets, ``None`` if there is none."""
     surface = [one for one in residual.integrals() if one.integral_type() != "cell"]
     if not surface:
         return None
@@ -182,7 +182,7 @@ def _surface_tangent(residual: Any, state: fem.Function) -> Any:
 
 
 def _by_entries(indptr: Any, indices: Any, bs: int) -> tuple[Integers, Integers]:
-    """Rows and columns of a pattern of blocks, entry by entry."""
+    """Return CSR rows and columns of entries from a CSR pattern of blocks."""
     if bs == 1:
         return np.array(indptr, dtype=np.int32), np.array(indices)
     blocks = np.diff(indptr)
@@ -194,13 +194,13 @@ def _by_entries(indptr: Any, indices: Any, bs: int) -> tuple[Integers, Integers]
 
 
 def _unrolled(blocks: npt.NDArray[Any], bs: int) -> npt.NDArray[Any]:
-    """Numbers of unknowns from those of nodes; the last axis becomes ``bs`` times as long."""
+    """Return numbers of unknowns from numbers of nodes; the last axis becomes ``bs`` times as long."""
     unrolled = bs * blocks[..., None] + np.arange(bs, dtype=blocks.dtype)
     return unrolled.reshape(*blocks.shape[:-1], -1)
 
 
 def _global(numbering: Any) -> npt.NDArray[np.int64]:
-    """Global numbers of all that this rank knows."""
+    """Return the global numbers of all local indices, ghosts included."""
     found: npt.NDArray[np.int64] = numbering.local_to_global(
         np.arange(numbering.size_local + numbering.num_ghosts, dtype=np.int32)
     )
@@ -208,6 +208,6 @@ def _global(numbering: Any) -> npt.NDArray[np.int64]:
 
 
 def _petsc(starts: Any, columns: Any, values: Any) -> tuple[Any, Any, Any]:
-    """Compressed rows in PETSc's types, so that it takes the arrays themselves and no copies."""
+    """Return CSR arrays in PETSc's types, so that it uses them without copies."""
     integers = (np.ascontiguousarray(of, dtype=PETSc.IntType) for of in (starts, columns))
     return (*integers, values)

@@ -1,7 +1,7 @@
-"""Element matrices: moduli at quadrature points, summed up with tabulated basis functions by one product of matrices.
+"""Element matrices from moduli at quadrature points and tabulated basis functions, by one matrix product.
 
-Compiled forms sum up each pair of components and directions in loops of their own. Here all of it, over many cells, is
-a product of moduli (cells × components, points × directions) by basis functions (points × directions, pairs of basis
+Compiled forms have separate loops for each pair of components and directions. Here they are, for many cells, one
+product of moduli (cells × components, points × directions) by basis functions (points × directions, pairs of basis
 functions) in BLAS, which takes a quarter of the time on tetrahedra and a sixth on hexahedra.
 """
 
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 type Floats = npt.NDArray[np.float64]
 type Integers = npt.NDArray[np.int32]
 
-_CHUNK = 2**19  # entries of element matrices at a time: as much as stays in the cache of a core
+_CHUNK = 2**19  # entries of element matrices at a time, which fit in the cache of a core
 
 
 class ElementMatrices:
-    """Those of volume integrals over the same cells.
+    """Element matrices of volume integrals over the same cells.
 
-    Iterating evaluates them in the present state, for some cells at a time: of each block (cells, *block.shape).
+    Iteration evaluates them in the present state, for some cells at a time: arrays (cells, *block.shape) of each block.
 
     Attributes:
         cells: owned cells.
-        blocks: parts of the matrices, by test and trial functions.
+        blocks: blocks of the matrices, by test and trial functions.
     """
 
     def __init__(self, moduli: TangentModuli, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> None:
@@ -61,7 +61,7 @@ class ElementMatrices:
             yield chunk, [block(moduli) for block in self.blocks]
 
     def chunks(self) -> Iterator[slice]:
-        """Which of the cells are evaluated together."""
+        """Yield slices of the cells that are evaluated together."""
         step = max(_CHUNK // sum(math.prod(block.shape) for block in self.blocks), 16)
         for start in range(0, len(self.cells), step):
             yield slice(start, min(start + step, len(self.cells)))
@@ -69,22 +69,22 @@ class ElementMatrices:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Unknowns of one part among those of a cell: from ``first`` on, ``components`` at each of ``count`` nodes."""
+    """Unknowns of displacement or pressure in a cell: from ``first`` on, ``components`` at each of ``count`` nodes."""
 
     first: int
     components: int
     count: int
 
     def leading(self) -> Integers:
-        """The first unknown of each node."""
+        """Return the first unknown of each node."""
         return self.first + self.components * np.arange(self.count, dtype=np.int32)
 
 
 class Block:
-    """Entries that belong to the unknowns of one part of test and of trial functions.
+    """Entries for displacement or pressure as test functions, and as trial functions.
 
     Attributes:
-        rows, columns: those unknowns.
+        rows, columns: unknowns of test and trial functions.
     """
 
     def __init__(self, rows: Nodes, columns: Nodes) -> None:
@@ -94,11 +94,11 @@ class Block:
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Of the entries of one cell: test and trial component, test and trial node."""
+        """Shape of the entries of one cell: test and trial component, test and trial node."""
         return self.rows.components, self.columns.components, self.rows.count, self.columns.count
 
     def add(self, at: int, weights: Floats, test: Floats, trial: Floats) -> None:
-        """Moduli from place ``at`` on, of functions tabulated as (directions, points, functions)."""
+        """Add moduli from place ``at`` on, of functions tabulated as (directions, points, functions)."""
         self._places.append((at, len(test), len(trial)))
         products = np.einsum("q,aqi,bqj->qabij", weights, test, trial, optimize=True)
         table = products.reshape(-1, test.shape[2] * trial.shape[2])
@@ -120,6 +120,6 @@ def _directions(slot: Slot) -> slice:
 
 
 def _tabulated(element: Any, points: Floats) -> Floats:
-    """Values and derivatives by the coordinates of the reference cell, (4, points, functions)."""
+    """Return values and derivatives by the coordinates of the reference cell, (4, points, functions)."""
     table: Floats = element.tabulate(1, points).reshape(4, len(points), -1)
     return table

@@ -1,9 +1,9 @@
-"""Tangent moduli: the derivative of a residual's integrand at a point, by displacement, pressure and their gradients.
+"""Tangent moduli: derivatives of the integrand of a residual by displacement, pressure and their gradients.
 
 A volume integral of the residual is ``∫ Σ_a s_a(…) · δ_a dx``, where ``δ`` runs over the test functions and their
-gradients, and ``s`` over what is dual to them, such as stresses. Its tangent is ``∫ Σ_ab δ_a · ∂s_a/∂e_b · Δ_b dx``,
-where ``e`` are the unknowns and their gradients. Moduli ``∂s_a/∂e_b`` follow from the residual alone; all else about
-the tangent is the same for all laws (`hpcinv.assembly.element_matrices`).
+gradients, and ``s`` over their duals, such as stresses. Its tangent is ``∫ Σ_ab δ_a · ∂s_a/∂e_b · Δ_b dx``,
+where ``e`` are the unknowns and their gradients. The moduli ``∂s_a/∂e_b`` depend on the residual; the rest of the
+tangent is the same for all laws (`hpcinv.assembly.element_matrices`).
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 
 class UnsupportedForm(Exception):
-    """A residual of a form that moduli cannot be made of; the message says why."""
+    """Raised for a residual whose form has no tangent moduli; the message gives the reason."""
 
 
 @dataclass(frozen=True)
 class Slot:
-    """A test function or its gradient, and what belongs to it among the unknowns.
+    """A test function or its gradient, and the corresponding unknown.
 
     Attributes:
         part: 0 for the displacement, 1 for the pressure.
@@ -46,7 +46,7 @@ class Slot:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of what is dual to it: components, then directions of the gradient."""
+        """Shape of its dual: components, then directions of the gradient."""
         return (self.components, 3) if self.is_gradient else (self.components,)
 
 
@@ -55,10 +55,10 @@ class TangentModuli:
     """Moduli of the volume integrals over the same cells.
 
     Attributes:
-        cells: what they hold in, ``None`` for the whole mesh.
-        degree: of the quadrature.
-        pairs: slots of test and trial function of the moduli that do not vanish.
-        expression: UFL vector of them all, each in the order (component, direction) of test, then of trial function,
+        cells: cells of the integrals, ``None`` for the whole mesh.
+        degree: quadrature degree.
+        pairs: slots of test and trial function of the nonzero moduli.
+        expression: UFL vector of all moduli, each in the order (component, direction) of test, then of trial function,
             times the volume of the cell per volume of the reference cell.
     """
 
@@ -69,10 +69,10 @@ class TangentModuli:
 
 
 def moduli_of(residual: Any, unknowns: Unknowns) -> list[TangentModuli]:
-    """Those of a form's volume integrals; the cells of its regions must be all cells.
+    """Return the moduli of the volume integrals of a form; its regions must cover all cells.
 
     Raises:
-        UnsupportedForm: if the residual is of another form than the one above, as an effect of a plugin may be.
+        UnsupportedForm: if the residual has another form than the one above, for example by an effect of a plugin.
     """
     integrals = [one for one in residual.integrals() if one.integral_type() == "cell"]
     degrees = {one.metadata().get("quadrature_degree") for one in integrals}
@@ -98,7 +98,7 @@ def moduli_of(residual: Any, unknowns: Unknowns) -> list[TangentModuli]:
 
 
 def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> None:
-    """Check that the owned cells of regions are all those of the mesh, each once; collective."""
+    """Check that regions contain each owned cell of the mesh once; collective."""
     mesh = unknowns.mesh
     owned = mesh.topology.index_map(3).size_local
     here = np.sort(np.concatenate([cells[cells < owned] for cells in regions]))
@@ -107,7 +107,7 @@ def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> No
 
 
 def _checked(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> TangentModuli:
-    """As `_moduli`; what UFL cannot do with an integrand, which it reports by errors of many types, is unsupported."""
+    """Return `_moduli`; all errors of UFL, which have many types, become `UnsupportedForm`."""
     try:
         return _moduli(integrand, cells, degree, unknowns)
     except (UnsupportedForm, MemoryError):
@@ -152,10 +152,10 @@ def _at_a_point(
     tests: dict[Slot, tuple[Any, Variable]],
     trials: dict[Slot, tuple[Any, Variable]],
 ) -> Any:
-    """The integrand, with symbols for unknowns, test functions and their gradients.
+    """Return the integrand with symbols for unknowns, test functions and their gradients.
 
-    UFL may have taken functions of a mixed space apart: where it has differentiated an expression, the gradient of the
-    displacement has become rows of the gradient of all unknowns.
+    In derivatives, UFL splits functions of a mixed space: the gradient of the displacement becomes rows of the gradient
+    of all unknowns.
     """
     symbols: dict[Any, Any] = {}
     for whole, of_parts in ((unknowns.test, tests), (unknowns.state, trials)):
@@ -173,9 +173,9 @@ def _at_a_point(
 
 
 def _has_other_derivatives(expression: Any, known: Collection[Any], functions: Collection[Any]) -> bool:
-    """Whether derivatives of ``functions`` are in it outside of what is ``known``.
+    """Return whether an expression has derivatives of ``functions`` other than the ``known`` ones.
 
-    A symbol is constant in space: its gradient would vanish without a sound.
+    A symbol is constant in space: its gradient would vanish without an error.
     """
     seen, left = set(), [expression]
     while left:
@@ -190,7 +190,7 @@ def _has_other_derivatives(expression: Any, known: Collection[Any], functions: C
 
 
 def _entries(moduli: Any, test: Slot, trial: Slot, K: Any) -> list[Any]:
-    """Components of moduli, their gradients by coordinates of the reference cell: ``∂/∂x_l = K_bl ∂/∂ξ_b``."""
+    """Return components of moduli, with gradients by coordinates of the reference cell: ``∂/∂x_l = K_bl ∂/∂ξ_b``."""
     axes = len(moduli.ufl_shape)
     of_gradients = [0 if test.part else 1] if test.is_gradient else []
     of_gradients += [axes - 1] if trial.is_gradient else []

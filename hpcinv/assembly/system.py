@@ -1,4 +1,4 @@
-"""Residual and tangent of a scene at a load factor, as PETSc has them."""
+"""Residual and tangent of a scene at a load factor, as PETSc vector and matrix."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 class System:
     """The discrete equations ``R(x, λ) = 0`` of one scene under its supports, and their tangent ``K = ∂R/∂x``.
 
-    Rows of unknowns that supports prescribe read ``x_i - λ ū_i = 0``; the other rows are as if these held already.
+    Rows of prescribed unknowns are ``x_i - λ ū_i = 0``; in the other rows these unknowns have the prescribed values.
 
     Attributes:
-        state: every unknown x; what is evaluated on the body is evaluated there.
-        matrix: the tangent as it was last assembled.
+        state: all unknowns x, at which residual and tangent are evaluated.
+        matrix: the last assembled tangent.
         rhs: a vector for residuals.
-        tangents: number of times that the tangent was assembled; factors of an earlier one are out of date.
+        tangents: number of assemblies of the tangent, by which outdated factors are recognized.
     """
 
     def __init__(self, scene: Scene, supports: Supports, timings: Timings) -> None:
@@ -52,7 +52,7 @@ class System:
 
     @property
     def note(self) -> str:
-        """What is unusual in how the tangent is assembled; empty if nothing is."""
+        """Remark on an unusual assembly of the tangent; empty if there is none."""
         return self._tangent.note
 
     def set_load(self, load: float) -> None:
@@ -61,12 +61,12 @@ class System:
         self.supports.scale(load)
 
     def set_state(self, x: PETSc.Vec) -> None:
-        """Make ``x`` the state."""
+        """Set the state to ``x``."""
         x.copy(self.state.x.petsc_vec)
         self.state.x.scatter_forward()
 
     def position(self) -> PETSc.Vec:
-        """A copy of the present state."""
+        """Return a copy of the present state."""
         x: PETSc.Vec = self.state.x.petsc_vec.copy()
         return x
 
@@ -81,7 +81,7 @@ class System:
             fem_petsc.set_bc(b, conditions, x0=state, alpha=-1.0)
 
     def lift(self, b: PETSc.Vec) -> None:
-        """Put in ``b`` what the prescribed values stand for on the right of ``K x = b``, with K as it was assembled."""
+        """Set ``b`` to the right-hand side of ``K x = b`` for the prescribed values, with the assembled K."""
         conditions = self.supports.conditions
         with self.timings("residual"):
             with b.localForm() as local:
@@ -92,7 +92,7 @@ class System:
             fem_petsc.set_bc(b, conditions)
 
     def forces(self, load: float) -> npt.NDArray[np.float64]:
-        """Internal less external nodal forces (scaled) of the owned unknowns as they stand; supports add nothing."""
+        """Return internal less external nodal forces (scaled) of the owned unknowns, without reactions of supports."""
         self.set_load(load)
         self._forces(self.rhs)
         self.rhs.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
@@ -110,25 +110,25 @@ class System:
         self.tangent()
 
     def min_mesh_J(self) -> float:
-        """Smallest determinant of the position map over all quadrature points; it must stay positive."""
+        """Return the smallest determinant of the position map over all quadrature points; it must be positive."""
         return self._admissibility.min_mesh_J()
 
     def fault(self) -> Outcome | None:
-        """Why the present state is not admissible, ``None`` if it is."""
+        """Return the reason why the present state is not admissible, ``None`` if it is."""
         with self.timings("admissibility check"):
             return self._admissibility.fault()
 
     def fault_of_solution(self) -> Outcome | None:
-        """Why the present state cannot be a solution of the continuous equations, ``None`` if it can."""
+        """Return the reason why the present state is no physical solution, ``None`` if it may be one."""
         with self.timings("admissibility check"):
             return self._admissibility.fault_of_solution()
 
     def compile_lifting(self) -> None:
-        """Compile what prescribed displacements need."""
+        """Compile the form for prescribed displacements."""
         _ = self._along_step
 
     def destroy(self) -> None:
-        """Free what PETSc holds."""
+        """Free PETSc objects."""
         self.matrix.destroy()
         self.rhs.destroy()
 
@@ -138,7 +138,7 @@ class System:
             fem_petsc.assemble_vector(b, self._residual)
 
     def _add_lifting(self, b: PETSc.Vec, x: npt.NDArray[np.float64] | None) -> None:
-        """Add ``K (ū - x)`` with prescribed values ``ū``, and nothing for what is not prescribed."""
+        """Add ``K (ū - x)`` with prescribed values ``ū``; ``ū - x`` is zero for free unknowns."""
         self._step.x.array[:] = 0.0
         for condition in self.supports.conditions:
             condition.set(self._step.x.array, x)
@@ -156,9 +156,9 @@ class System:
 
 
 def _multiply_without_inodes() -> None:
-    """Have PETSc multiply matrices row by row, which compilers vectorize: 0.6 of the time of rows unrolled by threes.
+    """Set PETSc's option to multiply matrices row by row, in 0.6 of the time of rows unrolled by threes.
 
-    For all matrices to come: those that multigrid makes read no options but those without a prefix.
+    It holds for all later matrices, since matrices of multigrid read options without a prefix only.
     """
     options = PETSc.Options()
     if not options.hasName("mat_no_inode"):

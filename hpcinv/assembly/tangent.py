@@ -1,9 +1,9 @@
-"""The tangent ``K = ∂R/∂x`` of a scene, and which of two ways to assemble it suits a mesh.
+"""The tangent ``K = ∂R/∂x`` of a scene, and the choice between two ways to assemble it.
 
-FFCx compiles it as a form: that is known at once from the cache of kernels. Or its moduli are compiled and a matrix is
-filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but UFL works for half a second or more on the
-moduli of every scene, before a cache can be asked, and the unknowns of a node have to follow each other. The matrices
-are the same to rounding errors. A residual that moduli cannot be made of has the compiled form on every mesh.
+Either FFCx compiles it as a form, which the cache of kernels makes fast. Or its moduli are compiled, and a matrix is
+filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but UFL takes half a second or more for the
+moduli of every scene, cached or not, and the unknowns of a node must be consecutive. The matrices are the same to
+rounding errors. A residual without tangent moduli has the compiled form on every mesh.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
     from hpcinv.model.scene import Scene
 
-_MANY = 10_000  # cells from which on some four tangents save what their moduli cost
+_MANY = 10_000  # cells from which about four tangents save more time than their moduli cost
 _assumed: list[int] = []
 
 
 class CompiledTangent:
-    """The tangent as FFCx compiles it and PETSc is handed its element matrices.
+    """The tangent as a form that is compiled by FFCx and assembled by DOLFINx.
 
     Attributes:
-        note: why it is taken where `FilledTangent` would be faster, empty elsewhere.
+        note: reason for its use where `FilledTangent` would be faster, else empty.
     """
 
     note = ""
@@ -44,13 +44,13 @@ class CompiledTangent:
         self._form = fem.form(tangent, jit_options=dict(jit_options))
 
     def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> PETSc.Mat:
-        """The matrix that `assemble` fills; ``conditions`` are what prescribes unknowns."""
+        """Return the matrix that `assemble` fills, for Dirichlet conditions."""
         self._conditions = conditions
         self._matrix = matrix = cast("PETSc.Mat", fem_petsc.create_matrix(self._form))
         return matrix
 
     def assemble(self) -> None:
-        """Evaluate it in the present state and at the present load; collective."""
+        """Assemble the matrix at the present state and load; collective."""
         self._matrix.zeroEntries()
         fem_petsc.assemble_matrix(self._matrix, self._form, bcs=self._conditions)
         self._matrix.assemble()
@@ -60,7 +60,7 @@ type Tangent = CompiledTangent | FilledTangent
 
 
 def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> Tangent:
-    """The tangent of a scene, assembled in the way that suits its mesh; collective."""
+    """Return the tangent of a scene, with the assembly that suits its mesh; collective."""
     cells = _assumed[-1] if _assumed else scene.unknowns.mesh.topology.index_map(3).size_global
     if cells < _MANY:
         return CompiledTangent(scene, jit_options)
@@ -76,7 +76,7 @@ def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> Ta
 
 @contextmanager
 def as_for(cells: int) -> Iterator[None]:
-    """Within this context tangents are made as for a mesh of so many cells."""
+    """Context in which tangents are chosen as for a mesh of a given number of cells."""
     _assumed.append(cells)
     try:
         yield

@@ -124,7 +124,7 @@ def _added(scene: Scene, part: Part, trial: Any) -> Any:
     tau = without_stages(part.P) * (ufl.Identity(3) + kin.H).T
     alpha = PENALTY * (mu + ufl.sqrt(ufl.inner(tau, tau)) + abs(unknowns.p))
     compliance: Any = 0
-    if (modulus := part.dilatation_modulus) is not None:
+    if (modulus := part.volumetric_modulus) is not None:
         alpha = ufl.min_value(alpha, modulus)
         # The pressures are left with Λ - α, as 1/(Λ - α) in place of the 1/Λ that the tangent has.
         compliance = 1 / (modulus - (1 - _OVERLAP) * alpha) - 1 / modulus

@@ -78,7 +78,7 @@ def _unaccounted(model: Model, scene: Scene) -> float | None:
     for number, (part, law) in enumerate(zip(scene.parts, laws, strict=True)):
         par, strain = scene.parameters.of(number), part.dilatation
         if p is not None and not law.is_incompressible:
-            strain = strain + p / law.dilatation_modulus(par)
+            strain = strain + p / law.volumetric_modulus(par)
         counts: Any = float((ratios[number] or 0.0) >= STIFF)
         if ratios[number] is None:  # moduli vary in the body
             stiff = ufl.ge(law.bulk_modulus(par), STIFF * law.shear_modulus(par))

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 class ActiveStress(Effect):
-    """The contraction of muscle: a second Piola–Kirchhoff stress ``S = T a0⊗a0`` along fibres, ``P = T F a0⊗a0``.
+    """Contraction of muscle, a second Piola–Kirchhoff stress ``S = T a0⊗a0`` along fibres, ``P = T F a0⊗a0``.
 
-    ``T`` is a force per reference area over the stretch of the fibre. It derives from the potential ``T/2 (I4 - 1)``,
-    which is no energy that the body stores and is left out of it.
+    ``T`` is a force per reference area, divided by the stretch of the fibre. It derives from the potential
+    ``T/2 (I4 - 1)``, which is not part of the stored energy.
 
     Source: Land et al. (2015), doi:10.1098/rspa.2015.0641.
     """

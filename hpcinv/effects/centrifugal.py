@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class Centrifugal(Effect):
-    """The centrifugal force on a body that rotates steadily, seen in the frame that rotates with it.
+    """Centrifugal force on a body in steady rotation, in the rotating frame.
 
-    ``∫ rho omega² r·v`` over the volume, where ``r`` points from the axis, at a right angle, to the current position.
-    The load factor scales ``omega²``. ``density_in`` is as for gravity.
+    ``∫ rho omega² r·v`` over the volume, where ``r`` is the vector from the axis to the current position, normal to the
+    axis. The load factor scales ``omega²``. ``density_in`` is as for gravity.
     """
 
     example: ClassVar = {

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 class ElasticFoundation(Effect):
     """Springs between a surface and the ground, unstretched in the undeformed body.
 
-    They pull back with ``t = -k_n (u·m) m - k_t (u - (u·m) m)`` per area, where ``m`` is the normal of the body in the
+    Their traction is ``t = -k_n (u·m) m - k_t (u - (u·m) m)`` per area, where ``m`` is the normal of the body in the
     configuration that ``area_in`` names: ``∫ t·v dA`` with the reference normal, or ``∫ t·v da`` with the current one.
-    ``normal`` alone lets the surface slide, equal ``normal`` and ``tangential`` are springs in all directions. Springs
-    are no load: they have their full stiffness at every load factor.
+    With ``normal`` alone the surface can slide; equal ``normal`` and ``tangential`` are springs in all directions.
+    Springs have their full stiffness at every load factor.
 
     Source: Pfaller et al. (2019), doi:10.1007/s10237-018-1098-4.
     """

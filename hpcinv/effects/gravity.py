@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 
 class Gravity(Effect):
-    """Uniform gravity: the dead load ``rho g`` per volume.
+    """Uniform gravity, the dead load ``rho g`` per volume.
 
-    ``density_in: reference`` means ``rho0`` per undeformed volume, ``∫ rho0 g·v dV``: the default, since a density is
-    a property of the unloaded material, as it is tabulated. ``density_in: current`` means ``rho`` per deformed volume,
-    ``∫ rho g·v dv``: for a density measured on the body as it is loaded. The two agree if the volume does not change.
+    ``density_in: reference`` means ``rho0`` per undeformed volume, ``∫ rho0 g·v dV``: the default, since tabulated
+    densities are properties of the unloaded material. ``density_in: current`` means ``rho`` per deformed volume,
+    ``∫ rho g·v dv``: for a density measured on the loaded body. The two agree if the volume does not change.
     """
 
     example: ClassVar = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": "1 g/cm^3"}

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class Growth(Effect):
-    """A stress-free stretch of the reference body, the same in all directions or different along fibres.
+    """Stress-free stretch of the reference body, isotropic or different along fibres.
 
     ``F_g = across I + (along - across) a0⊗a0``, or ``F_g = stretch I``; ``F = F_e F_g``, and the stresses follow from
-    ``J_g psi(F_e)``. The given stretches are those at the full load; on the way they grow linearly from 1.
+    ``J_g psi(F_e)``. The given stretches hold at full load; they change linearly from 1 with the load factor.
 
     Source: Rodriguez, Hoger & McCulloch (1994), doi:10.1016/0021-9290(94)90021-3.
     """
@@ -30,7 +30,7 @@ class Growth(Effect):
     stretch: PositiveField | None = None
     """stretch in all directions"""
     fibre: Family | None = None
-    """family of fibres along which the stretch is another"""
+    """family of fibres with a different stretch along them"""
     along: PositiveField | None = None
     """stretch along the fibres"""
     across: PositiveField | None = None

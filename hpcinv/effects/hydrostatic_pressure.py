@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 class HydrostaticPressure(Effect):
-    """The pressure of a fluid at rest that covers or fills the deformed surface up to a given level.
+    """Pressure of a static fluid that covers or fills the deformed surface up to a given level.
 
-    ``p = rho g·(x - x0)`` below the free surface through ``x0``, where ``x`` is the current position, and nothing above
+    ``p = rho g·(x - x0)`` below the free surface through ``x0``, where ``x`` is the current position, and zero above
     it; it acts on the current surface, ``-∫ p n·v da``. The load factor scales the pressure, not the level.
     """
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Pressure(Effect):
-    """A pressure on the deformed surface, which stays normal to it: ``-∫ p n·v da``, with the current normal and area.
+    """Follower pressure, normal to the deformed surface: ``-∫ p n·v da``, with the current normal and area.
 
     Source: Bonet & Wood (2008), §8.5, doi:10.1017/CBO9780511755446.
     """

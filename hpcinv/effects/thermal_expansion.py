@@ -23,7 +23,7 @@ _MEANINGS = {
 
 
 def _with_temperatures(schema: dict[str, Any], _kind: type[Any]) -> None:
-    """Offer two temperatures in the JSON schema in place of their difference."""
+    """Add two temperatures to the JSON schema, as an alternative to their difference."""
     one: dict[str, Any] = {"type": ["string", "number"]}
     either = {"anyOf": [one, {"type": "object", "additionalProperties": one}]}
     schema["properties"]["temperature"] = either | {"description": _MEANINGS["temperature"]}
@@ -77,7 +77,7 @@ class ThermalExpansion(Effect):
 
 
 def _misfits(data: Mapping[str, Any]) -> list[tuple[Location, str]]:
-    """Temperatures of which one is missing, or that stand beside their difference."""
+    """Return problems: one temperature is missing, or their difference is given too."""
     if "temperature_change" in data:
         return [((key,), "stands beside 'temperature_change'; remove one of them") for key in _KEYS if key in data]
     found: list[tuple[Location, str]] = []
@@ -88,7 +88,7 @@ def _misfits(data: Mapping[str, Any]) -> list[tuple[Location, str]]:
 
 
 def _kelvins(value: object, key: str) -> float:
-    """An absolute temperature in K."""
+    """Return an absolute temperature in K."""
     try:
         if isinstance(value, str):
             return parse_temperature(value)

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 class Traction(Effect):
-    """A force per area of a surface, which keeps its direction in space whatever the surface does.
+    """Force per area of a surface, with a fixed direction in space.
 
-    ``area_in: reference`` is a dead traction, ``∫ t·v dA``: the force on a piece of material does not change as the
-    piece is stretched. ``area_in: current`` is a spatial one, ``∫ t·v da``: the force per deformed area is given.
+    ``area_in: reference`` is a dead traction, ``∫ t·v dA``, whose force on a piece of material does not depend on the
+    deformation. ``area_in: current`` is a spatial traction, ``∫ t·v da``, given per deformed area.
 
     Source: Bonet & Wood (2008), ch. 6, doi:10.1017/CBO9780511755446.
     """

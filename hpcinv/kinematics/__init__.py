@@ -1,1 +1,1 @@
-"""Finite-strain kinematics, and the functions of strains that laws and effects are written with."""
+"""Finite-strain kinematics, and functions for laws and effects."""

@@ -1,4 +1,4 @@
-"""Finite-strain kinematics: the one place that knows which configuration the mesh describes.
+"""Finite-strain kinematics: the only module that depends on the configuration of the mesh.
 
 The unknown is the displacement ``u = x - X`` in both directions (the paper's ``u'`` is ``-u``).
 
@@ -16,7 +16,7 @@ position map        ``x = X + u``          ``X = x - u``
 ``n da``            ``cof(F) N ds``        ``n ds``
 ==================  =====================  ==========================
 
-Invariants are built from ``H``, never from ``F``, so that nothing cancels at small strain (Shakeri et al., "Stable
+Invariants are computed from ``H``, never from ``F``, which avoids cancellation at small strain (Shakeri et al., "Stable
 numerics for finite-strain elasticity", 2024, doi:10.1002/nme.7563).
 """
 
@@ -35,17 +35,17 @@ from hpcinv.kinematics.staged_derivatives import stage
 
 
 class Measures(Protocol):
-    """Measures of integration over the mesh, as `hpcinv.model.measures` has them."""
+    """Interface of measures of integration over the mesh, implemented in `hpcinv.model.measures`."""
 
     @property
     def volume(self) -> Any:
         """The whole body."""
 
     def part(self, number: int) -> Any:
-        """One of the parts of the body, from 0."""
+        """Return one of the parts of the body, from 0."""
 
     def surface(self, region: str) -> Any:
-        """A region of the boundary."""
+        """Return a region of the boundary."""
 
 
 class Deformation:
@@ -69,11 +69,6 @@ class Deformation:
     def F(self) -> Any:
         """Deformation gradient ``F = I + H``."""
         return self.I + self.H
-
-    @cached_property
-    def C(self) -> Any:
-        """Right Cauchy–Green tensor ``C = Fᵀ F``."""
-        return self.I + 2 * self.E
 
     @stage
     def E(self) -> Any:
@@ -100,16 +95,6 @@ class Deformation:
         return 2 * ufl.tr(self.E)
 
     @stage
-    def I2_minus_3(self) -> Any:
-        """``½ (tr² C - tr C²) - 3``."""
-        return 4 * ufl.tr(self.E) + self._second_of_E
-
-    @stage
-    def I1_minus_3_minus_2_ln_J(self) -> Any:
-        """``tr C - 3 - 2 ln J``, the shear part of compressible neo-Hookean laws, of second order in ``H``."""
-        return 2 * (self._trE_minus_J_minus_1 - log1p_remainder(self.J_minus_1))
-
-    @stage
     def I1_bar_minus_3(self) -> Any:
         """``J^(-2/3) tr C - 3``."""
         s = self._cbrt_J_minus_1
@@ -124,11 +109,11 @@ class Deformation:
         return (4 * self._trE_minus_J_minus_1 + self._second_of_E - 3 * remainder) / (1 + s) ** 4
 
     def fibre(self, family: str) -> Fibre:
-        """Invariants of a family of fibres."""
+        """Return the invariants of a family of fibres."""
         return Fibre(self, self.fibres[family])
 
     def I8(self, family: str, other: str) -> Any:
-        """``a0·(C - I) b0`` of two families: ``a·b`` of the deformed fibres, if they are orthogonal at first."""
+        """Return ``a0·(C - I) b0`` of two families: ``a·b`` of the deformed fibres, if ``a0·b0 = 0``."""
         return 2 * ufl.inner(self.fibres[family], self.E * self.fibres[other])
 
     @stage
@@ -145,7 +130,7 @@ class Deformation:
 
     @stage
     def _trE_minus_J_minus_1(self) -> Any:
-        """``tr E - (J - 1)``: the first-order terms drop out by hand, not by rounding."""
+        """``tr E - (J - 1)``, whose first-order terms cancel analytically."""
         return ufl.inner(self.H, self.H) / 2 - self._second_order
 
     @stage
@@ -174,15 +159,9 @@ class Fibre:
         """``a0·C a0 - 1``, the squared stretch of the fibre less 1."""
         return 2 * self.E_aa
 
-    @stage
-    def I5_minus_1(self) -> Any:
-        """``a0·C² a0 - 1``."""
-        Ea = self._k.E * self.direction
-        return 4 * self.E_aa + 4 * ufl.inner(Ea, Ea)
-
 
 class Kinematics(ABC):
-    """What a residual needs to know about the direction of the analysis.
+    """Position, gradients and measures of both bodies for one direction of the analysis.
 
     Args:
         u: displacement ``x - X``, vector of 3, in scaled lengths.
@@ -191,7 +170,7 @@ class Kinematics(ABC):
 
     direction: str
     sign: int
-    """The other body is the mesh moved by ``sign * u``."""
+    """The other body is the mesh displaced by ``sign * u``."""
 
     def __init__(self, u: Any, integration: Measures) -> None:
         self.u = u
@@ -220,7 +199,7 @@ class Kinematics(ABC):
 
     @abstractmethod
     def Grad(self, v: Any) -> Any:
-        """Gradient of ``v`` with respect to the reference body."""
+        """Return the gradient of ``v`` with respect to the reference body."""
 
     @property
     @abstractmethod
@@ -233,24 +212,24 @@ class Kinematics(ABC):
         """Area of the boundary of the reference and of the current body per area of the mesh."""
 
     def dV(self, integrand: Any, measure: Any = None) -> Any:
-        """Integral over the reference volume, of the whole body or of what ``measure`` covers."""
+        """Return the integral over the reference volume, of the whole body or of ``measure``."""
         return integrand * self.volumes[0] * (measure or self.integration.volume)
 
     def dv(self, integrand: Any) -> Any:
-        """Integral over the current volume."""
+        """Return the integral over the current volume."""
         return integrand * self.volumes[1] * self.integration.volume
 
     def dA(self, integrand: Any, region: str) -> Any:
-        """Integral over the reference area of a region of the boundary."""
+        """Return the integral over the reference area of a region of the boundary."""
         return integrand * self.areas[0] * self.integration.surface(region)
 
     def da(self, integrand: Any, region: str) -> Any:
-        """Integral over the current area of a region of the boundary."""
+        """Return the integral over the current area of a region of the boundary."""
         return integrand * self.areas[1] * self.integration.surface(region)
 
     @abstractmethod
     def n_da(self, vector: Any, region: str) -> Any:
-        """``∫ vector · n da`` over a region of the boundary, ``n`` the outward unit normal of the current body."""
+        """Return ``∫ vector · n da`` over a region of the boundary, with the outward unit normal ``n``."""
 
     @property
     @abstractmethod
@@ -265,11 +244,11 @@ class Kinematics(ABC):
     @property
     @abstractmethod
     def _h(self) -> Any:
-        """Gradient of the mesh's map to the other body, less ``I``."""
+        """Gradient of the map from the mesh to the other body, less ``I``."""
 
     @cached_property
     def mesh_J(self) -> Any:
-        """Determinant that must stay positive at every point: of ``∂x/∂X`` or of ``∂X/∂x``."""
+        """Determinant that must be positive at every point: of ``∂x/∂X`` or of ``∂X/∂x``."""
         return Deformation(self._h).J
 
     @cached_property
@@ -278,7 +257,7 @@ class Kinematics(ABC):
 
     @cached_property
     def _area_vector(self) -> Any:
-        """The other body's normal times its area per area of the mesh (Nanson's formula)."""
+        """Normal of the other body times its area per area of the mesh (Nanson's formula)."""
         return ufl.cofac(ufl.Identity(3) + self._h) * self._normal
 
     @cached_property
@@ -287,7 +266,7 @@ class Kinematics(ABC):
 
 
 class ForwardKinematics(Kinematics):
-    """The mesh is the reference body, the deformed one is looked for."""
+    """Kinematics of forward problems: the mesh is the reference body, the deformed body is unknown."""
 
     direction = "forward"
     sign = 1
@@ -336,7 +315,10 @@ class ForwardKinematics(Kinematics):
 
 
 class InverseKinematics(Kinematics):
-    """The mesh is the current body, the undeformed one is looked for (doi:10.1007/s00366-021-01597-z)."""
+    """Kinematics of inverse problems: the mesh is the current body, the undeformed body is unknown.
+
+    Source: doi:10.1007/s00366-021-01597-z.
+    """
 
     direction = "inverse"
     sign = -1

@@ -6,8 +6,8 @@ and ``J3 = det s`` the eigenvalue of ``s`` farthest from the other two has the s
     δ = ±2 √(J2/3) cos(⅓ arccos r),      r = ½ |J3| (3/J2)^(3/2),
 
 a smooth function up to ``r = 1``, where the other two coincide: the isolated stretch is smooth, too. If it is the
-smallest we go over to the inverse deformation, in which it is the largest, ``α`` is ``-α``, and ``Ī1`` and ``Ī2``
-change places. Let it be ``x``. As ``det C̄ = 1``, the other two squared are ``e^η/x`` and ``e^(-η)/x``, so that
+smallest, the inverse deformation is used, in which it is the largest, ``α`` is ``-α``, and ``Ī1`` and ``Ī2`` are
+exchanged. Let it be ``x``. As ``det C̄ = 1``, the other two squared are ``e^η/x`` and ``e^(-η)/x``, so that
 
     Σ λ̄ᵢ^α = x^α + 2 x^(-α/2) cosh(α η/2),      Ī2 = x⁻² + 2 x cosh η.
 
@@ -26,9 +26,8 @@ import ufl
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation
 
-# Rounding costs the closed forms digits of their second derivatives as stretches coincide: some 1e-14/√J2 of them where
-# all do. So the series take over where they are still exact: up to |α| = 30 they leave out 1e-17 and 5e-15 at these
-# bounds.
+# Second derivatives of the closed forms lose digits by rounding as stretches coincide: about 1e-14/√J2 where all do.
+# Below these bounds series are used, whose truncation errors are up to |α| = 30 below 1e-17 and 5e-15.
 _ALL_COINCIDE_BELOW = 1e-4  # J2
 _TWO_COINCIDE_BELOW = 1e-6  # 1 - r and cosh η - 1
 _LAST_POWER = 11
@@ -40,7 +39,7 @@ class IsochoricStretches:
     def __init__(self, k: Deformation) -> None:
         g = k.J ** (-2 / 3)
         e = ufl.dev(k.E)  # s = 2 g e
-        square, det = ufl.variable(ufl.inner(e, e)), ufl.variable(ufl.det(e))  # smooth stages on the way of derivatives
+        square, det = ufl.variable(ufl.inner(e, e)), ufl.variable(ufl.det(e))  # smooth stages of derivatives
         self._is_largest = ufl.ge(det, 0)
         self._sign = ufl.conditional(self._is_largest, 1, -1)
         radius = self._sign * ufl.sqrt(square / 6)
@@ -51,7 +50,7 @@ class IsochoricStretches:
         self._I2_minus_3 = 2 * self._I1_minus_3 + self._I1_minus_3**2 / 3 - self._J2
 
     def power_sum_minus_3(self, alpha: Any) -> Any:
-        """``Σ λ̄ᵢ^α - 3``.
+        """Return ``Σ λ̄ᵢ^α - 3``.
 
         At stretches from 1/6 to 6 and ``|α| ≤ 30`` the relative error is below 1e-10, also of the derivatives.
         """
@@ -59,7 +58,7 @@ class IsochoricStretches:
         return ufl.conditional(ufl.lt(self._J2, _ALL_COINCIDE_BELOW), coinciding, isolated)
 
     def _near_identity(self, beta: Any) -> Any:
-        """``Σ e^(β hᵢ) - 3 = Σ βⁿ pₙ/n!`` from n = 2 to 11, ``h = ln C̄`` and ``pₙ = Σ hᵢⁿ``.
+        """Return ``Σ e^(β hᵢ) - 3 = Σ βⁿ pₙ/n!`` from n = 2 to 11, ``h = ln C̄`` and ``pₙ = Σ hᵢⁿ``.
 
         The invariants ``j2 = ½ h:h`` and ``j3 = det h`` follow from ``Ī1 - 3`` and ``Ī2 - 3``, which are ``β = ±1``, by
         series reversion. As ``h`` has no trace, ``hᵢ³ = j2 hᵢ + j3`` gives each power sum from those before it.
@@ -73,7 +72,7 @@ class IsochoricStretches:
         return sum(beta**n / factorial(n) * p[n] for n in range(2, _LAST_POWER + 1))
 
     def _from_isolated(self, beta: Any) -> Any:
-        """``x^(2β) + 2 x^(-β) cosh βη - 3``, written as a sum of positive terms."""
+        """Return ``x^(2β) + 2 x^(-β) cosh βη - 3``, written as a sum of positive terms."""
         x, z, eta = self._isolated_and_pair
         w = beta * ufl.ln(x)
         p = ufl.exp(w)
@@ -102,5 +101,5 @@ class IsochoricStretches:
 
 
 def _chebyshev_minus_1(nu: Any, z: Any) -> Any:
-    """``T_ν(1 + z) - 1`` to third order in ``z``."""
+    """Return ``T_ν(1 + z) - 1`` to third order in ``z``."""
     return nu**2 * z * (1 + (nu**2 - 1) / 6 * z * (1 + (nu**2 - 4) / 15 * z))

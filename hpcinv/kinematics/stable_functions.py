@@ -1,28 +1,14 @@
 """Elementary functions of UFL scalars, accurate together with their symbolic derivatives where the argument is small.
 
-Laws call these instead of writing ``ln(1 + x)`` or ``exp(x) - 1``, which lose their digits at small strain.
+Laws use these instead of ``ln(1 + x)`` or ``exp(x) - 1``, which lose their digits at small strain.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-_SERIES_BELOW = 2.0**-3  # |x| at which the closed forms of logarithms take over from their series
+_SERIES_BELOW = 2.0**-3  # |x| below which logarithms are computed from series
 _SERIES_TERMS = 6  # errors of second derivatives there: 1e-13 by truncation, 1e-12 by rounding of ln(1 + x)
-
-
-def exp(x: Any) -> Any:
-    """``eˣ``."""
-    import ufl
-
-    return ufl.exp(x)
-
-
-def ln(x: Any) -> Any:
-    """Natural logarithm, ``x > 0``; where ``x`` is close to 1, `log1p` is the accurate one."""
-    import ufl
-
-    return ufl.ln(x)
 
 
 def sqrt(x: Any) -> Any:
@@ -33,7 +19,7 @@ def sqrt(x: Any) -> Any:
 
 
 def expm1(x: Any) -> Any:
-    """``eˣ - 1 = 2 sinh(x/2) e^(x/2)``; derivatives have a relative error where ``x > 0``, and an absolute one else."""
+    """``eˣ - 1 = 2 sinh(x/2) e^(x/2)``; errors of derivatives are relative for ``x > 0``, else absolute."""
     import ufl
 
     return 2 * ufl.sinh(x / 2) * ufl.exp(x / 2)

@@ -1,9 +1,9 @@
-"""Derivatives of UFL expressions in stages, so that kernels do not grow with the product of what depends on what.
+"""Derivatives of UFL expressions in stages, which keeps kernels small.
 
-UFL differentiates forward: it carries the derivative by each of the nine entries of ``H`` through the whole energy, and
-the second time each of nine through each of nine. Here the strains and invariants on the way are variables (`stage`),
-and each of them is differentiated by what it is directly made of. A gradient of a scalar is then summed up from the
-energy back to ``H``, which costs a few times the energy itself, and a Jacobian from ``H`` on, stage by stage.
+UFL differentiates in forward mode: by each of the nine entries of ``H`` through the whole energy, and in second
+derivatives nine times nine times. Here the intermediate strains and invariants are variables (`stage`), and each of
+them is differentiated by its direct arguments only. A gradient of a scalar is then accumulated in reverse, from the
+energy to ``H``, at a few times the cost of the energy, and a Jacobian forward from ``H``, stage by stage.
 
 Source: Griewank & Walther, *Evaluating Derivatives*, 2008, ch. 3 and 9, doi:10.1137/1.9780898717761.
 """
@@ -25,12 +25,12 @@ from ufl.corealg.traversal import unique_post_traversal
 
 
 def stage(expression: Callable[[Any], Any]) -> cached_property[Any]:
-    """A property that is computed once, and is a stage on the way of derivatives."""
+    """Return a cached property that is a stage of derivatives."""
     return cached_property(lambda owner: ufl.variable(expression(owner)))
 
 
 def gradient(scalar: Any, by: Variable) -> Any:
-    """``∂scalar/∂by``, of the shape of ``by``; with what else it depends on fixed."""
+    """Return ``∂scalar/∂by``, of the shape of ``by``, with all other variables fixed."""
     whole = ufl.variable(scalar)
     stages = [e for e in unique_post_traversal(whole) if isinstance(e, Variable)]  # from ``by`` to the scalar
     adjoints: dict[Any, Any] = {whole: None}
@@ -48,10 +48,10 @@ def gradient(scalar: Any, by: Variable) -> Any:
 
 
 class Jacobian:
-    """``∂e/∂by`` of any number of expressions, of the shape of ``e`` and then that of ``by``.
+    """Jacobians ``∂e/∂by`` of expressions, with the axes of ``e`` before the axes of ``by``.
 
     Args:
-        local: the derivatives of single stages, which Jacobians by other variables have in common.
+        local: derivatives of single stages, shared with Jacobians by other variables.
     """
 
     def __init__(self, by: Variable, local: Local) -> None:
@@ -59,7 +59,7 @@ class Jacobian:
         self._known: dict[Any, Any] = {}
 
     def of(self, expression: Any) -> Any:
-        """``None`` where ``expression`` does not depend on the variable."""
+        """Return the Jacobian of an expression, ``None`` if it does not depend on the variable."""
         total = None
         for part, slope in self._local.derivatives(expression):
             inner = self._of_stage(part)
@@ -76,7 +76,7 @@ class Jacobian:
 
 
 class Local:
-    """Derivatives of expressions by the stages that they are directly made of, which are held for independent."""
+    """Derivatives of expressions by the stages that are their direct arguments, taken as independent."""
 
     def __init__(self, domain: Any) -> None:
         self._domain = domain
@@ -84,7 +84,7 @@ class Local:
         self._known: dict[Any, list[tuple[Variable, Any]]] = {}
 
     def derivatives(self, expression: Any) -> list[tuple[Variable, Any]]:
-        """Each of those stages, and the derivative by it where it does not vanish."""
+        """Return these stages with the derivatives by them, without zeros."""
         if expression not in self._known:
             self._known[expression] = self._derivatives(expression)
         return self._known[expression]
@@ -116,7 +116,7 @@ def _outermost(expression: Any) -> list[Variable]:
 
 
 def _contracted(a: Any, rank: int, b: Any) -> Any:
-    """The last ``rank`` indices of ``a`` summed up with the first of ``b``."""
+    """Return the contraction of the last ``rank`` indices of ``a`` with the first of ``b``."""
     i, k = ufl.indices(len(a.ufl_shape) - rank), ufl.indices(rank)
     j = ufl.indices(len(b.ufl_shape) - rank)
     product = (a[(*i, *k)] if i or k else a) * (b[(*k, *j)] if k or j else b)
@@ -131,6 +131,6 @@ class _Plain(MultiFunction):  # type: ignore[misc]  # UFL has no types
 
 
 def without_stages(expression: Any) -> Any:
-    """The same expression or form without variables, whose running numbers would make each kernel a new one."""
+    """Return an expression or form without variables, whose running numbers would change the hash of each kernel."""
     rules = _Plain()
     return map_integrands(lambda e: map_expr_dag(rules, e), expression)

@@ -24,11 +24,11 @@ UFL_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "max": lambda *terms: reduce(ufl.max_value, terms),
     "norm": lambda *terms: ufl.sqrt(sum(t * t for t in terms)),
 }
-"""The functions that formulas may call."""
+"""Functions in formulas."""
 
 
 def at_position(formula: Expression, k: Kinematics, metre: Any, constants: Mapping[str, Any]) -> Any:
-    """A formula of ``X, Y, Z`` (reference) and ``x, y, z`` (current) in SI, at each point of the body.
+    """Return a formula of ``X, Y, Z`` (reference) and ``x, y, z`` (current) in SI, at each point of the body.
 
     Args:
         metre: SI value of the scaled unit of length.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Annotated, Any, ClassVar, Literal
 
 from hpcinv.kinematics.stable_functions import polynomial
@@ -9,21 +10,23 @@ from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.spatial_fields import ModulusField, VaryingQuantity
 
-_SERIES = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)  # of the inverse Langevin function, integrated
+# Coefficients of the integrated series of the inverse Langevin function; the first is 1/2.
+_SERIES = {2: "1/20", 3: "11/1050", 4: "19/7000", 5: "519/673750"}
 
 
 class ArrudaBoyce(IsochoricLaw):
     """Arruda–Boyce, the network of eight chains, by five terms of the series of the inverse Langevin function.
 
-    The small-strain shear modulus is larger than ``mu``: ``2 mu Σ i cᵢ (3/lambda_m²)^(i-1)``, with the factors ``cᵢ``
-    of the series.
+    The small-strain shear modulus is larger than ``mu``: ``2 mu Σ i cᵢ (3/lambda_m²)^(i-1)``, with the coefficients
+    ``cᵢ`` of the series.
 
     Source: Arruda & Boyce (1993), doi:10.1016/0022-5096(93)90013-6.
     """
 
     formula = (
-        "mu*(1/2*(I1_bar - 3) + 1/20/lambda_m**2*(I1_bar**2 - 9) + 11/1050/lambda_m**4*(I1_bar**3 - 27)"
-        " + 19/7000/lambda_m**6*(I1_bar**4 - 81) + 519/673750/lambda_m**8*(I1_bar**5 - 243))"
+        "mu*(1/2*(I1_bar - 3)"
+        + "".join(f" + {c}/lambda_m**{2 * i - 2}*(I1_bar**{i} - {3**i})" for i, c in _SERIES.items())
+        + ")"
     )
     replaceable = ("mu", "kappa")
     example: ClassVar = {"law": "arruda-boyce", "mu": "0.3 MPa", "lambda_m": 2.5, "kappa": "2 MPa"}
@@ -37,10 +40,10 @@ class ArrudaBoyce(IsochoricLaw):
 
     law: Literal["arruda-boyce"] = "arruda-boyce"
     mu: ModulusField
-    """shear modulus of chains that are far from being stretched out"""
+    """shear modulus of chains far from their limiting stretch"""
     lambda_m: Annotated[Any, VaryingQuantity("", above=1)]
-    """stretch at which the chains are stretched out"""
+    """limiting stretch of the chains"""
 
     def shear_modulus(self, par: Any) -> Any:
-        slopes = [i * c for i, c in enumerate(_SERIES, start=1)]
+        slopes = [1 / 2, *(i * float(Fraction(c)) for i, c in _SERIES.items())]
         return 2 * par.mu * polynomial(3 / par.lambda_m**2, slopes)

@@ -1,4 +1,4 @@
-"""What the scene asks of a material law."""
+"""Base class of the material laws."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _UNFINISHED = "moduli of the law are not known yet"
 
 @dataclass(frozen=True)
 class StartingValues:
-    """Parameters of a law to begin with where those of the material at hand are not known yet.
+    """Published or fitted parameters of a law, as first values for a similar material.
 
     Attributes:
-        parameters: as a job file gives them, without the law's name.
+        parameters: parameters in the form of a job file, without the law's name.
         of: the material.
-        source: where they come from.
+        source: publication, or description of the fit.
     """
 
     parameters: Mapping[str, Any]
@@ -42,74 +42,76 @@ class StartingValues:
 
 
 def _with_moduli(schema: dict[str, Any], law: type[Any]) -> None:
-    """Offer elastic moduli in the JSON schema of a law in place of the parameters that they determine."""
+    """Add elastic moduli to the JSON schema of a law, as alternatives to the parameters that they determine."""
     if law.replaceable is not None:
         schema["properties"] |= moduli_schema()
         schema["required"] = [key for key in schema.get("required", ()) if key not in law.replaceable]
 
 
 class MaterialLaw(Ingredient):
-    """A hyperelastic law ``psi = formula + dilatation_modulus/2 · dilatation²``.
+    """A hyperelastic law ``psi = formula + volumetric_modulus/2 · dilatation²``.
 
-    A subclass with a literal field ``law`` is registered by that. Its parameters are fields, which the formula has by
-    the same names; the moduli read them from ``par`` as floats, arrays or UFL scalars.
+    A subclass with a literal field ``law`` is registered under that name. Its parameters are fields, with the same
+    names in the formula; the moduli read them from ``par`` as floats, arrays or UFL scalars.
     """
 
     model_config = ConfigDict(json_schema_extra=_with_moduli)
 
     formula: ClassVar[str]
-    """The energy without its volumetric part, a formula as of a law 'formula'; fibres have the names of the fields that
-    name their families. It must be stress-free at ``F = I`` for all values of the parameters."""
+    """The energy without its volumetric part, in the syntax of the law 'formula'; fibres have the names of the fields
+    that name their families. It must be stress-free at ``F = I`` for all values of the parameters."""
     starting_values: ClassVar[Mapping[str, StartingValues]] = {}
     """Published parameters, or parameters fitted to published tests, by ``rubber`` and ``tissue``."""
     replaceable: ClassVar[tuple[str | None, str] | None] = None
-    """The parameters in place of which a job may give elastic moduli: one that the shear modulus determines (``None``
-    where the other parameters determine that modulus) and one that the bulk modulus does; both moduli are linear in
-    them. ``None`` for laws with fibres."""
+    """The parameters that a job may replace by elastic moduli: one that the shear modulus determines (``None`` if the
+    other parameters determine that modulus) and one that the bulk modulus determines; both moduli are linear in them.
+    ``None`` for laws with fibres."""
     bulk_measure: ClassVar[str] = "bulk_modulus"
-    """The modulus that the second of these stands for, among `Moduli`."""
+    """The modulus, among `Moduli`, that corresponds to the second of these parameters."""
 
     @property
     @abstractmethod
     def volumetric_formula(self) -> str:
-        """The volumetric energy, ``dilatation_modulus/2 · dilatation²``, likewise."""
+        """The volumetric energy, ``volumetric_modulus/2 · dilatation²``, in the same syntax."""
 
     @property
     def own_formula(self) -> str:
-        """The `formula`, with as many terms as the parameters ask for."""
+        """The `formula`, with all terms for the parameters of this law."""
         return self.formula
 
-    def distortion(self, k: Deformation, par: Any) -> Any:
-        """The energy per reference volume without its volumetric part, as a UFL expression."""
+    def isochoric_energy(self, k: Deformation, par: Any) -> Any:
+        """Return the energy per reference volume without its volumetric part, as a UFL expression."""
         return self._evaluated_formula(k, par)[0]
 
     @abstractmethod
     def dilatation(self, k: Deformation) -> Any:
-        """The volumetric strain ``theta``, zero at ``F = I``, whose conjugate is the pressure of the mixed form."""
+        """Return the volumetric strain ``theta``, zero at ``F = I``, the conjugate of the mixed form's pressure."""
 
-    @abstractmethod
-    def dilatation_modulus(self, par: Any) -> Any:
-        """Stiffness against ``dilatation``; infinite if the material is incompressible."""
+    def volumetric_modulus(self, par: Any) -> Any:
+        """Return the factor of the volumetric energy, by default the bulk modulus; infinite if incompressible."""
+        return self.bulk_modulus(par)
 
-    @abstractmethod
     def shear_modulus(self, par: Any) -> Any:
-        """Shear modulus ``mu`` of the undeformed material, without what its fibres add."""
+        """Return the shear modulus of the undeformed material without its fibres, by default the parameter ``mu``."""
+        return par.mu
 
     @abstractmethod
     def bulk_modulus(self, par: Any) -> Any:
-        """Bulk modulus ``kappa`` of the undeformed material; infinite if it is incompressible."""
+        """Return the bulk modulus of the undeformed material; infinite if it is incompressible."""
 
     def domain(self, k: Deformation, par: Any) -> tuple[Any, ...]:
-        """UFL scalars that are positive where the law is defined; by default those of the formula, none where a law
-        has a `distortion` of its own."""
-        is_own = type(self).distortion is not MaterialLaw.distortion
+        """Return UFL scalars that are positive where the law is defined.
+
+        By default these are the scalars of the formula, or none if a law overrides `isochoric_energy`.
+        """
+        is_own = type(self).isochoric_energy is not MaterialLaw.isochoric_energy
         return () if is_own else self._evaluated_formula(k, par)[1]
 
     def _evaluated_formula(self, k: Deformation, par: Any) -> tuple[Any, tuple[Any, ...]]:
         return evaluate_of_any_parameters(self.own_formula, par, k, self._families_by_formula_name())
 
     def _families_by_formula_name(self) -> dict[str, str]:
-        """Families of fibres by the field that names them, with their number in a list of several."""
+        """Return families of fibres by the field that names them, with a number for lists."""
         found = {}
         for family, field in self.families.items():
             value = getattr(self, field)
@@ -118,28 +120,28 @@ class MaterialLaw(Ingredient):
 
     @property
     def energy_formula(self) -> str:
-        """The whole energy, as a law 'formula' would have it."""
+        """The whole energy, in the syntax of the law 'formula'."""
         return f"{self.own_formula} + {self.volumetric_formula}"
 
     @property
     def is_split(self) -> bool:
-        """Whether the volumetric energy stands apart, so that its pressure can be an unknown."""
+        """True if the volumetric energy is a separate term, whose pressure can be an unknown."""
         return True
 
     @property
     def is_incompressible(self) -> bool:
-        """Whether the volume cannot change."""
+        """True if the volume cannot change."""
         return any(value == math.inf for value, _ in self.quantities().values())
 
     @property
     def stiffness_ratio(self) -> float | None:
-        """Largest ratio of bulk to shear modulus; ``None`` if only the mesh can tell."""
+        """Largest ratio of bulk to shear modulus; ``None`` if it depends on fields of the mesh."""
         if self.is_incompressible:
             return math.inf
         return max((self.bulk_modulus(par) / self.shear_modulus(par) for par in self.cases()), default=None)
 
     def cases(self) -> Iterator[Any]:
-        """Namespaces of numbers (SI), one for each region that parameters tell apart; none if they are fields."""
+        """Yield namespaces of numbers (SI), one for each region with different values; none if they are fields."""
         values = {name: value for name, (value, _) in self.quantities().items()}
         entries = [e for v in values.values() for e in (v if isinstance(v, tuple) else (v,))]
         by_region = [e for e in entries if isinstance(e, ByRegion)]
@@ -150,7 +152,7 @@ class MaterialLaw(Ingredient):
                 yield SimpleNamespace(**{name: _at(value, region) for name, value in values.items()})
 
     def numbers(self) -> dict[Location, Number | str]:
-        """Young's modulus and Poisson's ratio too, whichever moduli the job gives; each with the other as it is."""
+        """Return all numbers, including Young's modulus and Poisson's ratio, whichever moduli the job gives."""
         found = super().numbers()
         if self.replaceable is not None and self.replaceable[0] is not None and self._is_uniform:
             young, poisson = self._young_and_poisson()
@@ -182,16 +184,16 @@ class MaterialLaw(Ingredient):
 
     @classmethod
     def leaves_out(cls, parameter: str, data: Mapping[str, Any]) -> bool:
-        """Whether a job does not give a parameter that is `replaceable`."""
+        """Return whether a job lacks a parameter that is `replaceable`."""
         return parameter not in data
 
     @classmethod
     def put(cls, parameter: str, value: Any, data: Mapping[str, Any]) -> dict[str, Any]:
-        """What a job gives, with a value of a `replaceable` parameter that it leaves out."""
+        """Return the data of a job with a value of a `replaceable` parameter added."""
         return {**data, parameter: value}
 
     def place_of(self, parameter: str) -> Location:
-        """The place of the number that stands for a `replaceable` parameter."""
+        """Return the place of the number of a `replaceable` parameter."""
         return (parameter,)
 
     @property
@@ -199,7 +201,7 @@ class MaterialLaw(Ingredient):
         return all(is_uniform(value) for value, _ in self.quantities().values())
 
     def _parameters(self) -> Any:
-        """The parameters as the moduli read them (SI)."""
+        """Return the parameters (SI) as a namespace, for the moduli."""
         return SimpleNamespace(**{name: value for name, (value, _) in self.quantities().items()})
 
     def _bulk(self) -> float:
@@ -209,18 +211,18 @@ class MaterialLaw(Ingredient):
         return young_and_poisson(self.shear_modulus(self._parameters()), self._bulk())
 
     def _slope(self, modulus: Callable[[Any], Any], place: Location) -> float:
-        """Derivative of a modulus by a number that it is linear in."""
+        """Return the derivative of a modulus by a number in which it is linear."""
         # A step of the size of the moduli loses no digits.
         step = float(self.shear_modulus(self._parameters()))
         off, on = (self.with_number(place, x)._parameters() for x in (0.0, step))
         return float(modulus(on) - modulus(off)) / step
 
     def _solved(self, modulus: Callable[[Any], Any], value: float, place: Location) -> float:
-        """The number at a place with which a modulus has a value."""
+        """Return the number at a place for which a modulus has a given value."""
         return (value - float(modulus(self.with_number(place, 0.0)._parameters()))) / self._slope(modulus, place)
 
     def _with_entry(self, parameter: str, value: float) -> Any:
-        """A value at the place of a parameter, 0 in the other entries of a list."""
+        """Return a value at the place of a parameter, with 0 in the other entries of a list."""
         place = self.place_of(parameter)
         if len(place) == 1:
             return value
@@ -229,7 +231,7 @@ class MaterialLaw(Ingredient):
     @model_validator(mode="before")
     @classmethod
     def _from_moduli(cls, data: Any, info: ValidationInfo) -> Any:
-        """Replace elastic moduli by the law's own parameters."""
+        """Replace elastic moduli by parameters of the law."""
         if cls.replaceable is None or not isinstance(data, Mapping) or data.keys().isdisjoint(NAMES):
             return data
         moduli = Moduli.model_validate({name: data[name] for name in NAMES if name in data}).given()
@@ -278,7 +280,7 @@ class MaterialLaw(Ingredient):
 def _check_number_of_moduli(
     law: type[MaterialLaw], moduli: Mapping[str, float], *, finds_shear: bool, finds_bulk: bool
 ) -> None:
-    """Raise `Problems` unless a job gives two independent moduli, its law's own parameters counted."""
+    """Raise `Problems` unless a job gives two independent moduli, counting parameters of the law."""
     assert law.replaceable is not None
     shear, bulk = law.replaceable
     own = {} if finds_shear else {"shear_modulus": shear or "the other parameters"}
@@ -297,7 +299,7 @@ def _check_number_of_moduli(
 
 
 def _at(value: Any, region: str) -> Any:
-    """A quantity in one region."""
+    """Return a quantity in one region."""
     if isinstance(value, tuple):
         return tuple(_at(entry, region) for entry in value)
     return value.at(region) if isinstance(value, ByRegion) else value

@@ -1,4 +1,4 @@
-"""A law given by its energy, as a formula."""
+"""A law whose energy is a formula in the job."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation
 
 _NUMBER, _STRESS = Dimension(), parse_unit("Pa")[1]
-_SMALL = 1e-6  # strain at which moduli are measured
+_SMALL = 1e-6  # strain of the differences for small-strain moduli
 
 
 class Formula(IsochoricLaw):
@@ -34,8 +34,8 @@ class Formula(IsochoricLaw):
 
     The invariants are ``I1``, ``I2``, ``J``, ``I1_bar``, ``I2_bar``, and of families f, s of fibres ``I4_f``, ``I5_f``,
     ``I8_f_s = a0·(C - I) b0``. The energy must be stress-free at ``F = I``; however it is written, it keeps its
-    digits at small strain (`hpcinv.materials.formula_law`). Without ``kappa`` it is all there is, and the pressure is
-    no unknown.
+    digits at small strain (`hpcinv.materials.formula_law`). Without ``kappa`` it is the whole energy, and the pressure
+    is not an unknown.
     """
 
     replaceable = (None, "kappa")
@@ -48,7 +48,7 @@ class Formula(IsochoricLaw):
 
     law: Literal["formula"] = "formula"
     kappa: BulkModulusField | None = None
-    """bulk modulus of a volumetric energy U, or 'incompressible'; left out, the energy below is all there is"""
+    """bulk modulus of a volumetric energy U, or 'incompressible'; by default there is no U"""
     parameters: Mapping[Name, AnyMeasured] = {}
     """values of further names in the energy, such as {mu: 10 kPa, n: 3}; a plain number has no dimension"""
     energy: Expression
@@ -56,9 +56,7 @@ class Formula(IsochoricLaw):
 
     @field_validator("parameters")
     @classmethod
-    def _have_names_of_their_own(
-        cls, parameters: Mapping[str, Measured], info: ValidationInfo
-    ) -> Mapping[str, Measured]:
+    def _have_unused_names(cls, parameters: Mapping[str, Measured], info: ValidationInfo) -> Mapping[str, Measured]:
         taken = {*FUNCTIONS, *CONSTANTS} | ({"kappa"} if info.data.get("kappa") is not None else set())
 
         def fault(name: str) -> str | None:
@@ -73,7 +71,7 @@ class Formula(IsochoricLaw):
 
     @field_validator("energy")
     @classmethod
-    def _is_an_energy(cls, energy: Expression, info: ValidationInfo) -> Expression:
+    def _is_stress_free(cls, energy: Expression, info: ValidationInfo) -> Expression:
         if not {"kappa", "parameters"} <= info.data.keys():  # already reported
             return energy
         parameters: Mapping[str, Measured] = info.data["parameters"]
@@ -97,7 +95,7 @@ class Formula(IsochoricLaw):
         return energy
 
     @model_validator(mode="after")
-    def _has_a_use_for_all(self) -> Self:
+    def _uses_all(self) -> Self:
         raise_if_any(
             (("parameters", name), "does not occur in the energy")
             for name in sorted(self.parameters.keys() - self.energy.names)
@@ -123,9 +121,9 @@ class Formula(IsochoricLaw):
         return {family: "energy" for name in sorted(self.energy.names) for family in families_in(name) or ()}
 
     def quantities(self) -> dict[str, tuple[Any, Dimension]]:
-        """``kappa``, and what the formula needs in SI, as numbers: ``_pascal`` turns the value of the energy to scale.
+        """Return ``kappa`` and the numbers of the formula in SI; ``_pascal`` converts its value to scaled units.
 
-        The energy's small-strain moduli are quantities too, so that forms with them stay the same for other values.
+        The small-strain moduli of the energy are quantities too, so that forms with them are the same for all values.
         """
         shear, bulk = _moduli(self.energy, self.parameters)
         derived = {"_pascal": 1.0, "_shear_modulus": shear, "_bulk_modulus": bulk}
@@ -136,7 +134,7 @@ class Formula(IsochoricLaw):
         )
 
     def numbers(self) -> dict[Location, Number | str]:
-        absent = "is 0, so that its term is no part of the law; give it a small value"  # see Coefficient.parameter
+        absent = "is 0, so that its term is no part of the law; give it a small value"  # by Coefficient.parameter
         return super().numbers() | {
             ("parameters", name): Number(p.value, p.dimension) if p.value else absent
             for name, p in self.parameters.items()
@@ -146,12 +144,12 @@ class Formula(IsochoricLaw):
         return par._shear_modulus
 
     def bulk_modulus(self, par: Any) -> Any:
-        return par._bulk_modulus + self.dilatation_modulus(par)
+        return par._bulk_modulus + self.volumetric_modulus(par)
 
-    def dilatation_modulus(self, par: Any) -> Any:
+    def volumetric_modulus(self, par: Any) -> Any:
         return 0.0 if self.kappa is None else par.kappa
 
-    def distortion(self, k: Deformation, par: Any) -> Any:
+    def isochoric_energy(self, k: Deformation, par: Any) -> Any:
         return par._pascal * self._evaluated(k, par)[0].remainder
 
     def domain(self, k: Deformation, par: Any) -> tuple[Any, ...]:
@@ -168,7 +166,7 @@ def _in_floats(energy: Expression, parameters: Mapping[str, Measured], *e: float
 
 
 def _moduli(energy: Expression, parameters: Mapping[str, Measured]) -> tuple[float, float]:
-    """Shear and bulk modulus (Pa) at small strain ``e``, fibres apart: ``psi = mu dev(e):dev(e) + K/2 tr²(e)``."""
+    """Return shear and bulk modulus (Pa) without fibres, by ``psi = mu dev(e):dev(e) + K/2 tr²(e)`` at small ``e``."""
 
     def psi(*e: float) -> float:
         return float(_in_floats(energy, parameters, *e).remainder)
@@ -176,7 +174,7 @@ def _moduli(energy: Expression, parameters: Mapping[str, Measured]) -> tuple[flo
     def limit(modulus: Callable[[float], float]) -> float:
         fine, coarse = modulus(_SMALL), modulus(2 * _SMALL)
         extrapolated = (4 * fine - coarse) / 3
-        return extrapolated if abs(extrapolated) > 1e-3 * abs(fine) else 0.0  # nothing but terms of higher order
+        return extrapolated if abs(extrapolated) > 1e-3 * abs(fine) else 0.0  # only terms of higher order
 
     return (
         limit(lambda e: psi(e, -e, 0.0) / (2 * e**2)),
@@ -185,7 +183,7 @@ def _moduli(energy: Expression, parameters: Mapping[str, Measured]) -> tuple[flo
 
 
 def _faults(energy: Jet) -> Iterator[str]:
-    """Why an energy is not stress-free at ``F = I``."""
+    """Yield reasons why an energy is not stress-free at ``F = I``."""
     for strain, slope in energy.slopes.items():
         match strain.split("_"):
             case "E", *families if families:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
@@ -31,6 +31,3 @@ class FungDemiray(IsochoricLaw):
     """shear modulus of the undeformed material"""
     b: PositiveField
     """exponent, how fast the material stiffens"""
-
-    def shear_modulus(self, par: Any) -> Any:
-        return par.mu

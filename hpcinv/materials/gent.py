@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
@@ -33,6 +33,3 @@ class Gent(IsochoricLaw):
     """shear modulus"""
     jm: PositiveField
     """value of I1_bar - 3 at which the material cannot be stretched further"""
-
-    def shear_modulus(self, par: Any) -> Any:
-        return par.mu

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from pydantic import field_validator
 
@@ -19,15 +19,15 @@ _FIBRES = "k1/(2*k2)*(exp(k2*max(dispersion*(I1 - 3) + (1 - 3*dispersion)*(I4_fi
 class HolzapfelGasserOgden(IsochoricLaw):
     """Holzapfel–Gasser–Ogden, for arteries: families of dispersed collagen fibres in a neo-Hookean ground substance.
 
-    The strain of fibres is of ``C``, not of ``C_bar``: their own stretch counts, whatever part of it is a change of
-    volume. Only positive strain has energy.
+    The strain of fibres is computed from ``C``, not from ``C_bar``, so that it includes the change of volume. Only
+    positive strain has energy.
 
     Source: Gasser, Ogden & Holzapfel (2006), doi:10.1098/rsif.2005.0073, with the invariants of
     Nolan et al. (2014), doi:10.1016/j.jmbbm.2014.06.016.
     """
 
     formula = f"{_GROUND} + {_FIBRES}"
-    """With one family; the second term is there for each, with its number in place of ``_i``."""
+    """The formula for one family; there is a second term for each, in which its number replaces ``_i``."""
     example: ClassVar = {
         "law": "holzapfel-gasser-ogden",
         "mu": "3 kPa",
@@ -68,6 +68,3 @@ class HolzapfelGasserOgden(IsochoricLaw):
     def own_formula(self) -> str:
         families = (_FIBRES.replace("_i", str(i + 1)) for i in range(len(self.fibres)))
         return " + ".join([_GROUND, *families])
-
-    def shear_modulus(self, par: Any) -> Any:
-        return par.mu

@@ -11,14 +11,14 @@ from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.component import Family
 from hpcinv.quantity.spatial_fields import ModulusField, PositiveField, VaryingQuantity
 
-_StiffnessOfFibres = Annotated[Any, VaryingQuantity("Pa", at_least=0)]  # none of some, and the law is simpler
+_StiffnessOfFibres = Annotated[Any, VaryingQuantity("Pa", at_least=0)]  # zero leaves out a term
 
 
 class HolzapfelOgden(IsochoricLaw):
     """Holzapfel–Ogden, for passive myocardium with the directions of fibres and of sheets.
 
-    ``mu = a``. Fibres and sheets have energy only in tension; ``I4`` and ``I8 = f0·(C - I) s0`` are of ``C``, not of
-    ``C_bar``.
+    ``mu = a``. Fibres and sheets have energy only in tension; ``I4`` and ``I8 = f0·(C - I) s0`` are computed from
+    ``C``, not from ``C_bar``.
 
     Source: Holzapfel & Ogden (2009), doi:10.1098/rsta.2009.0091.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
@@ -34,6 +34,3 @@ class IsochoricNeoHookean(IsochoricLaw):
     law: Literal["isochoric-neo-hookean"] = "isochoric-neo-hookean"
     mu: ModulusField
     """shear modulus"""
-
-    def shear_modulus(self, par: Any) -> Any:
-        return par.mu

@@ -1,4 +1,4 @@
-"""What the laws in Lamé's parameters have in common."""
+"""Base class of the laws in Lamé's parameters."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ from hpcinv.materials.base import MaterialLaw
 
 
 class LameLaw(MaterialLaw):
-    """A law with the fields ``mu`` and ``lam``: ``kappa = lam + 2/3 mu``, and ``lam`` stiffens the dilatation."""
+    """A law with the fields ``mu`` and ``lam``, where ``kappa = lam + 2/3 mu``; ``lam`` is the volumetric modulus."""
 
     replaceable = ("mu", "lam")
     bulk_measure = "lame"
 
-    def shear_modulus(self, par: Any) -> Any:
-        return par.mu
-
     def bulk_modulus(self, par: Any) -> Any:
         return par.lam + 2 / 3 * par.mu
 
-    def dilatation_modulus(self, par: Any) -> Any:
+    def volumetric_modulus(self, par: Any) -> Any:
         return par.lam

@@ -1,4 +1,4 @@
-"""Elastic moduli of an isotropic material: any two of them determine the others."""
+"""Elastic moduli of an isotropic material, of which any two determine the others."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Moduli(Spec):
         return ratio
 
     def given(self) -> dict[str, float]:
-        """The moduli that are given, by name."""
+        """Return the given moduli by name."""
         return {name: value for name, value in self.model_dump().items() if value is not None}
 
 
@@ -50,13 +50,13 @@ NAMES = tuple(Moduli.model_fields)
 
 
 def shear_and_bulk(given: Mapping[str, float]) -> tuple[float, float]:
-    """Shear and bulk modulus (Pa) from any two moduli; the latter is infinite for an incompressible material.
+    """Return shear and bulk modulus (Pa) from any two moduli; the latter is infinite for an incompressible material.
 
     Args:
         given: two moduli by their names in `Moduli`.
 
     Raises:
-        ValueError: the two do not determine the others, or contradict each other.
+        ValueError: if the two do not determine the others, or contradict each other.
     """
     first, second = sorted(given, key=NAMES.index)
     a, b = given[first], given[second]
@@ -72,12 +72,12 @@ def shear_and_bulk(given: Mapping[str, float]) -> tuple[float, float]:
 
 
 def bulk_of(mu: float, poisson: float) -> float:
-    """Bulk modulus from the shear modulus and Poisson's ratio."""
+    """Return the bulk modulus from the shear modulus and Poisson's ratio."""
     return 2 * mu * (1 + poisson) / (3 * (1 - 2 * poisson)) if poisson < 0.5 else inf
 
 
 def young_and_poisson(mu: float, kappa: float) -> tuple[float, float]:
-    """Young's modulus (Pa) and Poisson's ratio from the shear and the bulk modulus."""
+    """Return Young's modulus (Pa) and Poisson's ratio from the shear and the bulk modulus."""
     if isinf(kappa):
         return 3 * mu, 0.5
     return 9 * kappa * mu / (3 * kappa + mu), (3 * kappa - 2 * mu) / (2 * (3 * kappa + mu))
@@ -131,7 +131,7 @@ _FROM: dict[tuple[str, str], Callable[[float, float], tuple[float, float]]] = {
 
 
 def moduli_schema() -> dict[str, Any]:
-    """JSON schema of the moduli as keys of a law."""
+    """Return the JSON schema of the moduli as keys of a law."""
     properties = Moduli.model_json_schema()["properties"]
     for name, text in meanings(Moduli).items():
         properties[name] = {**properties[name]["anyOf"][0], "description": text}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.materials.base import MaterialLaw, StartingValues
-from hpcinv.materials.volumetric import DILATATIONS, Volumetric
+from hpcinv.materials.isochoric import DILATATIONS, Volumetric
 from hpcinv.quantity.spatial_fields import BulkModulusField, StressField
 
 if TYPE_CHECKING:
@@ -49,9 +49,6 @@ class MooneyRivlin(MaterialLaw):
         return 2 * (par.c1 + par.c2)
 
     def bulk_modulus(self, par: Any) -> Any:
-        return 2 * par.d1
-
-    def dilatation_modulus(self, par: Any) -> Any:
         return 2 * par.d1
 
     def dilatation(self, k: Deformation) -> Any:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
+from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.materials.lame import LameLaw
-from hpcinv.materials.volumetric import DILATATIONS
 from hpcinv.quantity.spatial_fields import LameField, StressField
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ class Ogden(IsochoricLaw):
     """
 
     formula = "mu_i/alpha_i*(lambda1_bar**alpha_i + lambda2_bar**alpha_i + lambda3_bar**alpha_i - 3)"
-    """One term; each has its number in place of ``_i``."""
+    """One of the terms, in which the number of the term replaces ``_i``."""
     replaceable = ("mu", "kappa")
     example: ClassVar = {
         "law": "ogden",
@@ -61,7 +61,7 @@ class Ogden(IsochoricLaw):
 
     @classmethod
     def leaves_out(cls, parameter: str, data: Mapping[str, Any]) -> bool:
-        """Of the factors, whether there is one less than exponents: moduli then determine the last."""
+        """Return whether a parameter is missing; the last factor is, if there are more exponents than factors."""
         given, exponents = data.get(parameter, ()), data.get("alpha")
         if parameter != "mu" or not isinstance(given, list | tuple) or not isinstance(exponents, list | tuple):
             return parameter not in data
@@ -82,9 +82,9 @@ class Ogden(IsochoricLaw):
     def shear_modulus(self, par: Any) -> Any:
         return sum(par.mu[i] * par.alpha[i] for i in range(len(self.mu))) / 2
 
-    # Principal stretches are no invariants that formulas of laws know: the sums of their powers are computed by an
-    # algorithm of its own, which keeps its digits also where stretches are equal.
-    def distortion(self, k: Deformation, par: Any) -> Any:
+    # Principal stretches are not among the invariants of formulas: the sums of their powers need another algorithm to
+    # keep their digits where stretches are equal.
+    def isochoric_energy(self, k: Deformation, par: Any) -> Any:
         from hpcinv.kinematics.principal_stretches import IsochoricStretches
 
         stretches = IsochoricStretches(k)

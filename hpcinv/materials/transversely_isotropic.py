@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity.component import Family
@@ -12,7 +12,7 @@ from hpcinv.quantity.spatial_fields import ModulusField
 class TransverselyIsotropic(IsochoricLaw):
     """Standard reinforcing model: neo-Hookean with one family of fibres, alike in tension and compression.
 
-    ``I4`` is of ``C``, not of ``C_bar``.
+    ``I4`` is computed from ``C``, not from ``C_bar``.
 
     Source: Qiu & Pence (1997), "Remarks on the behavior of simple directionally reinforced incompressible nonlinearly
     elastic solids", Journal of Elasticity 49.
@@ -28,6 +28,3 @@ class TransverselyIsotropic(IsochoricLaw):
     """stiffness of the fibres: they add 4 k to the modulus along them"""
     fibre: Family = "fibre"
     """family of fibres"""
-
-    def shear_modulus(self, par: Any) -> Any:
-        return par.mu

@@ -1,4 +1,4 @@
-"""What only the mesh can tell: whether regions are there, parameters admissible everywhere, directions not zero."""
+"""Checks that need the mesh: regions exist, parameters are admissible everywhere, directions are not zero."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def check_fields(job: Job, fields: BodyFields) -> None:
     """Check the regions of laws and effects, and fields at points inside of every cell; collective.
 
     Raises:
-        MeshError: on all ranks, for the first region or field that is not as it must be.
+        MeshError: on all ranks, for the first invalid region or field.
     """
     law_cells(fields.body, job.laws)
     for where, effect in job.named_effects:
@@ -60,7 +60,7 @@ def check_fields(job: Job, fields: BodyFields) -> None:
 
 
 def shear_modulus(job: Job, fields: BodyFields) -> float:
-    """A shear modulus (Pa) in the middle of those in the body: the geometric mean of the extremes; collective."""
+    """Return a typical shear modulus (Pa) of the body, the geometric mean of the extremes; collective."""
     comm = fields.body.mesh.comm
     values = [np.atleast_1d(law.shear_modulus(_samples(fields, where, law))) for where, law in job.laws.items()]
     least = comm.allreduce(min(float(v.min(initial=math.inf)) for v in values), op=MPI.MIN)
@@ -69,7 +69,7 @@ def shear_modulus(job: Job, fields: BodyFields) -> float:
 
 
 def young_moduli(job: Job, fields: BodyFields) -> tuple[float, float]:
-    """Least and largest Young's modulus (Pa) in the undeformed body, without what fibres add; collective."""
+    """Return the least and largest Young's modulus (Pa) of the undeformed body without fibres; collective."""
     comm, values = fields.body.mesh.comm, []
     for where, law in job.laws.items():
         par = _samples(fields, where, law)

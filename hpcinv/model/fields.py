@@ -1,4 +1,4 @@
-"""Quantities that vary over a body: as functions for forms, and as samples for checks before anything is solved."""
+"""Quantities that vary over a body, as functions for forms and as samples for checks."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 type Floats = npt.NDArray[np.float64]
 
 _KINDS = {"physical": "groups of the mesh", "geometric": "regions of the job"}
-_INWARDS = 0.8  # samples lie this far from a cell's midpoint towards its nodes: formulas may be singular on the surface
+_INWARDS = 0.8  # position of samples from a cell's midpoint to its nodes; formulas may be singular on the surface
 
 
 class BodyFields:
-    """Values of fields on one body, in the position that its mesh has when they are first asked for."""
+    """Values of fields on one body, at the coordinates of its mesh at their first evaluation."""
 
     def __init__(self, body: Body) -> None:
         self.body = body
 
     def function(self, value: ByRegion | ByData, scale: float, where: str) -> fem.Function:
-        """Values in units of ``scale`` (SI): constant in each cell, or nodal; collective.
+        """Return values in units of ``scale`` (SI), constant in each cell or nodal; collective.
 
         Raises:
             MeshError: on all ranks, if regions leave gaps or overlap, or if there is no such array.
@@ -47,7 +47,7 @@ class BodyFields:
         return function
 
     def samples(self, value: float | Varying, where: str) -> Floats:
-        """Values (SI) at some points inside of each local cell, to be broadcast to (cells, points); collective."""
+        """Return values (SI) at points inside of each local cell, to be broadcast to (cells, points); collective."""
         match value:
             case ByRegion():
                 function = self._by_region(value, where)
@@ -60,14 +60,14 @@ class BodyFields:
                 return np.full((1, 1), float(value))
 
     def vector_samples(self, value: ByData | tuple[ByFormula, ...], where: str) -> Floats:
-        """Vectors, as `samples`: (cells, points, 3) once broadcast; collective."""
+        """Return vectors as `samples`, (cells, points, 3) after broadcasting; collective."""
         if isinstance(value, ByData):
             return self._data(value)
         stacked: Floats = np.stack(np.broadcast_arrays(*(self.samples(v, where) for v in value)), axis=2)
         return stacked
 
     def _formula(self, value: ByFormula) -> Floats:
-        """The body is taken as undeformed."""
+        """Return values of a formula on the undeformed body."""
         x, y, z = np.moveaxis(self._points, 2, 0)
         known = {"x": x, "y": y, "z": z, "X": x, "Y": y, "Z": z} | dict(value.constants)
         values = value.formula.evaluate(**{n: known[n] for n in value.formula.names})
@@ -97,16 +97,16 @@ class BodyFields:
         return _inwards(self.body.mesh.geometry.x[self._nodes]) * self.body.length_scale
 
     def _by_region(self, value: ByRegion, where: str) -> fem.Function:
-        """Values (SI), constant in each cell."""
+        """Return values (SI), constant in each cell."""
         number = parts(self.body, value.values, where)
         function = fem.Function(fem.functionspace(self.body.mesh, ("DG", 0)))
         function.x.array[function.function_space.dofmap.list[:, 0]] = np.array([*value.values.values(), np.nan])[number]
-        function.x.scatter_forward()  # a ghost's region is known for certain to its owner alone
+        function.x.scatter_forward()  # only the owner of a ghost is sure to have its region
         return function
 
 
 def law_cells(body: Body, laws: Mapping[str, Any]) -> tuple[npt.NDArray[np.int32], ...]:
-    """Owned cells of each law's region, the laws by their place in the job; nothing if one holds for the whole body.
+    """Return owned cells of each law's region, in the order of the job; empty if one law holds for the whole body.
 
     Raises:
         MeshError: on all ranks, if a cell is in no region or in two.
@@ -119,10 +119,10 @@ def law_cells(body: Body, laws: Mapping[str, Any]) -> tuple[npt.NDArray[np.int32
 
 
 def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> npt.NDArray[np.int64]:
-    """Place in ``names`` of the region that each local cell is in (right for owned cells); collective.
+    """Return the index in ``names`` of the region of each local cell (correct for owned cells); collective.
 
-    A region of the job's own ('regions') takes its cells from the groups of the mesh; ``elsewhere`` stands for the
-    cells in none of the others.
+    Regions of the job ('regions') take their cells from the groups of the mesh; ``elsewhere`` are the cells in none of
+    the others.
 
     Raises:
         MeshError: on all ranks, if a cell is in no region, in two groups of the mesh or in two regions of the job, or
@@ -135,7 +135,7 @@ def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> n
     for i, name in enumerate(names):
         if name != ELSEWHERE:
             with naming_field(where):
-                body.cells(name)  # there is such a region, and it has cells
+                body.cells(name)  # raises an error for unknown and empty regions
             groups[body.regions[name].origin].append((i, name))
     for origin, members in groups.items():
         of_these = np.full_like(number, -1)
@@ -169,7 +169,7 @@ def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> n
 
 
 def _inwards(nodal: Floats) -> Floats:
-    """Values at points inside of cells from those at their nodes, (cells, nodes, components)."""
+    """Return values at points inside of cells from nodal values, (cells, nodes, components)."""
     middle = nodal.mean(axis=1, keepdims=True)
     inside: Floats = middle + _INWARDS * (nodal - middle)
     return inside

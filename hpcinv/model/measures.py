@@ -17,12 +17,12 @@ class Integration:
     """Measures with one quadrature degree.
 
     Args:
-        parts: local cells of each part into which the volume is cut, without gaps or overlaps; none leaves it whole.
+        parts: local cells of each part of the volume, without gaps or overlaps; by default it is not divided.
     """
 
     def __init__(self, body: Body, degree: int, parts: tuple[npt.NDArray[np.int32], ...] = ()) -> None:
         self._body, self._degree = body, degree
-        # Both lists are shared by all measures of their kind, as DOLFINx wants it; the second grows with the regions.
+        # Both lists are shared by all measures of their kind, as DOLFINx requires; the second grows with the regions.
         self._cells = list(enumerate(parts, start=1)) or None
         self._facets: list[tuple[int, npt.NDArray[np.int32]]] = []
         self._known: dict[str, int] = {}
@@ -33,11 +33,11 @@ class Integration:
         return ufl.Measure("dx", self._body.mesh, subdomain_data=self._cells, metadata=self._rule)
 
     def part(self, number: int) -> Any:
-        """One of the parts, from 0; the whole body if it is not cut."""
+        """Return one of the parts, from 0; the whole body if it is not divided."""
         return self.volume if self._cells is None else self.volume(number + 1)
 
     def surface(self, region: str) -> Any:
-        """A region of the boundary; raises ``MeshError`` on all ranks if it is none."""
+        """Return a region of the boundary; raise ``MeshError`` on all ranks if it is none."""
         if region not in self._known:
             topology = self._body.mesh.topology
             facets = self._body.boundary_facets(region)

@@ -1,4 +1,4 @@
-"""``∂R/∂θ``: how the residual of a scene changes with its parameters while its unknowns stay."""
+"""Derivative ``∂R/∂θ`` of the residual of a scene by its parameters."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 class ParameterDerivative:
-    """The derivative of a scene's residual in any direction of its parameters: one form, compiled once.
+    """Derivative of a scene's residual in any direction of its parameters, as one form that is compiled once.
 
-    UFL differentiates by coefficients, not by constants: one stands in for the constant of all parameters, and goes
-    when its work is done. Parameters and their rates are then two halves of one constant (see `Parameters`).
+    UFL differentiates by coefficients, not by constants: a coefficient replaces the constant of all parameters during
+    differentiation. Parameters and their rates are then two halves of one constant (see `Parameters`).
     """
 
     def __init__(self, residual: Any, par: Parameters, mesh: Mesh) -> None:
@@ -39,7 +39,7 @@ class ParameterDerivative:
         self._form = fem.form(form, jit_options=JIT_OPTIONS)
 
     def assemble(self, along: Direction, b: PETSc.Vec) -> None:
-        """Put the derivative at the present state and load in ``b``, in the rows of this rank's cells."""
+        """Assemble the derivative at the present state and load into ``b``, for the cells of this rank."""
         self._point_and_way.value[:] = np.concatenate([self._parameters.constant.value, along.entries])
         for function, rate in zip(self._functions, self._rates, strict=True):
             given = [found for known, found in along.functions if known is function]

@@ -1,8 +1,8 @@
-"""The parameters of a scene, scaled: numbers are entries of one constant of its forms, so that changing one recompiles
-nothing; fields are functions or formulas of position.
+"""Scaled parameters of a scene.
 
-One constant and not many, since UFL orders constants by the text of their running numbers: several would change places
-between the 9th and the 10th, and the same form would be compiled anew.
+Numbers are entries of one constant of its forms, so that new values need no compilation; fields are functions or
+formulas of position. There is only one constant because UFL sorts constants by the text of their running numbers: with
+several, the order would change between the 9th and the 10th, and the same form would be compiled again.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Parameters:
     """The load factors of the load cases, and the finite quantities of laws, effects and families of fibres.
 
     Args:
-        ingredients: what the scene is made of, by the name that messages call it, and where its formulas are evaluated.
+        ingredients: name in messages, laws, effects and families, and kinematics for their formulas.
         cases: number of load cases.
 
     Raises:
@@ -53,37 +53,37 @@ class Parameters:
         self._values = [0.0] * cases
         self._metre: int | None = None
         self._functions: dict[str, tuple[fem.Function, Dimension]] = {}
-        places = [(self._take_in(where, ingredient), k) for where, ingredient, k in ingredients]
+        places = [(self._places_of(where, ingredient), k) for where, ingredient, k in ingredients]
         self._places = [found for found, _ in places]
         self._numbers = {where: number for number, (where, _, _) in enumerate(ingredients)}
         self._constant = fem.Constant(fields.body.mesh, self._values)
         self._namespaces = [SimpleNamespace(**{n: self._entry(p, k) for n, p in found.items()}) for found, k in places]
 
     def load(self, case: int) -> Any:
-        """Load factor of a case, from 0 to 1, as UFL sees it."""
+        """Return the load factor of a case, from 0 to 1, as a UFL scalar."""
         return self._constant[case]
 
     def set_load(self, value: float) -> None:
-        """Set the load factors for the share ``value`` of the whole way, on which the cases follow each other."""
+        """Set the load factors of all cases, which are applied in turn, for the share ``value`` of the whole load."""
         self._constant.value[: self._cases] = [load_factor(value, case, self._cases) for case in range(self._cases)]
 
     def of(self, index: int) -> Any:
-        """The quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
+        """Return the quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
         return self._namespaces[index]
 
     def update_parameters(self, ingredients: Sequence[tuple[str, Ingredient]], scales: Scales) -> None:
-        """Take the numbers of other ingredients, of a job of the same structure, in scales of their own."""
+        """Set the numbers of other ingredients, of a job of the same reuse group, in other scales."""
         for function, dimension in self._functions.values():
             function.x.array[:] *= self._scales.of(dimension) / scales.of(dimension)
         self._scales, count = scales, len(self._values)
         self._values, self._metre = [0.0] * self._cases, None
         for where, ingredient in ingredients:
-            self._take_in(where, ingredient)
+            self._places_of(where, ingredient)
         assert len(self._values) == count
         self._constant.value[:] = self._values
 
     def scale(self, index: int, name: str, factor: float) -> None:
-        """Make a quantity of the ``index``-th ingredient, one number everywhere, ``factor`` times what the job gives.
+        """Set a uniform quantity of the ``index``-th ingredient to ``factor`` times its value in the job.
 
         Raises:
             TypeError: if it varies over the body.
@@ -100,14 +100,14 @@ class Parameters:
 
     @property
     def functions(self) -> tuple[fem.Function, ...]:
-        """The functions of the forms that are quantities."""
+        """Quantities of the forms that are functions."""
         return tuple(function for function, _ in self._functions.values())
 
     def direction(self, rates: Mapping[str, Mapping[str, tuple[Any, Dimension]]]) -> Direction:
-        """How the parameters change where quantities do, at rates (SI) of the form that they have.
+        """Return the direction in which the parameters change for given rates (SI) of quantities.
 
         Args:
-            rates: by ingredient and by name of the quantity, with its dimension.
+            rates: rate and dimension by ingredient and by name of the quantity.
         """
         entries = np.zeros(len(self._values))
         functions: list[tuple[fem.Function, fem.Function]] = []
@@ -133,7 +133,7 @@ class Parameters:
 
     @contextmanager
     def moved(self, along: Direction, step: float) -> Iterator[None]:
-        """The parameters a step along a direction, and back to the last bit."""
+        """Context with the parameters a step along a direction; afterwards they are restored exactly."""
         vectors = [(self._constant.value, along.entries), *((f.x.array, rate.x.array) for f, rate in along.functions)]
         before = [values.copy() for values, _ in vectors]
         for values, rate in vectors:
@@ -144,7 +144,7 @@ class Parameters:
             for (values, _), kept in zip(vectors, before, strict=True):
                 values[:] = kept
 
-    def _take_in(self, where: str, ingredient: Ingredient) -> dict[str, Any]:
+    def _places_of(self, where: str, ingredient: Ingredient) -> dict[str, Any]:
         return {
             name: self._place(value, dimension, f"{where}.{name}")
             for name, (value, dimension) in ingredient.quantities().items()
@@ -152,7 +152,7 @@ class Parameters:
         }
 
     def _place(self, value: Any, dimension: Dimension, where: str) -> Any:
-        """Where a quantity is to be found: a place in the constant, a function, or a formula and what it needs."""
+        """Return the representation of a quantity: an index of the constant, a function, or a formula."""
         if isinstance(value, tuple):
             return [self._place(v, dimension, f"{where}[{i}]") for i, v in enumerate(value)]
         scale = self._scales.of(dimension)
@@ -187,7 +187,7 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Direction:
-    """Rates of change of the scaled parameters: of the entries of the constant, and of functions, beside each."""
+    """Rates of change of the scaled parameters: for entries of the constant, and pairs of function and rate."""
 
     entries: npt.NDArray[np.float64]
     functions: tuple[tuple[fem.Function, fem.Function], ...]
@@ -195,7 +195,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class _Formula:
-    """A formula, and the places of its unit and of its constants."""
+    """A formula, and the indices of its unit and of its constants."""
 
     formula: Expression
     scale: int
@@ -203,9 +203,9 @@ class _Formula:
 
 
 def load_factor(value: float, case: int, cases: int) -> float:
-    """Load factor of one of ``cases`` load cases that follow each other, for the share ``value`` of the whole way.
+    """Return the load factor of one of ``cases`` successive load cases, for the share ``value`` of the whole load.
 
-    Below 0 and above 1, where a path may go between limit points, the first and the last case go on.
+    Below 0 and above 1, which a path may reach between limit points, the first and the last case are extrapolated.
     """
     low = 0.0 if case > 0 else -math.inf
     high = 1.0 if case < cases - 1 else math.inf

@@ -1,4 +1,4 @@
-"""Values at quadrature points, and what becomes of them: the mean over each cell, the range over the body."""
+"""Values at quadrature points, their means over cells and their range over the body."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _CHUNK = 10_000  # cells at a time, so that values at quadrature points take lit
 
 
 class CellMeans:
-    """Means ``∫ e dV / ∫ dV`` over the volume of each cell of what UFL expressions give there.
+    """Means ``∫ e dV / ∫ dV`` of UFL expressions over each cell.
 
     Args:
-        expressions: scalars, vectors or tensors ``e`` of one shape, each with the cells it holds in (``None`` for all).
-        mesh: the mesh that it lives on.
-        quadrature_degree: of the rule; the mean of a polynomial of this degree on straight cells is exact.
+        expressions: scalars, vectors or tensors ``e`` of one shape, each with its cells (``None`` for all).
+        mesh: the mesh.
+        quadrature_degree: degree of polynomials whose mean is exact on straight cells.
     """
 
     def __init__(self, expressions: Sequence[tuple[Any, Cells | None]], mesh: Mesh, quadrature_degree: int) -> None:
@@ -44,7 +44,7 @@ class CellMeans:
             self._values.append(QuadratureValues(weighted, mesh, quadrature_degree, of))
 
     def __call__(self) -> fem.Function:
-        """The means as they now are, piecewise constant."""
+        """Return the present means, piecewise constant."""
         means = fem.Function(self._space)
         values = means.x.array.reshape(-1, int(np.prod(self._shape)))
         dofs = means.function_space.dofmap.list[:, 0]
@@ -57,10 +57,9 @@ class CellMeans:
 
 
 class QuadratureValues:
-    """A UFL expression compiled for the quadrature points of a mesh, to be evaluated as often as needed.
+    """A UFL expression, compiled for the quadrature points of a mesh.
 
-    Iterating gives the owned cells, or those of them in ``cells``, some at a time, and the values in them:
-    (cells, points, …).
+    Iteration yields some of the owned cells (or of ``cells``) at a time, with their present values (cells, points, …).
     """
 
     def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: Cells | None = None) -> None:
@@ -76,7 +75,7 @@ class QuadratureValues:
             yield cells, self._compiled.eval(self._mesh, cells)
 
     def range(self) -> tuple[float, float]:
-        """Smallest and largest value at any point of any rank; collective."""
+        """Return the smallest and largest value at any point of any rank; collective."""
         low, high = np.inf, -np.inf
         for _, values in self:
             low, high = np.minimum(low, values.min()), np.maximum(high, values.max())

@@ -1,4 +1,4 @@
-"""Rigid motions of a body: which of them supports leave free, and their names.
+"""Rigid motions of a body that supports leave free, and their descriptions.
 
 A small rigid motion is ``u(x) = t + ω × (x - c)/ℓ``, six numbers ``(t, ω)`` in a frame of centre ``c`` and size ``ℓ``.
 """
@@ -14,21 +14,20 @@ from hpcinv.job.sections import AXES
 
 type Floats = npt.NDArray[np.float64]
 
-_FREE = (
-    1e-7  # share of the best held motion below which one is free: over round-off, under any clamp that can be meshed
-)
-_SOFT = 1e-9  # the same for the stiffness of springs
+# Share of the best held motion below which one is free: above rounding errors, below any clamp that can be meshed.
+_FREE = 1e-7
+_SOFT = 1e-9  # likewise for the stiffness of springs
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Where the six motions are measured: ``centre`` (3,) and ``size``, in the lengths of the points."""
+    """Frame of the six motions: ``centre`` (3,) and ``size``, in the length unit of the points."""
 
     centre: Floats
     size: float
 
     def motions(self, points: Floats) -> Floats:
-        """Displacements of ``points`` (n, 3) by the six motions: (n, 3, 6)."""
+        """Return displacements of ``points`` (n, 3) by the six motions, (n, 3, 6)."""
         r = (points - self.centre) / self.size
         motions = np.zeros((len(points), 3, 6))
         motions[:, range(3), range(3)] = 1.0
@@ -37,11 +36,11 @@ class Frame:
 
 
 def free_motions(constraints: Floats, stiffness: Floats | None = None) -> Floats:
-    """A basis (6, k) of the motions that do no work on supports: their null space.
+    """Return a basis (6, k) of the motions that do no work on supports.
 
     Args:
-        constraints: rows (n, 6), each a displacement that is prescribed, by the six motions.
-        stiffness: (6, 6) of the springs that hold the body besides.
+        constraints: rows (n, 6), a prescribed displacement component for each of the six motions.
+        stiffness: stiffness (6, 6) of springs.
     """
     _, singular, rows = np.linalg.svd(np.vstack([constraints, np.zeros((6, 6))]))
     held = singular > _FREE * max(singular[0], np.finfo(float).tiny)
@@ -54,7 +53,7 @@ def free_motions(constraints: Floats, stiffness: Floats | None = None) -> Floats
 
 
 def names(free: Floats, frame: Frame, length: float) -> list[str]:
-    """What the motions of a basis (6, k) are, in words, for a frame whose lengths are in units of ``length`` (m)."""
+    """Return descriptions of the motions of a basis (6, k), for a frame with the length unit ``length`` (m)."""
     if free.shape[1] == 6:
         return ["move and turn in every way"]
     slides, turns = [], []
@@ -63,7 +62,7 @@ def names(free: Floats, frame: Frame, length: float) -> list[str]:
         if not w.any():
             slides.append(_direction(t))
             continue
-        # Where the motion is along its own axis, and of these points the one next to the origin.
+        # The point on the axis of the motion that is closest to the origin.
         axis = w / np.linalg.norm(w)
         point = frame.centre + np.cross(w, t) / (w @ w)
         point = (point - (point @ axis) * axis) * length
@@ -75,7 +74,7 @@ def names(free: Floats, frame: Frame, length: float) -> list[str]:
 
 
 def _reduced(free: Floats) -> Floats:
-    """The same motions by a basis in reduced echelon form, rotations first: along the axes where that is possible."""
+    """Return a basis of the same motions in reduced echelon form, rotations first, along the axes if possible."""
     rows = free.T.copy()
     done = 0
     for column in (3, 4, 5, 0, 1, 2):

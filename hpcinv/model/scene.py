@@ -1,16 +1,17 @@
-"""The scene: virtual work of one body under its material laws and the effects that the job lists, in either direction.
+"""The scene: virtual work of one body under the material laws and effects of the job, in either direction.
 
 Equilibrium is stated once, on the reference body,
 
     ∫ P : Grad δu dV  =  Σ external virtual work,            P = ∂ψ/∂F,
 
-and, where the law is nearly or fully incompressible, with the pressure as an unknown of its own,
+and, for nearly or fully incompressible laws, with the pressure as an additional unknown,
 
     ψ = W(F) - p θ(F) - p²/2Λ,      ∫ (θ(F) + p/Λ) δp dV = 0,
 
-where ``U = Λ/2 θ²`` is the law's volumetric energy (``Λ → ∞`` drops the last term). Effects that strain the body
-without stress leave the law the elastic part of the deformation, ``F_e = F F_g⁻¹`` and ``ψ = J_g ψ(F_e)``. `Kinematics`
-carries this to the mesh, so that the inverse problem is the exact discrete inverse of the forward one.
+where ``U = Λ/2 θ²`` is the law's volumetric energy (``Λ → ∞`` drops the last term). With effects
+that strain the body without stress, the law depends on the elastic part of the deformation, ``F_e = F F_g⁻¹`` and
+``ψ = J_g ψ(F_e)``. `Kinematics` transforms this to the mesh, so that the inverse problem is the exact discrete inverse
+of the forward one.
 """
 
 from __future__ import annotations
@@ -44,18 +45,26 @@ if TYPE_CHECKING:
     from hpcinv.quantity.nondimensional import Scales
 
 LABEL = Label(1_000_000)
-"""Of ``H``, by which laws are derived. UFL's running number would make the kernels of each scene's expressions new
-ones, and a small number of our own might be that of a variable in somebody's law."""
+"""Label of ``H``, by which laws are differentiated. UFL's running number would change the kernels of each scene, and a
+small number might be used by a variable of a law."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """What one law gives in its cells (``None`` for all): energy stored per reference volume, and stress, scaled.
+    """Scaled energy and stress of one law, as UFL expressions.
 
-    ``constraint`` belongs to the pressure, and is ``None`` without; ``domain`` are the scalars that must stay positive
-    for the law to be defined; ``fixed_volume`` is the elastic volume ratio where the law does not let it change, else
-    ``None``. ``pressure`` is -∂ψ/∂θ per reference volume, an unknown or not, and ``dilatation`` θ. ``shear_modulus`` is
-    μ of the undeformed material, ``dilatation_modulus`` Λ (``None`` if it is infinite), and ``inelastic_volume`` J_g.
+    Attributes:
+        cells: cells of the law, ``None`` for all.
+        energy: energy per reference volume.
+        P: first Piola–Kirchhoff stress.
+        constraint: residual of the pressure, ``None`` if it is not an unknown.
+        domain: scalars that are positive where the law is defined.
+        fixed_volume: elastic volume ratio if the law is incompressible, else ``None``.
+        pressure: -∂ψ/∂θ per reference volume, an unknown or not.
+        dilatation: volumetric strain θ.
+        shear_modulus: μ of the undeformed material.
+        volumetric_modulus: Λ, ``None`` if it is infinite.
+        inelastic_volume: J_g.
     """
 
     cells: npt.NDArray[np.int32] | None
@@ -67,28 +76,28 @@ class Part:
     pressure: Any
     dilatation: Any
     shear_modulus: Any
-    dilatation_modulus: Any
+    volumetric_modulus: Any
     inelastic_volume: Any
 
     @property
     def compliance(self) -> Any:
         """``1/μ + 1/Λ`` of the undeformed material."""
-        return 1 / self.shear_modulus + (0 if self.dilatation_modulus is None else 1 / self.dilatation_modulus)
+        return 1 / self.shear_modulus + (0 if self.volumetric_modulus is None else 1 / self.volumetric_modulus)
 
 
 class Scene:
     """Material, effects and kinematics composed into one residual.
 
     Args:
-        known: displacement (scaled) by which what is known of the material on the current body is carried back to the
-            reference body, once and for all; left out, the unknown one.
+        known: fixed displacement (scaled) by which fibres and fields given on the current body are transformed to the
+            reference body; by default the unknown displacement.
 
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
         parameters: the load factors, and the parameters of laws, effects and fibres.
         strain_energy: UFL form of the energy stored in the body (scaled stress × length³).
-        J: volume ratio; mesh_J: the determinant that must stay positive at every point.
-        H: displacement gradient, of which everything in `parts` is made.
+        J: volume ratio; mesh_J: the determinant that must be positive at every point.
+        H: displacement gradient, the variable of all expressions in `parts`.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks a region or an array that the job names.
@@ -127,8 +136,8 @@ class Scene:
 
         def part(number: int, law: MaterialLaw) -> Part:
             p, theta = par.of(number), law.dilatation(elastic)
-            modulus = None if law.is_incompressible else law.dilatation_modulus(p)
-            psi = energy = law.distortion(elastic, p)
+            modulus = None if law.is_incompressible else law.volumetric_modulus(p)
+            psi = energy = law.isochoric_energy(elastic, p)
             constraint = None
             if unknowns.p is None:
                 psi = energy = psi + modulus * theta**2 / 2
@@ -174,11 +183,11 @@ class Scene:
         self.mesh_J = kin.mesh_J
 
     def update_parameters(self, job: Job, scales: Scales) -> None:
-        """Take the numbers of another job of the same structure."""
+        """Set the numbers of another job of the same reuse group."""
         self.parameters.update_parameters(_ingredients(job), scales)
 
     def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
-        """``∫ (1/μ + 1/Λ) p q`` over the mesh: like what couples the pressures once displacements are eliminated.
+        """Return ``∫ (1/μ + 1/Λ) p q`` over the mesh, spectrally equivalent to the Schur complement of the pressures.
 
         Source: Wathen & Silvester, SIAM J. Numer. Anal. 30, 630–649, 1993, doi:10.1137/0730031.
         """
@@ -188,12 +197,12 @@ class Scene:
 
     @cached_property
     def means(self) -> SceneMeans:
-        """Means over cells, range of the volume ratio and strain energy."""
+        """Compiled means over cells, volume ratios and strain energy."""
         return SceneMeans(self.unknowns.mesh, self.quadrature_degree, self.cauchy_stress, self.J, self.strain_energy)
 
     @cached_property
     def parameter_derivative(self) -> ParameterDerivative:
-        """How the residual changes with the parameters."""
+        """Derivative of the residual by the parameters."""
         return ParameterDerivative(self.residual, self.parameters, self.unknowns.mesh)
 
     @property
@@ -204,12 +213,12 @@ class Scene:
 
 
 def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
-    """Laws, effects and families of fibres by their places in the job, in the order in which a scene knows them."""
+    """Return laws, effects and families of fibres with their names in the job, in the order of a scene."""
     return [*job.laws.items(), *job.named_effects, *job.families.items()]
 
 
 def _elastic(total: Deformation, effects: list[Any]) -> tuple[Deformation, Any]:
-    """The deformation without what effects strain free of stress, and the volume ratio of that."""
+    """Return the elastic part of the deformation, and the volume ratio of the inelastic part."""
     elastic, J_g = total, 1
     for effect, load, p in effects:
         H_g = effect.inelastic_strain(total, load, p)
@@ -221,6 +230,6 @@ def _elastic(total: Deformation, effects: list[Any]) -> tuple[Deformation, Any]:
 
 
 def _unit(kin: Kinematics, given_on: str, direction: Any) -> Any:
-    """Unit vector in the reference body."""
+    """Return a unit vector in the reference body."""
     a = direction if given_on == "reference" else kin.F_inverse * direction
     return a / ufl.sqrt(ufl.inner(a, a))

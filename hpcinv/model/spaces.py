@@ -1,4 +1,4 @@
-"""The unknown fields of a scene: displacement, and pressure where the mixed form asks for it."""
+"""Unknown fields of a scene: displacement, and pressure in the mixed form."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hpcinv.parallel.runtime import MPI
 
 
 class Unknowns:
-    """Finite-element spaces on one mesh, and the state that a solve works on.
+    """Finite-element spaces on one mesh, and the state of a solve.
 
     Args:
         mesh: mesh with its coordinates in scaled lengths.
@@ -24,12 +24,12 @@ class Unknowns:
         pressure: polynomial degree of the pressure, or ``None`` for the displacement form.
 
     Attributes:
-        state: every unknown in one function, ``u`` alone or ``(u, p)``.
-        scalar_elements: of a component of the displacement, and of the pressure if there is one.
-        displacement_space, pressure_space: of the parts alone; there is no latter in the displacement form.
-        u, p: its parts as UFL expressions; ``p`` is ``None`` in the displacement form.
-        test: the test function of the whole space.
-        v, q: its parts, which belong to ``u`` and ``p``.
+        state: all unknowns in one function, ``u`` or ``(u, p)``.
+        scalar_elements: elements of a displacement component, and of the pressure in the mixed form.
+        displacement_space, pressure_space: spaces of displacement and pressure; the latter in the mixed form only.
+        u, p: parts of the state as UFL expressions; ``p`` is ``None`` in the displacement form.
+        test: test function of the whole space.
+        v, q: its parts, for ``u`` and ``p``.
     """
 
     def __init__(self, mesh: Mesh, displacement: int, pressure: int | None) -> None:
@@ -72,7 +72,7 @@ class Unknowns:
 
     @cached_property
     def has_whole_nodes(self) -> bool:
-        """Whether the displacements of each node follow each other, which DOLFINx does not promise; collective."""
+        """True if the displacements of each node are consecutive, which DOLFINx does not guarantee; collective."""
         dofmap = self.space.dofmap
         if dofmap.index_map_bs == 3:
             return True
@@ -82,7 +82,7 @@ class Unknowns:
 
     @property
     def owned_displacement_dofs(self) -> npt.NDArray[np.int32]:
-        """Local numbers of the displacements in the state, without ghosts; the three of a node follow each other."""
+        """Local numbers of the displacements in the state, without ghosts; consecutive for each node."""
         return np.extract(self._is_owned(self._displacement_dofs), self._displacement_dofs)
 
     @property
@@ -91,7 +91,7 @@ class Unknowns:
         return np.extract(self._is_owned(self._pressure_dofs), self._pressure_dofs)
 
     def owned_displacement_points(self) -> npt.NDArray[np.float64]:
-        """Where the nodes of `owned_displacement_dofs` are as the mesh now lies, (nodes, 3) in scaled lengths."""
+        """Return present positions of the nodes of `owned_displacement_dofs`, (nodes, 3) in scaled lengths."""
         points: npt.NDArray[np.float64] = self.displacement_space.tabulate_dof_coordinates()
         return points[self._is_owned(self._displacement_dofs[::3])]
 
@@ -100,22 +100,22 @@ class Unknowns:
         return np.asarray(dofs < dofmap.index_map.size_local * dofmap.index_map_bs)
 
     def displacement_component(self, i: int) -> fem.FunctionSpace:
-        """The ``i``-th displacement component as a subspace of the whole, for supports."""
+        """Return the subspace of the ``i``-th displacement component, for supports."""
         space = self.space if self.p is None else self.space.sub(0)
         return space.sub(i)
 
     def displacement(self) -> fem.Function:
-        """A copy of the displacement alone, in scaled lengths."""
+        """Return a copy of the displacement, in scaled lengths."""
         u = fem.Function(self.displacement_space, name="displacement")
         u.x.array[:] = self.state.x.array[self._displacement_dofs]
         return u
 
     def set_displacement(self, u: fem.Function) -> None:
-        """Put ``u``, a function of ``displacement_space``, in the state; what else is in it stays."""
+        """Set the displacement of the state to ``u``, a function of ``displacement_space``."""
         self.state.x.array[self._displacement_dofs] = u.x.array
 
     def pressure(self) -> fem.Function | None:
-        """A copy of the pressure alone, in scaled stresses; ``None`` in the displacement form."""
+        """Return a copy of the pressure, in scaled stresses; ``None`` in the displacement form."""
         if self.p is None:
             return None
         p = fem.Function(self.pressure_space, name="pressure")
@@ -123,11 +123,11 @@ class Unknowns:
         return p
 
     def set_pressure(self, p: fem.Function) -> None:
-        """Put ``p`` in the state, as ``set_displacement`` does."""
+        """Set the pressure of the state to ``p``, a function of ``pressure_space``."""
         self.state.x.array[self._pressure_dofs] = p.x.array
 
     def at_nodes(self, u: fem.Function) -> npt.NDArray[np.float64]:
-        """Values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3)."""
+        """Return values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3)."""
         x = self.mesh.geometry
         nodal = fem.Function(self._nodal_space)
         nodal.interpolate(u)
@@ -143,10 +143,10 @@ class Unknowns:
 
 
 def _dofs_in(mixed: fem.FunctionSpace, part: int, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-    """For each local dof of ``space`` the one of a part of a ``mixed`` space that is the same.
+    """Return the dof of a part of a ``mixed`` space that corresponds to each local dof of ``space``.
 
     Functions of a collapsed subspace are not continuous on tetrahedra from degree 3 on (DOLFINx 0.11): the dofs on an
-    edge are then in the order of the mixed space, which forms on the collapsed one do not know.
+    edge are then in the order of the mixed space, which forms on the collapsed space do not use.
     """
     numbers, there = fem.Function(space), fem.Function(mixed)
     numbers.x.array[:] = np.arange(1.0, len(numbers.x.array) + 1)

@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Prescribed:
-    """One component of the displacement on one support, as this rank knows it.
+    """One component of the displacement on one support, on this rank.
 
     Attributes:
-        field: what prescribes it in the job, such as ``supports[2].fix``.
-        support: number of that support.
+        field: key of the job, such as ``supports[2].fix``.
+        support: number of the support.
         axis: number of the component.
         dofs: its degrees of freedom among all unknowns.
-        nodes: the same in the space of ``now``, which holds that component alone.
-        full: values at full load (scaled lengths), at every node of that space, zero where nothing is prescribed.
+        nodes: the same degrees of freedom in the space of ``now``, which is the space of this component.
+        full: values at full load (scaled lengths) at every node of that space, zero at free nodes.
         now: values at the present load.
     """
 
@@ -50,7 +50,7 @@ class Prescribed:
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
-        """Positions of ``nodes`` in the mesh as it now lies, (n, 3) in scaled lengths."""
+        """Present positions of ``nodes``, (n, 3) in scaled lengths."""
         points: npt.NDArray[np.float64] = self.now.function_space.tabulate_dof_coordinates()[self.nodes]
         return points
 
@@ -58,8 +58,8 @@ class Prescribed:
 class Supports:
     """Dirichlet conditions ``u_i = λ ū_i``, with the load factor λ of each support's load case.
 
-    ``ū`` is evaluated once, at the coordinates of the mesh as the job gives it (m): in a round trip the second
-    direction prescribes the same displacement of the same material points.
+    ``ū`` is evaluated once, at the coordinates of the mesh of the job (m): in a round trip both directions prescribe
+    the same displacement of the same material points.
     """
 
     def __init__(self, job: Job, body: Body, unknowns: Unknowns) -> None:
@@ -85,7 +85,7 @@ class Supports:
         self.update_parameters(job)
 
     def update_parameters(self, job: Job) -> None:
-        """Prescribe what a job says, whose supports are on the same regions; the mesh must lie as it is given.
+        """Set the displacements of a job with supports on the same regions, on the mesh at its given coordinates.
 
         Raises:
             MeshError: on all ranks, if a formula has no finite value somewhere.
@@ -106,7 +106,8 @@ class Supports:
         """Prescribe derivatives of the displacements at full load, until `scale` is called.
 
         Args:
-            variant: the support of this number as a function of what is differentiated by, at the value ``at``.
+            variant: the support of this number as a function of a parameter.
+            at: value of the parameter at which to differentiate.
         """
         step = step_at(at)
         specs = [variant(at + k * step) for k in POINTS]
@@ -119,13 +120,13 @@ class Supports:
                 one.now.x.array[one.nodes] = central_difference(values, step) / self._length
 
     def scale(self, load: float) -> None:
-        """Prescribe the displacements that belong to a share of the whole load."""
+        """Prescribe the displacements at a share of the whole load."""
         for one in self.prescribed:
             one.now.x.array[:] = load_factor(load, one.case, self._case_count) * one.full
 
 
 def _values(spec: Support, formula: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """What a formula of the support prescribes at ``points`` (n, 3) m, in m."""
+    """Return prescribed displacements by a formula of the support at ``points`` (n, 3) m, in m."""
     x, y, z = points.T
-    with np.errstate(all="ignore"):  # what is not finite is told by the caller, once
+    with np.errstate(all="ignore"):  # the caller reports values that are not finite
         return np.asarray(formula.evaluate(x=x, y=y, z=z, **spec.constants))

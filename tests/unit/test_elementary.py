@@ -28,7 +28,7 @@ def derivatives() -> Callable[[str, float], Any]:
     mesh = create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
     at = fem.Constant(mesh, 0.0)
     x = ufl.variable(at)
-    names = ["exp", "ln", "sqrt", "expm1", "log1p", "log1p_remainder", "log1p_remainder_ratio", "positive_part"]
+    names = ["sqrt", "expm1", "log1p", "log1p_remainder", "log1p_remainder_ratio", "positive_part"]
     values = [getattr(stable_functions, name)(x) for name in names]
     values += [stable_functions.polynomial(x, [3.0, -2.0, 0.5])]
     slopes = [ufl.diff(value, x) for value in values]
@@ -88,7 +88,5 @@ def test_exponential_less_1_keeps_its_digits(derivatives: Callable[[str, float],
 def test_kinks_and_plain_functions(derivatives: Callable[[str, float], Any]) -> None:
     for x, expected in ((-1e-300, (0, 0, 0)), (0.0, (0, 0, 0)), (1e-300, (1e-300, 1, 0)), (2.5, (2.5, 1, 0))):
         assert tuple(derivatives("positive_part", x)) == expected
-    assert derivatives("exp", 1.5) == pytest.approx([float(mp.exp(1.5))] * 3, rel=1e-15)
-    assert derivatives("ln", 1.6) == pytest.approx([float(mp.log(1.6)), 1 / 1.6, -1 / 1.6**2], rel=1e-15)
     assert derivatives("sqrt", 1.44) == pytest.approx([1.2, 1 / 2.4, -1 / (4 * 1.2**3)], rel=1e-15)
     assert derivatives("polynomial", 0.3) == pytest.approx([3 - 0.6 + 0.045, -1.7, 1.0], rel=1e-15)

@@ -20,7 +20,7 @@ from ufl.classes import Variable
 
 from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.materials import MaterialLaw, laws
-from hpcinv.materials.volumetric import DILATATIONS
+from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.model.scene import LABEL
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
@@ -95,8 +95,8 @@ class Compiled:
         H = Variable(self.H, LABEL)
         k = Deformation(H, {f: ufl.as_vector(list(THIRDS[i] / 3)) for i, f in enumerate(law.families)})
         self.choices = list(volumetric_choices(law))
-        energies = [law.distortion(k, par)]
-        energies += [other.dilatation_modulus(par) / 2 * other.dilatation(k) ** 2 for other in self.choices]
+        energies = [law.isochoric_energy(k, par)]
+        energies += [other.volumetric_modulus(par) / 2 * other.dilatation(k) ** 2 for other in self.choices]
         parts = [part for psi in energies for part in (psi, *np.ravel(components(ufl.diff(psi, H))))]
         everything = ufl.as_vector([*parts, *law.domain(k, par)])
         self.count = len(energies)
@@ -300,4 +300,4 @@ def test_a_law_whose_formula_is_not_zero_and_free_of_stress_at_rest_is_refused(f
     law = EXAMPLES["isochoric-neo-hookean"]
     k = Deformation(ufl.zero(3, 3))
     with mock.patch.object(type(law), "formula", formula), pytest.raises(ValueError, match="not stress-free"):
-        law.distortion(k, SimpleNamespace(mu=1.0))
+        law.isochoric_energy(k, SimpleNamespace(mu=1.0))

@@ -1,1 +1,1 @@
-"""Arithmetic in which formulas of strains keep their digits at small strain, for laws that are given by a formula."""
+"""Arithmetic for energy formulas that keeps digits at small strain."""

@@ -1,7 +1,7 @@
-"""The functions that jets need of what they are made of: of floats, to check an energy, and of UFL, to derive from it.
+"""Functions of the numbers in jets: of floats, to check an energy, and of UFL scalars, to build forms.
 
-Beside functions that formulas know, by their names there, these are ``if_positive(x, then, otherwise)``, ``log1p``,
-``expm1`` and what is left of functions without their tangent: ``log1p_remainder(x) = ln(1 + x) - x``,
+Besides the functions of formulas, these are ``if_positive(x, then, otherwise)``, ``log1p``, ``expm1`` and remainders of
+functions after subtraction of their tangent: ``log1p_remainder(x) = ln(1 + x) - x``,
 ``expm1_remainder(x) = exp(x) - 1 - x`` and ``power_remainder(x, n) = (1 + x)^n - 1 - n x``.
 """
 
@@ -14,9 +14,9 @@ from typing import Any
 
 type Functions = Mapping[str, Callable[..., Any]]
 
-# |x| at which closed forms take over from series: low, as each term makes a form and its derivatives larger
+# |x| below which series are used; small, since each term of a series makes a form and its derivatives larger
 _SERIES_BELOW = 2.0**-9
-_EXP_TERMS, _POWER_TERMS = 5, 8  # what is left out is 1e-17 of the sum, for powers from -20 to 20
+_EXP_TERMS, _POWER_TERMS = 5, 8  # truncation error: 1e-17 of the sum, for powers from -20 to 20
 
 FLOATS: Functions = {
     **{name: getattr(math, name) for name in ("exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan")},
@@ -27,12 +27,12 @@ FLOATS: Functions = {
     "expm1_remainder": lambda x: math.expm1(x) - x,
     "power_remainder": lambda x, n: math.expm1(n * math.log1p(x)) - n * x,
 }
-"""Of floats; their remainders are good to ``1e-16/x`` of themselves, enough for moduli from differences."""
+"""Functions of floats; remainders have a relative error of ``1e-16/x``, enough for moduli from differences."""
 
 
 @cache
 def ufl_functions() -> Functions:
-    """Of UFL scalars, accurate as their argument vanishes, together with their derivatives."""
+    """Return functions of UFL scalars, accurate at small arguments together with their derivatives."""
     import ufl
 
     from hpcinv.kinematics.stable_functions import expm1, log1p, log1p_remainder

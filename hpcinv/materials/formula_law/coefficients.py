@@ -1,4 +1,4 @@
-"""Numbers made of a law's parameters: their values decide which form a formula takes, their symbols enter that form."""
+"""Coefficients of parameters of a law: numbers decide which terms a form has, symbols are part of the form."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _ROUNDING = 1e-13  # a sum that is smaller than this part of its terms is zero
 
 @dataclass(frozen=True)
 class Coefficient:
-    """A number with a symbol in its place, so that a form made of it stays the same for other values.
+    """A number and its symbol in forms, so that a form is the same for other values.
 
-    A sum that vanishes but for rounding is exactly zero, such as ``k*3 + (1 - 3*k) - 1``.
+    A sum that vanishes except for rounding errors is exactly zero, such as ``k*3 + (1 - 3*k) - 1``.
 
     Args:
         value: the number.
-        symbol: what stands for it: the number itself, or a UFL scalar.
-        size: of the terms that it is the sum of.
-        is_literal: whether it is made of numbers only, and of no parameter.
+        symbol: the number, or a UFL scalar in its place.
+        size: sum of the magnitudes of its terms.
+        is_literal: whether it depends on no parameter.
     """
 
     value: float
@@ -35,7 +35,7 @@ class Coefficient:
 
     @classmethod
     def parameter(cls, value: float, symbol: Any) -> Coefficient:
-        """Zero if ``value`` is: a term that is absent is no part of the form."""
+        """Return the coefficient of a parameter; a zero is literal, so that its term is no part of the form."""
         return cls(value, symbol, abs(value), is_literal=False) if value else ZERO
 
     def __bool__(self) -> bool:
@@ -70,7 +70,7 @@ class Coefficient:
         return self._with(exponent, value, self.symbol**exponent.symbol, abs(value) * self.size / abs(self.value))
 
     def apply(self, name: str, functions: Functions, slope: float = 1.0) -> Coefficient:
-        """A function of one argument by its name; ``slope`` is the size of its derivative, or a bound of it."""
+        """Return a function of the coefficient by name; ``slope`` is the size of its derivative, or a bound of it."""
         try:
             value = getattr(math, name)(self.value)
         except ValueError:
@@ -79,7 +79,7 @@ class Coefficient:
         return self._with(self, value, symbol, abs(value) + slope * self.size)
 
     def _with(self, other: Coefficient, value: float, symbol: Any, size: float) -> Coefficient:
-        """What is made of both."""
+        """Return the result of an operation on both."""
         if abs(value) <= _ROUNDING * size:
             return ZERO
         return Coefficient(value, symbol, size, self.is_literal and other.is_literal)

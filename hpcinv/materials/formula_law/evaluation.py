@@ -1,4 +1,4 @@
-"""Evaluation of an energy formula so that no digits are lost at small strain."""
+"""Evaluation of energy formulas without loss of digits at small strain."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def evaluate(
     functions: Functions,
     families: Mapping[str, str] | None = None,
 ) -> tuple[Jet, Strains]:
-    """The energy as a jet, and its strains.
+    """Return the energy as a jet, and its strains.
 
     Args:
-        constants: the parameters.
-        functions: of the numbers that the strains of ``k`` are.
-        families: of fibres, by what the formula calls them; ``None`` if it has their own names.
+        constants: parameters by name.
+        functions: functions for the type of the strains of ``k``.
+        families: families of fibres by their names in the formula; ``None`` if these are the names of the families.
 
     Raises:
-        ValueError: it has no value or no derivative at ``F = I``.
+        ValueError: if it has no value or no derivative at ``F = I``.
     """
     strains = Strains(functions)
     values = invariants(energy.names, k, strains, families)
@@ -42,14 +42,14 @@ def evaluate(
 def evaluate_of_any_parameters(
     formula: str, par: Any, k: Deformation, families: Mapping[str, str]
 ) -> tuple[Any, tuple[Any, ...]]:
-    """The energy of a law with positive parameters whose values may vary, and what must stay positive, as UFL scalars.
+    """Return the energy of a law for any values of its parameters, and the scalars that must stay positive, in UFL.
 
     Args:
-        par: has the parameters of the formula as attributes.
+        par: namespace of the positive parameters of the formula.
     """
     energy = Expression(formula)
     names = sorted(name for name in energy.names if families_in(name) is None)
-    # Numbers that stand for any: a sum of them vanishes only if it does for all values of the parameters.
+    # Generic numbers: a sum of them vanishes only if it vanishes for all values of the parameters.
     typical = {name: math.exp(1 / (3 + i)) for i, name in enumerate(names)}
     constants = {name: Coefficient.parameter(value, getattr(par, name)) for name, value in typical.items()}
     jet, strains = evaluate(energy, constants, k, ufl_functions(), families)

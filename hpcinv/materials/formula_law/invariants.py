@@ -1,6 +1,6 @@
-"""The invariants that energy formulas know, as jets.
+"""Invariants of energy formulas, as jets.
 
-Their names: ``I1, I2, J``; ``I1_bar, I2_bar`` of ``J^(-2/3) C``; of a family ``f`` of fibres ``I4_f = a0·C a0`` and
+Their names are ``I1, I2, J``; ``I1_bar, I2_bar`` of ``J^(-2/3) C``; of a family ``f`` of fibres ``I4_f = a0·C a0`` and
 ``I5_f = a0·C² a0``; of two families ``I8_f_s = a0·(C - I) b0``. The strains of the jets are ``E`` for ``tr E``, ``E_f``
 for ``a0·E a0`` and ``E_f_s`` for ``a0·E b0``.
 """
@@ -26,7 +26,7 @@ _OF_FIBRES = re.compile(r"I[45]_([A-Za-z][A-Za-z0-9]*)|I8_([A-Za-z][A-Za-z0-9]*)
 
 
 def families_in(name: str) -> tuple[str, ...] | None:
-    """Families of fibres that an invariant is made of, none if it is isotropic; ``None`` if it is no invariant."""
+    """Return families of fibres of an invariant, none if it is isotropic; ``None`` if the name is no invariant."""
     if name in ISOTROPIC:
         return ()
     match = _OF_FIBRES.fullmatch(name)
@@ -39,11 +39,11 @@ def invariants(
     strains: Strains,
     families: Mapping[str, str] | None = None,
 ) -> dict[str, Jet]:
-    """Those of the named invariants that there are, of a deformation.
+    """Return the invariants of a deformation among the names.
 
     Args:
-        strains: in whose ``values`` the deformation's strains are put.
-        families: of fibres, by what the invariants call them; ``None`` if these have their own names.
+        strains: receives the strains of the deformation in its ``values``.
+        families: families of fibres by their names in the invariants; ``None`` if these are the names of the families.
     """
     found = ((name, families_in(name)) for name in sorted(names))
     return {
@@ -80,9 +80,9 @@ def _invariant(name: str, families: tuple[str, ...], k: Any, strains: Strains) -
 
 
 class PrincipalStretches:
-    """A deformation with the principal stretches ``exp(e)``, in plain floats, which leaves all fibres as they are.
+    """A deformation with the principal stretches ``exp(e)`` in floats, without strain of the fibres.
 
-    What small-strain moduli are measured with, where UFL and NumPy are not to be had.
+    It serves to compute small-strain moduli without UFL and NumPy.
     """
 
     E = 0.0

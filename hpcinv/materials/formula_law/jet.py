@@ -1,10 +1,10 @@
-"""Formulas of strains, rid of what cancels to first order at small strain.
+"""Jets: values of formulas, split so that first-order terms cancel exactly at small strain.
 
-A jet ``q = q0 + Σ q1[a] t[a] + R`` keeps its parts apart: the strains ``t[a]``, such as ``tr E``, are small of first
-order; the remainder ``R``, of second and higher order, is computed without subtracting large numbers. An energy that is
-stress-free at ``F = I`` has no ``q1``, and ``R`` is all of it that has a derivative.
+A jet ``q = q0 + Σ q1[a] t[a] + R`` stores its parts separately. The strains ``t[a]``, such as ``tr E``, are small of
+first order; the remainder ``R``, of second and higher order, is computed without subtraction of large numbers. An
+energy that is stress-free at ``F = I`` has no ``q1``, and only ``R`` has a derivative.
 
-A Taylor model is the same with a bound in place of the remainder: Berz & Makino (1998), doi:10.1023/A:1024467732637.
+A Taylor model has a bound in place of the remainder: Berz & Makino (1998), doi:10.1023/A:1024467732637.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from hpcinv.quantity.functions import FUNCTIONS
 
 @dataclass
 class Strains:
-    """What the jets of one formula have in common.
+    """Strains and functions of the jets of one formula.
 
     Args:
-        functions: of the numbers that strains and remainders are, see `hpcinv.materials.formula_law.algebras`.
+        functions: functions of strains and remainders, see `hpcinv.materials.formula_law.algebras`.
 
     Attributes:
         values: the strains ``t`` by name.
-        positive: what must stay positive for the formula to have a value, divided by its value at ``F = I``.
+        positive: scalars that are positive where the formula has a value, divided by their values at ``F = I``.
     """
 
     functions: Functions
@@ -49,16 +49,16 @@ class Jet:
     """A scalar that depends on strains.
 
     Args:
-        strains: those that it depends on.
+        strains: strains of the formula.
         constant: ``q0``, its value at ``F = I``.
-        slopes: ``q1`` by the name of the strain; those that vanish are left out.
+        slopes: ``q1`` by the name of the strain, without zeros.
         remainder: ``R``.
         order: ``R = O(t^order)``: 2 if it is smooth, 1 if it has a kink at ``F = I``, infinity if it is constant.
         is_positive: whether it is positive for every deformation.
-        exact_change: ``q - q0``, where it is known otherwise than as the sum of its parts.
+        exact_change: ``q - q0``, if it is known more directly than as the sum of its parts.
 
     Raises:
-        ValueError: from its operators, if they have no value or no derivative at ``F = I``.
+        ValueError: by operators that have no value or no derivative at ``F = I``.
     """
 
     strains: Strains
@@ -89,7 +89,7 @@ class Jet:
 
     @cached_property
     def relative_change(self) -> Any:
-        """``q/q0 - 1``, with a note that it must stay above -1."""
+        """``q/q0 - 1``; that it is above -1 is added to the conditions in `Strains`."""
         relative = self.change / self.constant.symbol
         if not self.is_positive and not self.is_constant:
             self.strains.positive.append(1 + relative)
@@ -177,7 +177,7 @@ class Jet:
         return self.mapped(value, n * value / self.constant, further, self.is_positive)
 
     def mapped(self, value: Coefficient, slope: Coefficient, further: Any, is_positive: bool = False) -> Jet:
-        """``f(q)``, from ``f(q0)``, ``f'(q0)`` and what ``f`` adds to its tangent there."""
+        """Return ``f(q)``, from ``f(q0)``, ``f'(q0)`` and the remainder of ``f`` after its tangent."""
         return Jet(
             self.strains,
             value,
@@ -190,7 +190,7 @@ class Jet:
     def without_first_order(
         self, value: Coefficient, change: str, of: Any, factor: Coefficient, is_positive: bool = False
     ) -> Jet:
-        """``f(q)``, from ``f(q0)`` and a factor of a function of the change, if that has no first-order part."""
+        """Return ``f(q) = f(q0) + factor · change(of)``, if the change has no first-order part."""
         if self.is_constant:
             return replace(self.strains.constant(value), is_positive=is_positive or value.value > 0)
         remainder = factor.symbol * self.strains.functions[change](of)
