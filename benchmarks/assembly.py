@@ -98,7 +98,7 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
     form = fem.form(ufl.derivative(scene.residual, scene.unknowns.state), jit_options=JIT_OPTIONS)
     theirs = fem_petsc.create_matrix(form)
     tangent = FilledTangent(scene)
-    matrix = tangent.create_matrix(conditions)
+    matrix, assemble = tangent.create_matrix(conditions)
 
     def dolfinx() -> None:
         theirs.zeroEntries()
@@ -115,7 +115,7 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
             for _ in part:
                 pass
 
-    found = fastest({"DOLFINx": dolfinx, "moduli": tangent.assemble, "points": evaluate, "matrices": contract}, repeat)
+    found = fastest({"DOLFINx": dolfinx, "moduli": assemble, "points": evaluate, "matrices": contract}, repeat)
     theirs.axpy(-1.0, matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
     gap = theirs.norm(PETSc.NormType.INFINITY) / matrix.norm(PETSc.NormType.INFINITY)
     total, points, matrices = found["moduli"], found["points"], found["matrices"]
@@ -132,8 +132,7 @@ def compare_flags(repeat: int) -> None:
         start = time.perf_counter()
         tangent = FilledTangent(scene, JIT_OPTIONS | {"cffi_extra_compile_args": [*flags, "-g0"]})
         seconds[" ".join(flags)] = time.perf_counter() - start
-        tangent.create_matrix(model.supports.conditions)
-        ways[" ".join(flags)] = tangent.assemble
+        _, ways[" ".join(flags)] = tangent.create_matrix(model.supports.conditions)
     for flags, milliseconds in fastest(ways, repeat).items():
         say(f"{flags:40}{milliseconds:9.0f} ms, {seconds[flags]:5.1f} s until compiled")
 

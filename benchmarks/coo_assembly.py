@@ -102,8 +102,8 @@ def compare(name: str, data: dict[str, Any], repeat: int) -> None:
         for _ in part:
             pass
     theirs, of_theirs, first_theirs = grown(lambda: COOTangent(tangent, scene.unknowns, conditions))
-    ours, of_ours, first_ours = grown(lambda: tangent.create_matrix(conditions))
-    found = fastest({"filled": tangent.assemble, "COO": theirs.assemble}, repeat)
+    (ours, assemble), of_ours, first_ours = grown(lambda: tangent.create_matrix(conditions))
+    found = fastest({"filled": assemble, "COO": theirs.assemble}, repeat)
     norm = ours.norm(PETSc.NormType.INFINITY)
     theirs.matrix.axpy(-1.0, ours, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     gap = theirs.matrix.norm(PETSc.NormType.INFINITY) / norm

@@ -5,7 +5,7 @@ The place of each entry of each element matrix is computed once, which avoids PE
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -43,37 +43,34 @@ class FilledTangent:
         mass = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
         self._any_form = fem.form(mass, jit_options=options)
 
-    def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> PETSc.Mat:
-        """Return the matrix that `assemble` fills, for Dirichlet conditions."""
+    def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> tuple[PETSc.Mat, Callable[[], None]]:
+        """Return a matrix for Dirichlet conditions, and a collective function to assemble it at the present state."""
         rows = _Rows(self._any_form)
-        self._conditions = conditions
-        self._matrix, self._values, self._ghosts = rows.matrix, rows.values, rows.ghosts
-        self._arrays = rows.arrays  # PETSc works on them
+        A, values, (starts, columns, of_ghosts, names) = rows.matrix, rows.values, rows.ghosts
         prescribed = np.zeros(rows.count, dtype=bool)
         for condition in conditions:
             prescribed[condition.dof_indices()[0]] = True
-        self._places = [rows.places(part) for part in self._volume]
-        self._of_prescribed = rows.of(prescribed)
+        places = [rows.places(part) for part in self._volume]
+        of_prescribed = rows.of(prescribed)
         owned = np.flatnonzero(prescribed[: rows.owned]).astype(np.int32)
-        self._diagonal = rows.at(owned, owned)
-        return rows.matrix
+        diagonal = rows.at(owned, owned)
+        A.setAttr("arrays", rows.arrays)  # PETSc uses their memory
 
-    def assemble(self) -> None:
-        """Assemble the matrix at the present state and load; collective."""
-        A, values = self._matrix, self._values
-        A.zeroEntries()
-        values[:] = 0.0
-        for part, places in zip(self._volume, self._places, strict=True):
-            for chunk, blocks in part:
-                for entries, of_block in zip(blocks, places, strict=True):
-                    np.add.at(values, of_block[chunk].ravel(), entries.ravel())
-        values[self._of_prescribed] = 0.0
-        values[self._diagonal] = 1.0
-        starts, columns, of_ghosts, names = self._ghosts
-        A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)  # type: ignore[arg-type]  # arrays will do
-        if self._surface is not None:
-            fem_petsc.assemble_matrix(A, self._surface, bcs=self._conditions)
-        A.assemble()
+        def assemble() -> None:
+            A.zeroEntries()
+            values[:] = 0.0
+            for part, of_part in zip(self._volume, places, strict=True):
+                for chunk, blocks in part:
+                    for entries, of_block in zip(blocks, of_part, strict=True):
+                        np.add.at(values, of_block[chunk].ravel(), entries.ravel())
+            values[of_prescribed] = 0.0
+            values[diagonal] = 1.0
+            A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)  # type: ignore[arg-type]  # arrays will do
+            if self._surface is not None:
+                fem_petsc.assemble_matrix(A, self._surface, bcs=conditions)
+            A.assemble()
+
+        return A, assemble
 
 
 class _Rows:

@@ -33,6 +33,7 @@ class System:
         matrix: the last assembled tangent.
         rhs: a vector for residuals.
         tangents: number of assemblies of the tangent, by which outdated factors are recognized.
+        note: remark on an unusual assembly of the tangent; empty if there is none.
     """
 
     def __init__(self, scene: Scene, supports: Supports, timings: Timings) -> None:
@@ -42,18 +43,14 @@ class System:
         self.tangents = 0
         with timings("compile"):
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
-            self._tangent = tangent_of(scene)
+            tangent = tangent_of(scene)
             self._admissibility = Admissibility(scene)
+        self.note = tangent.note
         with timings("tangent"):
             _multiply_without_inodes()
-            self.matrix = self._tangent.create_matrix(supports.conditions)
+            self.matrix, self._assemble_tangent = tangent.create_matrix(supports.conditions)
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
-
-    @property
-    def note(self) -> str:
-        """Remark on an unusual assembly of the tangent; empty if there is none."""
-        return self._tangent.note
 
     def set_load(self, load: float) -> None:
         """Set the load factor λ of the scene and its supports."""
@@ -101,7 +98,7 @@ class System:
     def tangent(self) -> None:
         """Assemble K at the present state and load into ``matrix``."""
         with self.timings("tangent"):
-            self._tangent.assemble()
+            self._assemble_tangent()
         self.tangents += 1
 
     def linearise(self, load: float) -> None:

@@ -8,7 +8,7 @@ rounding errors. A residual without tangent moduli has the compiled form on ever
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
@@ -43,17 +43,16 @@ class CompiledTangent:
         tangent = ufl.derivative(scene.residual, unknowns.state, ufl.TrialFunction(unknowns.space))
         self._form = fem.form(tangent, jit_options=dict(jit_options))
 
-    def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> PETSc.Mat:
-        """Return the matrix that `assemble` fills, for Dirichlet conditions."""
-        self._conditions = conditions
-        self._matrix = matrix = cast("PETSc.Mat", fem_petsc.create_matrix(self._form))
-        return matrix
+    def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> tuple[PETSc.Mat, Callable[[], None]]:
+        """Return a matrix for Dirichlet conditions, and a collective function to assemble it at the present state."""
+        matrix = cast("PETSc.Mat", fem_petsc.create_matrix(self._form))
 
-    def assemble(self) -> None:
-        """Assemble the matrix at the present state and load; collective."""
-        self._matrix.zeroEntries()
-        fem_petsc.assemble_matrix(self._matrix, self._form, bcs=self._conditions)
-        self._matrix.assemble()
+        def assemble() -> None:
+            matrix.zeroEntries()
+            fem_petsc.assemble_matrix(matrix, self._form, bcs=conditions)
+            matrix.assemble()
+
+        return matrix, assemble
 
 
 type Tangent = CompiledTangent | FilledTangent

@@ -146,11 +146,11 @@ class _Compiled:
         options = JIT_OPTIONS | {"cache_dir": comm.bcast(directory.name)}
         comm.Barrier()
         start = _processor_seconds()
-        self.residual, self.tangent = fem.form(scene.residual, jit_options=options), tangent_of(scene, options)
+        self.residual, tangent = fem.form(scene.residual, jit_options=options), tangent_of(scene, options)
         self.seconds = comm.bcast(_processor_seconds() - start)  # rank 0 compiles
         directory.cleanup()  # the kernels are loaded
         self.vector = fem_petsc.create_vector(space)
-        self.tangent.create_matrix(conditions)
+        _, self.assemble_tangent = tangent.create_matrix(conditions)
 
     def assemble_residual(self) -> None:
         with self.vector.localForm() as local:
@@ -169,7 +169,7 @@ def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, Cost]:
     best = {scene: [np.inf, np.inf] for scene in compiled}
     for _ in range(_ROUNDS):
         for scene, forms in compiled.items():
-            for i, assemble in enumerate((forms.assemble_residual, forms.tangent.assemble)):
+            for i, assemble in enumerate((forms.assemble_residual, forms.assemble_tangent)):
                 best[scene][i] = min(best[scene][i], _seconds(forms.vector.comm.tompi4py(), assemble))
     return {scene: Cost(forms.seconds, *best[scene]) for scene, forms in compiled.items()}
 

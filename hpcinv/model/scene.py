@@ -23,20 +23,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import ufl
+from dolfinx import fem
 from ufl.classes import Label, Variable
 
 from hpcinv.effects import Effect
 from hpcinv.kinematics.kinematics import Deformation, Kinematics
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
-from hpcinv.model.cell_fields import SceneMeans
 from hpcinv.model.fields import law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.parameter_derivative import ParameterDerivative
 from hpcinv.model.parameters import Parameters
+from hpcinv.model.quadrature_values import CellMeans, QuadratureValues
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
 
 if TYPE_CHECKING:
-    from dolfinx import fem
-
     from hpcinv.job.job import Job
     from hpcinv.materials import MaterialLaw
     from hpcinv.model.fields import BodyFields
@@ -198,7 +199,7 @@ class Scene:
     @cached_property
     def means(self) -> SceneMeans:
         """Compiled means over cells, volume ratios and strain energy."""
-        return SceneMeans(self.unknowns.mesh, self.quadrature_degree, self.cauchy_stress, self.J, self.strain_energy)
+        return SceneMeans(self)
 
     @cached_property
     def parameter_derivative(self) -> ParameterDerivative:
@@ -210,6 +211,27 @@ class Scene:
         """``σ = J⁻¹ P Fᵀ`` in scaled stresses, (3, 3), of each part and the cells of that part (``None`` for all)."""
         F = ufl.Identity(3) + self.kinematics.H
         return [(without_stages(part.P * F.T / self.J), part.cells) for part in self.parts]
+
+
+class SceneMeans:
+    """Evaluations of a scene in its present state, at the present coordinates of the mesh, in scaled units.
+
+    Attributes:
+        cauchy_stress: returns the means of the Cauchy stress in each cell, (3, 3).
+        J: returns the means of the volume ratio in each cell.
+        J_at_points: volume ratio at the quadrature points.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        mesh, degree = scene.unknowns.mesh, scene.quadrature_degree
+        self.cauchy_stress = CellMeans(scene.cauchy_stress, mesh, degree)
+        self.J = CellMeans([(scene.J, None)], mesh, degree)
+        self.J_at_points = QuadratureValues(scene.J, mesh, degree)
+        self._energy, self._comm = fem.form(scene.strain_energy, jit_options=JIT_OPTIONS), mesh.comm
+
+    def strain_energy(self) -> float:
+        """Return the energy stored in the body; collective."""
+        return float(self._comm.allreduce(fem.assemble_scalar(self._energy), op=MPI.SUM))
 
 
 def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
