@@ -14,7 +14,7 @@ AnyEffect = Annotated[Effect, OneOf("effect")]
 
 
 def effects() -> dict[str, type[Effect]]:
-    """Every known effect by name."""
+    """Return every known effect by name."""
     load_installed()
     return members_of(Effect, "effect")
 

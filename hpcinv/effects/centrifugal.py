@@ -43,7 +43,7 @@ class Centrifugal(Effect):
     """configuration whose volume the density refers to"""
 
     @model_validator(mode="after")
-    def _has_an_axis(self) -> Self:
+    def _has_axis(self) -> Self:
         if not any(self.axis):
             raise Problems((("axis",), "must not be zero"))
         return self

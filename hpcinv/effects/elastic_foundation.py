@@ -44,11 +44,11 @@ class ElasticFoundation(Effect):
     """configuration whose area and normal the springs have"""
 
     @model_validator(mode="after")
-    def _is_stiff(self) -> Self:
+    def _has_stiffness(self) -> Self:
         if self.normal is None and self.tangential is None:
             raise Problems(((), "needs a stiffness: normal, tangential or both"))
         if self.case is not None:
-            raise Problems((("case",), "has no use: springs are there in every load case"))
+            raise Problems((("case",), "is not valid here: springs act in every load case"))
         return self
 
     @property

@@ -37,11 +37,11 @@ class Growth(Effect):
     """stretch across the fibres"""
 
     @model_validator(mode="after")
-    def _is_one_of_two(self) -> Self:
+    def _is_complete(self) -> Self:
         wanted = {"stretch"} if self.fibre is None else {"along", "across"}
         form = "without fibres" if self.fibre is None else "along fibres"
         raise_if_any(
-            ((key,), f"{'is needed' if key in wanted else 'has no use'} in growth {form}")
+            ((key,), f"{'is needed' if key in wanted else 'is not valid'} in growth {form}")
             for key in ("stretch", "along", "across")
             if (getattr(self, key) is not None) != (key in wanted)
         )

@@ -42,9 +42,9 @@ class HydrostaticPressure(Effect):
     """a point on the free surface of the fluid"""
 
     @model_validator(mode="after")
-    def _falls(self) -> Self:
+    def _has_gravity(self) -> Self:
         if not any(self.acceleration):
-            raise Problems((("acceleration",), "must not be zero: without weight a fluid has no pressure of its own"))
+            raise Problems((("acceleration",), "must not be zero: without gravity there is no hydrostatic pressure"))
         return self
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:

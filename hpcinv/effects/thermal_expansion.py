@@ -79,11 +79,15 @@ class ThermalExpansion(Effect):
 def _misfits(data: Mapping[str, Any]) -> list[tuple[Location, str]]:
     """Return problems: one temperature is missing, or their difference is given too."""
     if "temperature_change" in data:
-        return [((key,), "stands beside 'temperature_change'; remove one of them") for key in _KEYS if key in data]
+        return [
+            ((key,), "is not valid together with 'temperature_change'; remove one of them")
+            for key in _KEYS
+            if key in data
+        ]
     found: list[tuple[Location, str]] = []
     for key, other in (_KEYS, _KEYS[::-1]):
         if key not in data:
-            found.append(((key,), f"is needed beside '{other}': {_MEANINGS[key]}"))
+            found.append(((key,), f"is needed together with '{other}': {_MEANINGS[key]}"))
     return found
 
 

@@ -170,7 +170,7 @@ class Kinematics(ABC):
 
     direction: str
     sign: int
-    """The other body is the mesh displaced by ``sign * u``."""
+    """The other body is the mesh displaced by ``sign * u``; 1 for the current body, -1 for the reference body."""
 
     def __init__(self, u: Any, integration: Measures) -> None:
         self.u = u
@@ -187,29 +187,48 @@ class Kinematics(ABC):
     def F_inverse(self) -> Any:
         """``∂X/∂x``."""
 
-    @property
-    @abstractmethod
-    def X(self) -> Any:
-        """Reference position in scaled lengths."""
-
-    @property
-    @abstractmethod
-    def x(self) -> Any:
-        """Current position in scaled lengths."""
-
     @abstractmethod
     def Grad(self, v: Any) -> Any:
         """Return the gradient of ``v`` with respect to the reference body."""
 
     @property
     @abstractmethod
-    def volumes(self) -> tuple[Any, Any]:
-        """Volume of the reference and of the current body per volume of the mesh."""
+    def _h(self) -> Any:
+        """Gradient of the map from the mesh to the other body, less ``I``."""
+
+    def _by_body(self, mesh: Any, other: Any) -> tuple[Any, Any]:
+        """Return the value of the reference and the value of the current body."""
+        return (mesh, other) if self.sign > 0 else (other, mesh)
+
+    @cached_property
+    def X(self) -> Any:
+        """Reference position in scaled lengths."""
+        return self._at if self.sign > 0 else self._at - self.u
+
+    @cached_property
+    def x(self) -> Any:
+        """Current position in scaled lengths."""
+        return self._at + self.u if self.sign > 0 else self._at
+
+    @cached_property
+    def N(self) -> Any:
+        """Outward unit normal of the reference body."""
+        return self._by_body(self._normal, self._area_vector / self._area)[0]
+
+    @cached_property
+    def n(self) -> Any:
+        """Outward unit normal of the current body."""
+        return self._by_body(self._normal, self._area_vector / self._area)[1]
 
     @property
-    @abstractmethod
+    def volumes(self) -> tuple[Any, Any]:
+        """Volume of the reference and of the current body per volume of the mesh."""
+        return self._by_body(1, self.mesh_J)
+
+    @property
     def areas(self) -> tuple[Any, Any]:
         """Area of the boundary of the reference and of the current body per area of the mesh."""
+        return self._by_body(1, self._area)
 
     def dV(self, integrand: Any, measure: Any = None) -> Any:
         """Return the integral over the reference volume, of the whole body or of ``measure``."""
@@ -227,24 +246,10 @@ class Kinematics(ABC):
         """Return the integral over the current area of a region of the boundary."""
         return integrand * self.areas[1] * self.integration.surface(region)
 
-    @abstractmethod
     def n_da(self, vector: Any, region: str) -> Any:
         """Return ``∫ vector · n da`` over a region of the boundary, with the outward unit normal ``n``."""
-
-    @property
-    @abstractmethod
-    def N(self) -> Any:
-        """Outward unit normal of the reference body."""
-
-    @property
-    @abstractmethod
-    def n(self) -> Any:
-        """Outward unit normal of the current body."""
-
-    @property
-    @abstractmethod
-    def _h(self) -> Any:
-        """Gradient of the map from the mesh to the other body, less ``I``."""
+        n_da = self._by_body(self._normal, self._area_vector)[1]
+        return ufl.inner(vector, n_da) * self.integration.surface(region)
 
     @cached_property
     def mesh_J(self) -> Any:
@@ -283,35 +288,8 @@ class ForwardKinematics(Kinematics):
     def F_inverse(self) -> Any:
         return ufl.inv(ufl.Identity(3) + self.H)
 
-    @property
-    def X(self) -> Any:
-        return self._at
-
-    @property
-    def x(self) -> Any:
-        return self._at + self.u
-
-    @property
-    def N(self) -> Any:
-        return self._normal
-
-    @property
-    def n(self) -> Any:
-        return self._area_vector / self._area
-
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v)
-
-    @property
-    def volumes(self) -> tuple[Any, Any]:
-        return 1, self.mesh_J
-
-    @property
-    def areas(self) -> tuple[Any, Any]:
-        return 1, self._area
-
-    def n_da(self, vector: Any, region: str) -> Any:
-        return ufl.inner(vector, self._area_vector) * self.integration.surface(region)
 
 
 class InverseKinematics(Kinematics):
@@ -339,32 +317,5 @@ class InverseKinematics(Kinematics):
     def H(self) -> Any:
         return -self._h * self._F
 
-    @property
-    def X(self) -> Any:
-        return self._at - self.u
-
-    @property
-    def x(self) -> Any:
-        return self._at
-
-    @property
-    def N(self) -> Any:
-        return self._area_vector / self._area
-
-    @property
-    def n(self) -> Any:
-        return self._normal
-
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v) * self._F
-
-    @property
-    def volumes(self) -> tuple[Any, Any]:
-        return self.mesh_J, 1
-
-    @property
-    def areas(self) -> tuple[Any, Any]:
-        return self._area, 1
-
-    def n_da(self, vector: Any, region: str) -> Any:
-        return ufl.inner(vector, self.n) * self.integration.surface(region)

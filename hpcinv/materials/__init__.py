@@ -49,7 +49,7 @@ Material = Annotated[MaterialLaw | Mapping[str, MaterialLaw], OneOrByRegion("law
 
 
 def laws() -> dict[str, type[MaterialLaw]]:
-    """Every known law by name."""
+    """Return every known law by name."""
     load_installed()
     return members_of(MaterialLaw, "law")
 

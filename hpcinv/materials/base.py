@@ -295,7 +295,7 @@ def _check_number_of_moduli(
         raise Problems(((first,), f"give any two moduli, not {len(given)}: {', '.join(given)}"))
     if len(given) < 2:
         others = [name for name in (*NAMES, *(name for name in (shear, bulk) if name)) if name != first]
-        raise Problems(((first,), f"needs a second modulus beside it: one of {', '.join(others)}"))
+        raise Problems(((first,), f"needs a second modulus: one of {', '.join(others)}"))
 
 
 def _at(value: Any, region: str) -> Any:

@@ -101,7 +101,7 @@ class Formula(IsochoricLaw):
             for name in sorted(self.parameters.keys() - self.energy.names)
         )
         if self.kappa is None and self.volumetric != type(self).model_fields["volumetric"].default:
-            raise Problems((("volumetric",), "has no use without kappa"))
+            raise Problems((("volumetric",), "is not valid without kappa"))
         return self
 
     @property

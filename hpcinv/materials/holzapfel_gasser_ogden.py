@@ -61,7 +61,7 @@ class HolzapfelGasserOgden(IsochoricLaw):
     def _are_different(cls, fibres: tuple[str, ...]) -> tuple[str, ...]:
         if not fibres:
             raise ValueError("must name at least one family of fibres")
-        raise_if_any(((i,), f"'{name}' is there already") for i, name in enumerate(fibres) if name in fibres[:i])
+        raise_if_any(((i,), f"'{name}' is duplicated") for i, name in enumerate(fibres) if name in fibres[:i])
         return fibres
 
     @property

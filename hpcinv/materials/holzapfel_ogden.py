@@ -81,7 +81,7 @@ class HolzapfelOgden(IsochoricLaw):
 
     @field_validator("sheet")
     @classmethod
-    def _is_another(cls, sheet: str, info: ValidationInfo) -> str:
+    def _differs_from_fibre(cls, sheet: str, info: ValidationInfo) -> str:
         if sheet == info.data.get("fibre"):
             raise ValueError("must be another family than fibre, at right angles to it")
         return sheet

@@ -51,7 +51,7 @@ class Ogden(IsochoricLaw):
 
     @field_validator("alpha")
     @classmethod
-    def _belong_to_the_factors(cls, alpha: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+    def _match_factors(cls, alpha: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
         if not alpha:
             raise ValueError("must have at least one entry")
         raise_if_any(((i,), "must not be 0") for i, exponent in enumerate(alpha) if exponent == 0)

@@ -163,7 +163,7 @@ def parts(body: Body, names: Iterable[str] | Mapping[str, Any], where: str) -> n
     if missing := body.mesh.comm.allreduce(int(np.count_nonzero(number[:owned] < 0)), op=MPI.SUM):
         raise MeshError(
             f"{body.source.path}: {where}: {missing} cells are in none of its regions ({', '.join(names)})",
-            f"Name their region too, or say what holds '{ELSEWHERE}'.",
+            f"Add their region, or a value for '{ELSEWHERE}'.",
         )
     return number
 

@@ -96,7 +96,7 @@ class Diagnosis(enum.Enum):
     )
     ARC_LENGTH_CUT_SHORT = (
         "Newton's method does not converge, and arc-length continuation, tried after it, ran out of its factorizations",
-        "Take it from the beginning, without that limit (solver: {strategy: arc-length}): it tells whether the load has"
+        "Take it from the beginning, without that limit (solver: {strategy: arc-length}): it shows whether the load has"
         " a limit point here. Else refine the mesh where the body deforms most.",
     )
     FORWARD_FAILED = (

@@ -126,7 +126,7 @@ class NewtonMonitor:
         return not is_first and not (increment.rotation <= self.too_far and increment.strain <= self.too_far)
 
     def judge(self, iteration: NewtonIteration) -> Outcome | None:
-        """Add an iteration to the history and return the outcome, ``None`` if the solve goes on."""
+        """Add an iteration to the history and return the outcome, ``None`` if the solve continues."""
         self.history.append(iteration)
         if not (math.isfinite(iteration.correction) and math.isfinite(iteration.residual)):
             return Outcome.NOT_FINITE

@@ -79,7 +79,7 @@ SILENT = Observer()
 
 
 class StopSignal(Observer):
-    """Asks to stop when a function returns true, such as one that knows of signals."""
+    """Observer that requests a stop when a function returns true, for example after a signal."""
 
     def __init__(self, asked: Callable[[], bool]) -> None:
         self.asked = asked

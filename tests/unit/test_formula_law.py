@@ -120,7 +120,7 @@ def test_an_energy_that_is_none_is_refused_in_one_sentence(
         ({"energy": "mu*(I1_bar - 3) - mu*(J - 1)**2", "kappa": 1.0}, "the bulk modulus that follows"),
         ({"energy": "mu*(I1_bar - 3)"}, "energy: 'mu*(I1_bar - 3)' does not resist a change of volume: give kappa"),
         ({"energy": "mu*(I1/J**(2/3) - 3)"}, "does not resist a change of volume: give kappa"),
-        ({"energy": "mu*(J - 1)**2 + mu*(I1_bar - 3)", "volumetric": "liu"}, "volumetric: has no use without kappa"),
+        ({"energy": "mu*(J - 1)**2 + mu*(I1_bar - 3)", "volumetric": "liu"}, "volumetric: is not valid without kappa"),
         ({"energy": "(1 Pa)*(I1_bar - 3)", "kappa": 1.0}, "parameters.mu: does not occur in the energy"),
         ({"kappa": 1.0}, "energy: is needed"),
         ({"energy": "mu*(I1_bar - 3)", "kappa": "1 mm"}, "kappa: must be a stress"),

@@ -172,7 +172,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"material": {"law": "neo-hookean", "young": 1}},
-        "material.young: needs a second modulus beside it: one of poisson",
+        "material.young: needs a second modulus: one of poisson",
     ),
     (
         {"material": {"law": "neo-hookean", "young": 1, "poisson": 0.6}},

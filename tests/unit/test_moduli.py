@@ -115,7 +115,7 @@ def test_a_formula_takes_poissons_ratio_in_place_of_its_bulk_modulus() -> None:
 
 
 FAULTS = [
-    ({"young": 1e4}, "young", "needs a second modulus beside it: one of poisson, shear_modulus, bulk_modulus, lame"),
+    ({"young": 1e4}, "young", "needs a second modulus: one of poisson, shear_modulus, bulk_modulus, lame"),
     ({"young": 1e4, "poisson": 0.3, "mu": 1e4}, "young", "give any two moduli, not 3: young, poisson, mu"),
     ({"shear_modulus": 1e4, "mu": 1e4}, "shear_modulus", "is determined by mu already: remove one of them"),
     ({"young": 1e4, "bulk_modulus": 1e3}, "young", "which must both be positive"),

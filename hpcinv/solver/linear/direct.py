@@ -20,7 +20,7 @@ _NO_MEMORY = frozenset({-8, -9, -11, -13, -14, -15, -17, -18, -19, -20})  # INFO
 
 
 class Direct(Configuration):
-    """MUMPS.
+    """Configuration of the direct solver, MUMPS.
 
     Args:
         symmetric: whether to factorize symmetric tangents by L D Lᵀ; else L U is used for all.
@@ -39,7 +39,7 @@ class Direct(Configuration):
             "ksp_type": "preonly",
             "pc_type": "lu",
             "pc_factor_mat_solver_type": "mumps",
-            "mat_mumps_icntl_33": 1,  # the determinant, whose sign tells whether a path passed a limit point
+            "mat_mumps_icntl_33": 1,  # the determinant, whose sign changes at limit points
             "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
         }
 
