@@ -79,16 +79,9 @@ class ThermalExpansion(Effect):
 def _misfits(data: Mapping[str, Any]) -> list[tuple[Location, str]]:
     """Return problems: one temperature is missing, or their difference is given too."""
     if "temperature_change" in data:
-        return [
-            ((key,), "is not valid together with 'temperature_change'; remove one of them")
-            for key in _KEYS
-            if key in data
-        ]
-    found: list[tuple[Location, str]] = []
-    for key, other in (_KEYS, _KEYS[::-1]):
-        if key not in data:
-            found.append(((key,), f"is needed together with '{other}': {_MEANINGS[key]}"))
-    return found
+        return [((key,), "is not valid with 'temperature_change'; remove one of them") for key in _KEYS if key in data]
+    pairs = (_KEYS, _KEYS[::-1])
+    return [((key,), f"is needed with '{other}': {_MEANINGS[key]}") for key, other in pairs if key not in data]
 
 
 def _kelvins(value: object, key: str) -> float:

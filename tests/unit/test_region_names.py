@@ -194,14 +194,14 @@ def test_a_change_of_temperature_or_both_temperatures(
     [
         (expansion(temperature_change="400 °C"), "effects[0].temperature_change: '400 °C' is a temperature, and none"),
         (expansion(temperature_change="40 degC"), "a difference of temperatures is given in K"),
-        (expansion(temperature="400 °C"), "effects[0].reference_temperature: is needed together with 'temperature'"),
+        (expansion(temperature="400 °C"), "effects[0].reference_temperature: is needed with 'temperature'"),
         (
             expansion(reference_temperature="20 °C"),
-            "effects[0].temperature: is needed together with 'reference_temperature'",
+            "effects[0].temperature: is needed with 'reference_temperature'",
         ),
         (
             expansion(temperature="400 °C", reference_temperature="20 °C", temperature_change="380 K"),
-            "effects[0].temperature: is not valid together with 'temperature_change'; remove one of them",
+            "effects[0].temperature: is not valid with 'temperature_change'; remove one of them",
         ),
         (expansion(temperature="-300 °C", reference_temperature="20 °C"), "'-300 °C' is below absolute zero"),
         (expansion(temperature="4 m", reference_temperature="20 °C"), "must be a temperature, such as 400 °C or"),
