@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import DILATATIONS
+from hpcinv.materials.isochoric_neo_hookean import IsochoricNeoHookean
 from hpcinv.materials.lame import LameLaw
 from hpcinv.quantity.spatial_fields import LameField, StressField
 
@@ -24,15 +25,9 @@ class NeoHookean(LameLaw):
     formula = "mu/2*(I1 - 3) - mu*ln(J)"
     example: ClassVar = {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"}
     starting_values: ClassVar = {
-        "rubber": StartingValues(
-            {"mu": "0.34 MPa", "lam": "incompressible"},
-            "natural rubber",
-            "our fit to the uniaxial test of Treloar (1944), doi:10.1039/TF9444000059, up to a stretch of 3",
-        ),
-        "tissue": StartingValues(
-            {"young": "3.25 kPa", "poisson": 0.5},
-            "fat of the breast",
-            "Samani, Zubovits & Plewes (2007), doi:10.1088/0031-9155/52/6/002, at small strain",
+        **IsochoricNeoHookean.starting_values,
+        "rubber": replace(
+            IsochoricNeoHookean.starting_values["rubber"], parameters={"mu": "0.34 MPa", "lam": "incompressible"}
         ),
     }
 

@@ -91,21 +91,15 @@ class Equilibrium:
         predictor: predicts states and measures corrections.
         limit: largest number of Newton iterations of a solve.
         reuse: largest contraction at which the tangent is kept, 0 for full Newton.
+
+    Attributes:
         observer: observer of the iterations; it is asked on all ranks before each one whether to stop.
     """
 
-    def __init__(
-        self,
-        system: System,
-        linear: LinearSolver,
-        predictor: Predictor,
-        *,
-        limit: int = 30,
-        reuse: float = 0.3,
-        observer: Observer = SILENT,
-    ) -> None:
+    def __init__(self, system: System, linear: LinearSolver, predictor: Predictor, *, limit: int, reuse: float) -> None:
         self.system, self.linear, self.predictor = system, linear, predictor
-        self.limit, self.reuse, self.observer = limit, reuse, observer
+        self.limit, self.reuse = limit, reuse
+        self.observer: Observer = SILENT
         with system.timings("set-up"):
             # SNES iterates on a separate vector, since every trial of the line search changes the state.
             self._x, self._before = system.rhs.duplicate(), system.rhs.duplicate()

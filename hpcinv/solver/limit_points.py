@@ -25,7 +25,7 @@ class Sample:
 
 
 def locate(
-    bordering: Bordering, t: PETSc.Vec, low: Sample, high: Sample, *, direction: int, tolerance: float = 1e-3
+    bordering: Bordering, t: PETSc.Vec, low: Sample, high: Sample, *, direction: int
 ) -> tuple[Corrected, Tangent | None, int]:
     """Return the limit point between two points of the path, the tangent there, and the number of factorizations.
 
@@ -37,7 +37,6 @@ def locate(
         low: the point before the limit point.
         high: the point after it.
         direction: 1 for a maximum of the load, -1 for a minimum.
-        tolerance: of the state, relative to its norm.
     """
     scale = max(abs(low.load), abs(high.load))
     last, spent = low, 0
@@ -59,7 +58,7 @@ def locate(
             return found, None, spent
         slope = tangent.slope / dot(t, tangent.direction)
         sample = Sample(found.x, s, found.load, slope)
-        if abs(s - last.s) <= tolerance * norm(found.x) or spent > _MOST_FACTORIZATIONS:
+        if abs(s - last.s) <= _STATE_TOLERANCE * norm(found.x) or spent > _MOST_FACTORIZATIONS:
             return found, tangent, spent
         rises = slope * direction > 0
         trial = _secant(last, sample)
@@ -67,7 +66,8 @@ def locate(
         last, s = sample, trial if low.s < trial < high.s else _between(low, high)
 
 
-_TOLERANCE = 1e-8
+_STATE_TOLERANCE = 1e-3  # change of the state between trials, relative to its norm
+_TOLERANCE = 1e-8  # of the points
 _MOST_FACTORIZATIONS = 40
 
 
