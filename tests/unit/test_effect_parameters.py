@@ -35,7 +35,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"effect": "centrifugal", "axis": [0, 0.0, 0]}, ".axis: must not be zero"),
     ({"effect": "centrifugal", "axis": ["1 m", 0, 0]}, ".axis[0]: must be "),
     ({"effect": "centrifugal", "angular_velocity": "3 m/s"}, ".angular_velocity: must be "),
-    ({"effect": "hydrostatic-pressure", "acceleration": [0, 0, 0]}, ".acceleration: must not be zero: without weight"),
+    ({"effect": "hydrostatic-pressure", "acceleration": [0, 0, 0]}, ".acceleration: must not be zero: without gravity"),
     ({"effect": "hydrostatic-pressure", "level": [0, 0, "9.81 m/s^2"]}, ".level[2]: must be a length"),
     ({"effect": "elastic-foundation", "normal": ..., "tangential": ...}, ": needs a stiffness: normal, tangential or"),
     ({"effect": "elastic-foundation", "normal": -1}, ".normal: must be at least 0, not -1"),
