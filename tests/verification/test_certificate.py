@@ -231,16 +231,16 @@ COLUMN: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(
-    ("share", "certificate", "options", "code", "verdict"),
+    ("ranks", "share", "certificate", "options", "code", "verdict"),
     [
-        (0.5, NO_CERTIFICATE, ["--strict"], 0, "pass"),
-        (0.5, NO_CERTIFICATE | {"estimate": True}, [], 0, "warning"),
-        (0.5, NO_CERTIFICATE | {"estimate": True}, ["--strict"], 7, "warning"),
-        (1.5, NO_CERTIFICATE | {"stability": True}, [], 6, "fail"),
+        (1, 0.5, NO_CERTIFICATE, ["--strict"], 0, "pass"),
+        (1, 0.5, NO_CERTIFICATE | {"estimate": True}, [], 0, "warning"),
+        (2, 0.5, NO_CERTIFICATE | {"estimate": True}, ["--strict"], 7, "warning"),
+        (2, 1.5, NO_CERTIFICATE | {"stability": True}, [], 6, "fail"),
     ],
 )
 def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
-    share: float, certificate: dict[str, Any], options: list[str], code: int, verdict: str, tmp_path: Path
+    ranks: int, share: float, certificate: dict[str, Any], options: list[str], code: int, verdict: str, tmp_path: Path
 ) -> None:
     """Two cells bend too little, as the estimate tells; beyond Euler's load the column buckles."""
     euler = np.pi**2 * 1e6 * 0.1**2 / 12 / 4
@@ -257,7 +257,7 @@ def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
         ],
         certificate=certificate,
     )
-    ended = command(2, "run", path, "--output", tmp_path / "out", *options, cwd=tmp_path)
+    ended = command(ranks, "run", path, "--output", tmp_path / "out", *options, cwd=tmp_path)
     found = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
     assert ended.returncode == code, ended.stdout + ended.stderr
     assert found["verdict"] == verdict
