@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hpcinv.parallel.signals import note_while_starting, starting_is_over
+from hpcinv.parallel.signals import end_if_noted, note_while_starting
 
 if __name__ == "__main__":
     note_while_starting()  # before the slow imports below
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
     options = _parser().parse_args(arguments)
-    starting_is_over()
+    end_if_noted()
     try:
         with asked_for(options):
             code: int = options.command(options)

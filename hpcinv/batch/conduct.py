@@ -54,7 +54,7 @@ def conduct(
             from hpcinv.batch.worker import work  # with PETSc and DOLFINx
 
             if stop is not None:
-                stop.ends_libraries_by(None)  # other groups still have to save their cases
+                stop.set_end_in_library(None)  # other groups still have to save their cases
                 stop.install()  # PETSc has replaced the handler of SIGTERM
             work(batch, group, begin, lease, note, stop or (lambda: False))
     except HpcinvError as met:

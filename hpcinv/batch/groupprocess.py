@@ -38,7 +38,7 @@ def main(directory: Path) -> int:
         abort(world, STOPPED)
 
     end_on_interrupt(interrupted)
-    stop.ends_libraries_by(end_in_library)
+    stop.set_end_in_library(end_in_library)
     with failing_together(world):
         events = EventWriter(directory) if world.rank == 0 else None
         task = on_root(world, lambda: GroupTask.read(directory))

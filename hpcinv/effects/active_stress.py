@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.effects.base import Effect
-from hpcinv.quantity.component import Family
-from hpcinv.quantity.spatial_fields import StressField
+from hpcinv.quantity import Family, StressField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation

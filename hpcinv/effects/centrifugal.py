@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hpcinv.effects.base import Configuration, Effect
-from hpcinv.quantity.quantity import Dimensionless, Frequency, Length
-from hpcinv.quantity.schema import Problems, Triple
-from hpcinv.quantity.spatial_fields import DensityField
+from hpcinv.quantity import DensityField, Dimensionless, Frequency, Length, Problems, Triple
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Kinematics

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hpcinv.effects.base import Configuration, Effect
-from hpcinv.quantity.component import Surface
-from hpcinv.quantity.schema import Problems
-from hpcinv.quantity.spatial_fields import StiffnessField
+from hpcinv.quantity import Problems, StiffnessField, Surface
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Kinematics

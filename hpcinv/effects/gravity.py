@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.effects.base import Configuration, Effect
-from hpcinv.quantity.quantity import Acceleration
-from hpcinv.quantity.schema import Triple
-from hpcinv.quantity.spatial_fields import DensityField
+from hpcinv.quantity import Acceleration, DensityField, Triple
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Kinematics

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hpcinv.effects.base import Effect
-from hpcinv.quantity.component import Family
-from hpcinv.quantity.schema import raise_if_any
-from hpcinv.quantity.spatial_fields import PositiveField
+from hpcinv.quantity import Family, PositiveField, raise_if_any
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation

@@ -8,9 +8,7 @@ from pydantic import model_validator
 
 from hpcinv.effects.base import Effect
 from hpcinv.kinematics.stable_functions import positive_part
-from hpcinv.quantity.component import Surface
-from hpcinv.quantity.quantity import Acceleration, Density, Length
-from hpcinv.quantity.schema import Problems, Triple
+from hpcinv.quantity import Acceleration, Density, Length, Problems, Surface, Triple
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Kinematics

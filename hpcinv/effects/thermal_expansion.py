@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from pydantic import ConfigDict, model_validator
 
 from hpcinv.effects.base import Effect
-from hpcinv.quantity.schema import Location, raise_if_any, shown
-from hpcinv.quantity.spatial_fields import ExpansionField, TemperatureField
+from hpcinv.quantity import ExpansionField, Location, TemperatureField, raise_if_any
+from hpcinv.quantity.schema import shown
 from hpcinv.quantity.units import as_float, parse_temperature
 
 if TYPE_CHECKING:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.effects.base import Configuration, Effect
-from hpcinv.quantity.component import Surface
-from hpcinv.quantity.schema import Triple
-from hpcinv.quantity.spatial_fields import StressField
+from hpcinv.quantity import StressField, Surface, Triple
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Kinematics

@@ -1,1 +1,1 @@
-"""Files and directories: written whole or not at all, locked, and opened only where that is allowed."""
+"""Files and directories: atomic writing, locks, and checks of untrusted files."""

@@ -1,9 +1,8 @@
-"""Files that appear under their name whole or not at all.
+"""Atomic writing of files: a file is complete as soon as it has its name.
 
-`replace` takes the place of what has the name. With `create` and `publish` a file appears only once: who comes second
-is told so. For these the content is written beside and flushed to the disk; then a hard link gives it the name, which
-fails if the name is taken. That is atomic on local disks, NFS and parallel file systems. Some file systems (FUSE, SMB)
-have no hard links: `create` and `publish` say what they do there.
+`replace` replaces an existing file. `create` and `publish` return False if the file exists. They write the content to a
+partial file, flush it to the disk, and make a hard link with the final name, which fails if the name exists. This is
+atomic on local disks, NFS and parallel file systems. Where there are no hard links (FUSE, SMB), see the functions.
 """
 
 from __future__ import annotations
@@ -31,20 +30,20 @@ def output_errors(path: Path, advice: str = "") -> Iterator[None]:
 
 
 def create(path: Path, content: bytes) -> bool:
-    """Create a file, and tell whether it was us who did.
+    """Create a file; return False if it exists.
 
-    Without hard links it is exclusive all the same, but a crash may leave it torn: only for what may be so.
+    Without hard links creation is still exclusive, but a crash may leave an incomplete file: readers must expect that.
 
     Raises:
-        OSError: it cannot be written; then nothing is left of it.
+        OSError: the file cannot be written; nothing is left of it.
     """
     return _create(path, content, _write_in_place)
 
 
 def publish(path: Path, content: bytes) -> bool:
-    """As `create`, and it survives a power failure.
+    """As `create`, and durable: the file survives a power failure.
 
-    Without hard links it is whole all the same, but of two within the same instant the second replaces the first.
+    Without hard links the file is still complete, but the second of two simultaneous writers replaces the first.
     """
     first = _create(path, content, _move)
     _flush_directory(path.parent)
@@ -52,16 +51,16 @@ def publish(path: Path, content: bytes) -> bool:
 
 
 def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
-    """Write a file in place of what has its name; it survives a power failure.
+    """Write a file, replacing an existing one; durable.
 
-    A kill leaves the file as it was before, or as it is now, and perhaps a hidden ``.NAME.partial`` beside it, which
-    the next call replaces: of one file only one process may be the writer, unless it is shared.
+    After a kill the file has its old or its new content, and a hidden ``.NAME.partial`` may be left, which the next
+    call replaces. Only one process may write the file, unless it is shared.
 
     Args:
-        shared: several processes may write the file at once, each through a partial file with a name of its own.
+        shared: several processes may write the file at the same time, through partial files of different names.
 
     Raises:
-        OSError: it cannot be written; the file is then as it was.
+        OSError: the file cannot be written; it is unchanged.
     """
     own = f".{secrets.token_hex(8)}" if shared else ""
     partial = path.with_name(f".{path.name}{own}.partial")
@@ -76,7 +75,7 @@ def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
 
 
 def make_directory(path: Path) -> None:
-    """Make a directory if it is not there, in one that is; it survives a power failure."""
+    """Make a directory, if it does not exist, in an existing one; durable."""
     if not path.is_dir():
         path.mkdir(exist_ok=True)
         _flush_directory(path.parent)
@@ -94,7 +93,7 @@ def _flush_directory(path: Path) -> None:
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some file systems flush no directories
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some file systems cannot flush directories
             raise
     finally:
         os.close(descriptor)
@@ -118,12 +117,12 @@ def _link(partial: Path, path: Path, without_links: Callable[[Path, Path], None]
                 raise
             without_links(partial, path)
     except FileExistsError:
-        with contextlib.suppress(FileNotFoundError):  # it was taken, and has gone since
-            return path.samefile(partial)  # NFS repeats a request whose answer was lost: then it was us
+        with contextlib.suppress(FileNotFoundError):  # the file has been removed since
+            return path.samefile(partial)  # NFS may repeat a request: then this process has created it
         return False
     except FileNotFoundError:
-        path.parent.stat()  # raises if the directory is what is missing
-        return False  # who was first has tidied up meanwhile, our partial file too
+        path.parent.stat()  # raises if the directory is missing
+        return False  # the first writer has removed partial files, with that of this process
     return True
 
 

@@ -1,8 +1,8 @@
-"""Lock on the directory of a run: of the processes that would write to it one may, and it is released with its process.
+"""Lock on the directory of a run: only one process may write to it.
 
-The file ``.lock`` in the directory is locked by ``flock``, which the system releases by whatever end the process comes
-to, also over NFS (as a lock on a range of bytes). It holds who has it, for the message to others. Where a file system
-has no locks, that identity alone counts: a process of another machine then counts as running.
+The file ``.lock`` in the directory is locked by ``flock``, which the system releases at any end of the process, also
+over NFS (as a lock on a range of bytes). It contains the identity of the holder, for messages. On file systems without
+locks only this identity is used, and a process of another machine is assumed to be running.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ NAME = ".lock"
 
 
 class DirectoryLock:
-    """The lock, held from construction until ``release``.
+    """Lock that is held from construction until ``release``.
 
     Raises:
-        OutputError: another process has it, or it cannot be written.
+        OutputError: another process has the lock, or its file cannot be written.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -42,11 +42,11 @@ class DirectoryLock:
                     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
                     raise _refusal(self._path, *_written(self._path)) from None
-                except OSError:  # this file system has no locks
+                except OSError:  # the file system has no locks
                     holder, since = _written(self._path)
                     if holder is not None and _may_be_running(holder):
                         raise _refusal(self._path, holder, since, only_told=True) from None
-                if _is_at(descriptor, self._path):  # else the holder before us has just removed it
+                if _is_at(descriptor, self._path):  # otherwise the last holder has just removed the file
                     now = datetime.now(UTC).isoformat(timespec="seconds")
                     content = {"holder": Identity.of_this_process().as_json(), "since": now}
                     os.ftruncate(descriptor, 0)
@@ -59,22 +59,22 @@ class DirectoryLock:
 
     @property
     def is_in_place(self) -> bool:
-        """Whether the directory, with the lock in it, is still where it was."""
+        """True if the directory with the lock still has its path."""
         return _is_at(self._descriptor, self._path)
 
     def release(self) -> None:
-        """Let others have the directory."""
+        """Release the lock."""
         if self.is_in_place:
             self._path.unlink(missing_ok=True)
         os.close(self._descriptor)
 
 
 def check_unlocked(directory: Path) -> None:
-    """Raise ``OutputError`` if another process works in a directory; nothing is changed."""
+    """Raise ``OutputError`` if another process uses the directory; nothing is changed."""
     path = directory / NAME
     try:
         descriptor = os.open(path, os.O_RDWR)
-    except OSError:  # there is none, or what is wrong with it will be told when it is taken
+    except OSError:  # no lock, or a fault that is reported when the lock is taken
         return
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -90,14 +90,14 @@ def check_unlocked(directory: Path) -> None:
 
 def _refusal(path: Path, holder: Identity | None, since: str, *, only_told: bool = False) -> OutputError:
     who = f"{holder}, since {since}" if holder else "another process"
-    advice = "Wait until it has ended, or end it; then 'resume' goes on from its last checkpoint."
+    advice = "Wait until it has ended, or end it; then 'resume' continues from its last checkpoint."
     if only_told:
-        advice = f"{advice} If it does not run any more, which cannot be found out from here, remove {path}."
-    return OutputError(f"{path.parent}: a run is at work in this directory: {who}", advice)
+        advice = f"{advice} If it is not running any more, which cannot be checked from here, remove {path}."
+    return OutputError(f"{path.parent}: this directory is in use by another run: {who}", advice)
 
 
 def _written(path: Path) -> tuple[Identity | None, str]:
-    """Who has the lock and since when, as far as it is written there."""
+    """Holder of the lock and start of the lock, as written in the file."""
     try:
         content = json.loads(path.read_bytes())
         return Identity.from_json(content["holder"]), str(content["since"])
@@ -106,6 +106,7 @@ def _written(path: Path) -> tuple[Identity | None, str]:
 
 
 def _may_be_running(other: Identity) -> bool:
+    """Return False if the process has certainly ended."""
     me = Identity.of_this_process()
     if other.machine and other.machine == me.machine and (started := start_of(other.pid)) is not None:
         return started == other.started
@@ -113,7 +114,7 @@ def _may_be_running(other: Identity) -> bool:
 
 
 def _is_at(descriptor: int, path: Path) -> bool:
-    """Whether an open file is the one that has this path."""
+    """Return whether an open file is the file with this path."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except OSError:

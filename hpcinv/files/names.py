@@ -1,4 +1,4 @@
-"""Questions about files whose names a user has typed: a name that no file can have is one of no file, not an error."""
+"""Checks of file names from users, without errors for names that no file can have."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from hpcinv.errors import OutputError
 
 
 def exists(path: Path) -> bool:
-    """Whether there is such a file or directory, and it can be reached."""
+    """Return whether a file or directory exists and is accessible."""
     try:
         path.stat()
-    except (OSError, ValueError):  # it is too long, or holds a null character
+    except (OSError, ValueError):  # too long, or with a null character
         return False
     return True
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is such a regular file, and it can be reached."""
+    """Return whether a regular file exists and is accessible."""
     return exists(path) and path.is_file()
 
 
 def check_output(path: Path) -> None:
-    """Raise ``OutputError`` unless a directory can have this name and be looked into."""
+    """Raise ``OutputError`` if a directory cannot have this name or is not accessible."""
     try:
-        str(path).encode()  # the libraries that write results know no other names
+        str(path).encode()  # required by the libraries that write results
         path.stat()
-    except (FileNotFoundError, NotADirectoryError):  # the latter is told where the directory is made
+    except (FileNotFoundError, NotADirectoryError):  # the latter is reported where the directory is made
         return
     except UnicodeEncodeError:
         raise OutputError(f"{path}: the name is not UTF-8", "Choose another --output.") from None

@@ -1,8 +1,8 @@
-"""Files that came from elsewhere: with ``--untrusted`` nothing in them is executed, and nothing outside is reached.
+"""Untrusted files: with ``--untrusted`` nothing in them is executed, and no files outside their directory are used.
 
-What a job can do otherwise stands in docs/security.md. The checks are made where a file is read: a validator asks
-`applies`, and says what is wrong at its place. The environment variable HPCINV_UNTRUSTED=1 is the same for all
-commands, and what the option sets, so that processes that a command starts hold to it, too.
+For the risks of jobs without the option see docs/security.md. The checks are made where a file is read: validators use
+`applies`, and report faults at their places. The option sets the environment variable HPCINV_UNTRUSTED=1, which has the
+same effect for all commands, also in processes that a command starts.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _WORKING_DIRECTORY = (
     "ffcx_options.json",
     "matplotlibrc",
 )
-"""Files that libraries read in the working directory, and that can name libraries to load or files to write."""
+"""Files that libraries read in the working directory, and that can make them load libraries or write files."""
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:
@@ -41,20 +41,20 @@ def add_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--untrusted",
         action="store_true",
-        help="for files from elsewhere: refuse what could execute code, write or reach files of yours",
+        help="for files from others: refuse everything that could execute code or access other files",
     )
 
 
 def is_asked() -> bool:
-    """Whether the environment asks for it; raises ``JobError`` if it says neither yes nor no."""
+    """Return whether the environment variable is set; raises ``JobError`` if its value is not valid."""
     value = os.environ.get(VARIABLE, "")
     if value not in ("", "0", "1"):
-        raise JobError([f"{VARIABLE}={value}: must be 1, to refuse what a file could execute, or unset"])
+        raise JobError([f"{VARIABLE}={value}: must be 1, to refuse files that could execute code, or unset"])
     return value == "1"
 
 
 def applies(info: ValidationInfo) -> bool:
-    """Whether what is validated came from elsewhere."""
+    """Return whether the validated data are untrusted."""
     return bool((info.context or {}).get("untrusted", False))
 
 
@@ -65,15 +65,15 @@ def _stays_beside(path: str, info: ValidationInfo) -> str:
 
 
 FileBeside = Annotated[str, AfterValidator(_stays_beside)]
-"""A path to a file that, if the one that names it came from elsewhere, must lie in the directory of that or below."""
+"""Path to a file; in untrusted data it must be in or below the directory of the file that contains the path."""
 
 
 @contextmanager
 def asked_for(options: argparse.Namespace) -> Iterator[None]:
-    """Do what the options of a command say about it, for the command and all processes that it starts.
+    """Context in which ``--untrusted`` of a command applies, also to all processes that it starts.
 
     Raises:
-        JobError: something in the working directory would be executed, or could be.
+        JobError: files in the working directory could be executed.
     """
     before = os.environ.get(VARIABLE)
     if getattr(options, "untrusted", False):
@@ -105,18 +105,18 @@ def _check_working_directory(files: list[Path]) -> None:
 
 
 def _path_fault(directory: Path, path: str) -> str:
-    """What is wrong with a path in a file from elsewhere that lies in ``directory``; empty if nothing is."""
+    """Fault of a path in an untrusted file in ``directory``; empty text if there is none."""
     if (directory / path).resolve().is_relative_to(directory.resolve()):
         return ""
-    return f"leads out of the directory of the file, and is {REFUSED}; put what it needs beside it"
+    return f"leads out of the directory of the file, and is {REFUSED}; put the needed files there"
 
 
 def mesh_fault(directory: Path, file: str) -> str:
-    """What is wrong with the mesh of a job from elsewhere in ``directory``; empty if nothing is."""
+    """Fault of the mesh of an untrusted job in ``directory``; empty text if there is none."""
     path = directory / file
     match path.suffix:
         case ".py" | ".geo":
-            return f"is a program that a run executes, and is {REFUSED}; ask for the mesh that it makes (.msh, .vtu)"
+            return f"is a program that a run executes, and is {REFUSED}; ask for its mesh (.msh, .vtu)"
         case ".bp":
             return (
                 f"is read by ADIOS2, which can load libraries that a file names, and is {REFUSED}; ask for a mesh in "
@@ -132,10 +132,10 @@ def mesh_fault(directory: Path, file: str) -> str:
 
 
 def _heavy_data(path: Path) -> list[str]:
-    """The HDF5 files that an XDMF file names."""
+    """Names of the HDF5 files of an XDMF file."""
     try:
         items = [(item.text or "").strip() for item in ET.parse(path).iter("DataItem")]
-    except (ET.ParseError, OSError, ValueError):  # its reader says so
+    except (ET.ParseError, OSError, ValueError):  # reported by its reader
         return []
     return list(dict.fromkeys(found[1] for item in items if (found := re.fullmatch(r"(.+?):(/.+)", item))))
 
@@ -160,7 +160,7 @@ _WORDS = {
     "pc_mg_cycle_type": "v w",
     "pc_asm_type": "basic restrict interpolate none",
 }
-"""PETSc options that take one of these words, by their names without the prefix of an inner solver."""
+"""PETSc options with a choice of words, by their names without the prefix of an inner solver."""
 _NUMBERS = re.compile(
     r"snes_(rtol|atol|stol|max_it|max_funcs|divergence_tolerance|lag_jacobian|lag_preconditioner)"
     r"|snes_linesearch_(max_it|damping|minlambda|maxlambda|maxstep|order|rtol|atol|ltol)"
@@ -170,16 +170,16 @@ _NUMBERS = re.compile(
     r"|pc_(sor_omega|sor_its|sor_lits|asm_overlap|asm_blocks|bjacobi_blocks|mg_levels|jacobi_abs|redundant_number)"
     r"|pc_gamg_(threshold|threshold_scale|agg_nsmooths|aggressive_coarsening|square_graph|coarse_eq_limit)"
     r"|pc_gamg_(process_eq_limit|repartition|reuse_interpolation|asm_use_agg|recompute_esteig|esteig_ksp_max_it)"
-    # Of MUMPS' controls the first three are units of output, 22 writes factors to files.
+    # The first three integer controls of MUMPS are output units, and 22 writes factors to files.
     r"|mat_mumps_(icntl_([4-9]|1\d|2[013-9]|[3-5]\d)|cntl_[1-7])"
 )
-"""PETSc options that take numbers, or true and false."""
+"""PETSc options with numbers, or true and false, as values."""
 _INNER = re.compile(r"(mg_levels(_\d+)?_|mg_coarse_|sub_|redundant_|fieldsplit_[a-z0-9]+_|pc_gamg_esteig_)+")
 _PLAIN = re.compile(r"[-+]?[\d.][-+\d.eE]*(,[-+]?[\d.][-+\d.eE]*)*|true|false|yes|no|on|off|unlimited|", re.IGNORECASE)
 
 
 def option_fault(name: str, value: object) -> str:
-    """What is wrong with a PETSc option of a job from elsewhere; empty if it is known to do no harm.
+    """Fault of a PETSc option of an untrusted job; empty text if the option is known to be harmless.
 
     PETSc has thousands, of which some execute code (``pc_type python``) or write files (``ksp_view ascii:PATH``).
     """
@@ -189,7 +189,7 @@ def option_fault(name: str, value: object) -> str:
     if bare in _WORDS:
         if text in _WORDS[bare].split():
             return ""
-        return f"cannot be '{text[:40]}', which is {REFUSED}; take one of {', '.join(_WORDS[bare].split())}"
+        return f"cannot be '{text[:40]}', which is {REFUSED}; choose one of {', '.join(_WORDS[bare].split())}"
     if _NUMBERS.fullmatch(bare) is None:
-        return f"is {REFUSED}, as all PETSc options that are not known to do no harm; remove it"
-    return "" if _PLAIN.fullmatch(text) else f"must be a number, true or false; all else is {REFUSED}"
+        return f"is {REFUSED}, as all PETSc options that are not known to be harmless; remove it"
+    return "" if _PLAIN.fullmatch(text) else f"must be a number, true or false; other values are {REFUSED}"

@@ -1,1 +1,1 @@
-"""The job file: its sections, and the rules that they are checked against."""
+"""The job file: its sections and the rules by which they are checked."""

@@ -1,4 +1,4 @@
-"""The section ``accuracy`` of a job: how large the error of a quantity of interest may be."""
+"""The section ``accuracy`` of a job: largest allowed errors of quantities of interest."""
 
 from __future__ import annotations
 
@@ -6,23 +6,21 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from hpcinv.job.sections import FIELDS, LENGTH, POSITIONS
-from hpcinv.quantity.quantity import Quantity
+from hpcinv.quantity.quantity import positive
 from hpcinv.quantity.schema import Location, shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension, parse_quantity
+from hpcinv.quantity.units import Dimension
 
 if TYPE_CHECKING:
     from hpcinv.job.sections import QuantityOfInterest
-
-_DEMAND = Quantity(None, above=0.0)
 
 
 def read_demands(
     given: object, quantities: Sequence[QuantityOfInterest]
 ) -> tuple[dict[str, float], list[tuple[Location, str]]]:
-    """Largest errors (SI) by the names of quantities, and what is wrong with those that are ``given``.
+    """Largest errors (SI) by the names of quantities, and the faults of the ``given`` section.
 
-    That of a displacement is the length of its error.
+    The error of a displacement is the length of its error vector.
     """
     if not isinstance(given, Mapping):
         return {}, [((), f"must be a mapping of names of quantities to their largest errors, not {shown(given)}")]
@@ -35,29 +33,20 @@ def read_demands(
             problems.append(((str(name),), fault))
             continue
         if known[name].is_reaction:
-            fault = "is a reaction, which has no error estimate; a demand can be on any other kind of quantity"
+            fault = "is a reaction, for which there is no error estimate; any other kind of quantity is possible"
             problems.append(((name,), fault))
             continue
         try:
-            demands[name] = _DEMAND.parse(value)
-            _check_dimension(value, _dimension_of(known[name]))
+            demands[name] = positive(value, _dimension_of(known[name]), "the quantity")
         except ValueError as error:
             problems.append(((name,), str(error)))
     return demands, problems
 
 
 def _dimension_of(quantity: QuantityOfInterest) -> Dimension | None:
-    """``None`` where it may be any."""
+    """Dimension of a quantity, or ``None`` if it is unknown."""
     if quantity.is_displacement:
         return LENGTH
     found = quantity.of.check(POSITIONS | FIELDS)
-    # An integral's depends on whether the region is a volume or a surface, which the mesh tells.
+    # The dimension of an integral depends on whether the region is a volume or a surface: only the mesh defines that.
     return found if isinstance(found, Dimension) and quantity.reduce != "integral" else None
-
-
-def _check_dimension(value: object, wanted: Dimension | None) -> None:
-    """A plain number is in SI, and fits any quantity."""
-    if isinstance(value, str) and wanted is not None:
-        _, found = parse_quantity(value)
-        if found != wanted:
-            raise ValueError(f"must be {wanted}, as the quantity is, but '{value}' is {found}")

@@ -1,4 +1,4 @@
-"""The section 'fibres' of a job: families of fibres by name, which laws and effects refer to."""
+"""The section 'fibres' of a job: named families of fibres for laws and effects."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from hpcinv.quantity.units import Dimension
 
 
 class FibreFamily(Ingredient):
-    """A direction at each point of the body, as formulas or a data array of the mesh file; its length does not matter.
+    """A direction of any length at each point of the body, as formulas or a data array of the mesh file.
 
-    Formulas know the reference position X, Y, Z and the current position x, y, z. A direction given on the current body
-    is pulled back, ``a0 = F⁻¹a / |F⁻¹a|``, inside the residual.
+    Formulas can use the reference position X, Y, Z and the current position x, y, z. A direction on the current body is
+    pulled back, ``a0 = F⁻¹a / |F⁻¹a|``, inside the residual.
     """
 
     example: ClassVar = {"direction": ["-Y", "X", 0], "given_on": "reference"}
@@ -31,12 +31,12 @@ class FibreFamily(Ingredient):
     data: str | None = None
     """an array of the mesh file with three components, in place of 'direction'"""
     given_on: Configuration
-    """body on which the direction lies: the reference (undeformed) or the current (deformed) one"""
+    """body on which the direction is given: the reference (undeformed) or the current (deformed) one"""
     constants: Mapping[Name, AnyQuantity] = {}
     """values of further names in the formulas"""
 
     def quantities(self) -> dict[str, tuple[Any, Dimension]]:
-        """The direction, whose length has no meaning."""
+        """The direction, which is dimensionless."""
         if self.direction is None:
             return {"direction": (ByData(str(self.data), components=3), Dimension())}
         formulas = (ByFormula(f, {n: c for n, c in self.constants.items() if n in f.names}) for f in self.direction)
@@ -47,7 +47,7 @@ class FibreFamily(Ingredient):
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
     @model_validator(mode="after")
-    def _is_a_direction(self) -> Self:
+    def _check_direction(self) -> Self:
         raise_if_any(self._problems())
         return self
 
@@ -55,7 +55,7 @@ class FibreFamily(Ingredient):
         if (self.direction is None) == (self.data is None):
             return [((), "needs exactly one of 'direction' (three formulas) and 'data' (an array of the mesh file)")]
         if self.direction is None:
-            return [(("constants",), "have no use without 'direction'")] if self.constants else []
+            return [(("constants",), "are not valid without 'direction'")] if self.constants else []
         problems = faults_with_constants("direction", self.direction, self.constants, POSITIONS, None)
         if problems or any(f.names & POSITIONS.keys() for f in self.direction):
             return problems

@@ -1,8 +1,9 @@
-"""What makes two jobs the same problem, and where they differ."""
+"""Fingerprint of the physics of a job, differences of fingerprints, and the content key of a run."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,14 +20,16 @@ if TYPE_CHECKING:
 
 _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
 WITH_DEFINITIONS = {LET: True}
-"""Context in which a part of a job is written so that its formulas do not depend on other parts."""
-_MESH = {"parameters", "unit", "geometry_degree"}  # not its path: a moved file is the same mesh
+"""Serialization context in which formulas include the definitions that they use."""
+_SETTINGS = {"solver", "method", "fixed_point", "certificate", "quantities"}
+_OPTIONAL = {"accuracy", "sensitivities"}
+_MESH = {"parameters", "unit", "geometry_degree"}  # not the path: a moved file is the same mesh
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a mesh file, and of the HDF5 files that an XDMF file keeps its numbers in.
+    """SHA-256 of a mesh file, including the HDF5 files of an XDMF file.
 
-    Of a partitioned mesh it is that of its header, which has checksums of all that is in it.
+    For a partitioned mesh it is the hash of the header, which contains checksums of all arrays.
     """
     if path.suffix == SUFFIX:
         return read_header(path).digest()
@@ -39,13 +42,13 @@ def file_digest(path: Path) -> str:
                 digest.update((path.parent / os.fsdecode(name)).read_bytes())
     except (OSError, ValueError) as error:
         missing = getattr(error, "filename", None) or path
-        advice = "Keep the .h5 file beside the .xdmf file." if path.suffix == ".xdmf" else "Is the file readable?"
+        advice = "Keep the .h5 file next to the .xdmf file." if path.suffix == ".xdmf" else "Is the file readable?"
         raise MeshError(f"{path}: {missing} cannot be read: {getattr(error, 'strerror', error)}", advice) from None
     return digest.hexdigest()
 
 
 def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
-    """The physics of a job as JSON data, with open choices filled in and files by their SHA-256 (``digest``)."""
+    """The physics of a job as JSON data, with automatic choices resolved and files by their SHA-256 (``digest``)."""
     mesh = job.mesh.model_dump(mode="json", include=_MESH, exclude_none=True) | {
         "sha256": digest(job.resolve(job.mesh.file))
     }
@@ -61,8 +64,30 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
     return physics | {"directions": list(job.directions), "mesh": mesh, "discretisation": discretisation}
 
 
+def content_key(job: Job, digest: Callable[[Path], str] = file_digest, **circumstances: Any) -> str:
+    """Hash (20 hex digits) of the physics, mesh, spaces, solver, certificate and requested results of a job.
+
+    Names, paths, output, checkpoints, and the units of values have no influence.
+
+    Args:
+        digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
+        circumstances: further data that distinguish runs, as JSON data, such as ``ranks``.
+    """
+    content = (
+        fingerprint(job, digest)
+        | job.model_dump(mode="json", include=_SETTINGS, context=WITH_DEFINITIONS)
+        | circumstances
+    )
+    content |= {name: part for name, part in job.model_dump(mode="json", include=_OPTIONAL).items() if part}
+    if (expected := job.expected_shape) is not None:
+        content["expected_shape"] = expected.model_dump(mode="json", exclude={"file"}) | {
+            "sha256": digest(job.resolve(expected.file))
+        }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+
+
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """One line such as ``material.c1: 101709.7 -> 99999.0`` for each value that differs between two fingerprints."""
+    """One line such as ``material.c1: 101709.7 -> 99999.0`` for each difference between two fingerprints."""
     a, b = dict(_leaves(old, ())), dict(_leaves(new, ()))
     return [
         f"{at(where)}: {a.get(where, 'absent')} -> {b.get(where, 'absent')}"

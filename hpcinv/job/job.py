@@ -1,4 +1,4 @@
-"""The job: everything a run needs to know, read from one file, checked at once, and immutable from then on."""
+"""The job: all input of a run, read from one file, completely checked, and immutable."""
 
 from __future__ import annotations
 
@@ -44,93 +44,93 @@ from hpcinv.quantity.schema import (
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion
 
 MOST_ENTRIES = 10_000
-"""of one list of a job, such as its quantities: each costs a millisecond here, and a kernel or a search in a run"""
+"""entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
 
-UNNAMED = "(mapping)"  # stands for the file of a job that was made in Python
-_KEYS: Any = Mapping[str, str | float | None] | list[str]  # as a file may say them
+UNNAMED = "(mapping)"  # in place of the file name of a job that was made in Python
+_KEYS: Any = Mapping[str, str | float | None] | list[str]  # as in a file
 
 
 class Job(Spec):
-    """From a deformed shape to the undeformed one (inverse), the other way (forward), or there and back (round_trip).
+    """From a deformed shape to the undeformed one (inverse), the reverse (forward), or both (round_trip).
 
-    Quantities are SI floats, whatever units the file has. Paths are as in the file; `resolve` makes them usable.
+    Quantities are SI floats. Paths are as in the file; use `resolve` to open them.
     """
 
     job: FileName = "job"
-    """up to 100 letters, digits, dots, _, - (no dot or - first), naming the results; left out, the name of the file"""
+    """up to 100 letters, digits, dots, _, - (no dot or - first), the name of the results; by default the file name"""
     analysis: Literal["inverse", "forward", "round_trip"] = "inverse"
     """inverse: the mesh is the deformed body; forward: it is the undeformed one; round_trip: one after the other"""
     first: Literal["inverse", "forward"] | None = None
-    """which direction of a round trip is solved first; left out, inverse"""
+    """direction of a round trip that is solved first; by default inverse"""
     mesh: MeshSpec
     """the mesh of the given body, such as {file: ../meshes/beam.msh, unit: mm}"""
     let: Mapping[Name, Expression] = {}
-    """names for parts of formulas, such as {r: "norm(x, y)"}, which every formula of the job may use"""
+    """names for parts of formulas, such as {r: "norm(x, y)"}, which all formulas of the job can use"""
     regions: Mapping[Name, Expression] = {}
     """parts of the given body by conditions on x, y, z, for meshes without physical groups"""
     plugins: ListOf[str] = ()
-    """Python files, beside the job file, that define further laws and effects"""
+    """Python files, by paths relative to the job file, that define further laws and effects"""
     fibres: Mapping[Name, FibreFamily] = {}
     """families of fibres by name, for laws and effects that refer to them"""
     material: Material
     """the material law and its parameters, or one for each region of cells: {core: {law: …}, skin: {law: …}}"""
     load_cases: ListOf[Name] = ()
-    """names of load cases that follow each other; left out, there is one"""
+    """names of successive load cases; by default there is one"""
     effects: ListOf[AnyEffect] = ()
-    """what loads or strains the body"""
+    """loads and inelastic strains of the body"""
     supports: Annotated[ListOf[Support], Field(validate_default=True)] = ()
-    """where the body is held; may be left out where springs (effect: elastic-foundation) hold it"""
+    """prescribed displacements; not needed if springs (effect: elastic-foundation) hold the body"""
     discretisation: Discretisation = Discretisation()
     """finite-element spaces"""
     solver: Solver = Solver()
     """continuation and Newton iteration"""
     method: Literal["direct", "sellier", "aitken", "anderson", "rausch"] = "direct"
-    """direct: one solve on the deformed body; the others find the undeformed one by repeated forward solves"""
+    """direct: one solve on the deformed body; the others find the undeformed body by repeated forward solves"""
     fixed_point: FixedPoint = FixedPoint()
     """iteration of the methods other than direct"""
     certificate: CertificateSettings = CertificateSettings()
-    """what is checked at the end"""
+    """checks at the end of a run"""
     checkpoint: Checkpoint = Checkpoint()
-    """when converged states are saved"""
+    """saving of converged states"""
     output: Output = Output()
-    """what is written beside the summary"""
+    """results that are written with the summary"""
     quantities: ListOf[QuantityOfInterest] = ()
-    """numbers to report"""
+    """numbers that are reported"""
     sensitivities: Mapping[JobKey, AnyQuantity | None] = {}
     """numbers of laws, effects, fibres and supports by which shape and quantities are differentiated: a list of their
     keys, or their standard deviations by key, such as {material.mu: 1 kPa, "effects[0].density": null}"""
     expected_shape: MeshFile | None = None
-    """a mesh with the same nodes, from which the distance of the recovered shape is reported"""
+    """a mesh with the same nodes, whose distance from the recovered shape is reported"""
     accuracy: Mapping[Name, AnyQuantity] = {}
-    """largest errors of quantities by name, such as {tip: 0.1 mm}: degree and mesh are then chosen to meet them"""
+    """largest errors of quantities by name, such as {tip: 0.1 mm}; degree and mesh are then chosen accordingly"""
 
     _path: Path | None = PrivateAttr(default=None)
     _data: Mapping[str, Any] = PrivateAttr(default_factory=dict)
     _untrusted: bool = PrivateAttr(default=False)
 
     def __eq__(self, other: object) -> bool:
-        """Of what is read from a file, and where that lies, however the file says it."""
+        """Equality of all values, of the path of the file, and of trust."""
         if not isinstance(other, Job):
             return NotImplemented
         return (dict(self), self._path, self._untrusted) == (dict(other), other._path, other._untrusted)
 
     @property
     def path(self) -> Path | None:
-        """The file that the job was read from; paths in it begin where that lies."""
+        """The file from which the job was read; paths in the job are relative to its directory."""
         return self._path
 
     @property
     def data(self) -> Mapping[str, Any]:
-        """What its file holds, as it was read."""
+        """Content of the file, before validation."""
         return self._data
 
     def with_(self, changes: Mapping[str, Any]) -> Job:
-        """The job with other values at some of its keys, such as ``{"effects[1].pressure": "12 kPa"}``.
+        """Copy of the job with other values at some keys, such as ``{"effects[1].pressure": "12 kPa"}``.
 
-        Sections that are not there are made. The job itself stays as it is.
+        Missing sections are added.
 
         Raises:
-            JobError: a key leads nowhere, or the changed job is not valid.
+            JobError: a key is not valid, or the changed job is not.
         """
         path = self._path or Path(UNNAMED)
         try:
@@ -140,23 +140,23 @@ class Job(Spec):
 
     @property
     def is_untrusted(self) -> bool:
-        """Whether it was read as one that came from elsewhere, so that nothing in it can be executed."""
+        """True if the job was read as untrusted, so that nothing in it is executed."""
         return self._untrusted
 
     def resolve(self, path: str | Path) -> Path:
-        """A path of the job file as one that can be opened."""
+        """A path in the job as one that can be opened."""
         return (self._path.parent if self._path else Path()) / path
 
     @property
     def shape_formats(self) -> tuple[str, ...]:
-        """In which the recovered shape is written."""
+        """Formats of the recovered shape."""
         if self.output.mesh is not None:
             return self.output.mesh
         return ("bp",) if self.mesh.is_partitioned else ("msh", "vtu")
 
     @property
     def directions(self) -> tuple[Direction, ...]:
-        """The directions to solve in, in order."""
+        """The directions in which the job is solved, in order."""
         if self.analysis != "round_trip":
             return (self.analysis,)
         return ("forward", "inverse") if self.first == "forward" else ("inverse", "forward")
@@ -168,12 +168,12 @@ class Job(Spec):
 
     @property
     def named_effects(self) -> list[tuple[str, Effect]]:
-        """The effects, each with its place in the job."""
+        """The effects, with their places in the job."""
         return list(_numbered("effects", self.effects).items())
 
     @property
     def families(self) -> dict[str, FibreFamily]:
-        """The families of fibres that the scene needs, by their place in the job."""
+        """The families of fibres that laws and effects use, by their place in the job."""
         return _families((*self.laws.values(), *self.effects), self.fibres)
 
     @property
@@ -182,50 +182,49 @@ class Job(Spec):
         return max(len(self.load_cases), 1)
 
     def case_of(self, part: Effect | Support) -> int:
-        """Number of the load case of an effect or support, from 0."""
+        """Index of the load case of an effect or support."""
         return 0 if part.case is None else self.load_cases.index(part.case)
 
     @property
     def is_mixed(self) -> bool:
-        """Whether the pressure is an unknown."""
+        """True if the pressure is an unknown."""
         return self.discretisation.formulation == "mixed" or (
             self.discretisation.formulation == "auto" and wants_pressure(self.laws)
         )
 
     @property
     def pressure_degree(self) -> int | None:
-        """Degree of the pressure, None in the displacement form."""
+        """Degree of the pressure, or None in the displacement form."""
         return (self.discretisation.pressure or self.discretisation.displacement - 1) if self.is_mixed else None
 
     @property
     def differentiated(self) -> list[Parameter]:
-        """Numbers by which the results are differentiated, in the order of ``sensitivities``."""
-        owners: dict[str, Owner] = {**self.laws, **dict(self.named_effects), **self.families}
-        owners |= {f"supports[{i}]": support for i, support in enumerate(self.supports)}
+        """Parameters by which the results are differentiated, in the order of ``sensitivities``."""
+        owners = _owners(self.material, self.effects, self.fibres, self.supports)
         return [parameter(key, owners, deviation) for key, deviation in self.sensitivities.items()]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickled so that another rank has the classes of its plugins before it needs them."""
+        """Pickle with the plugins, which another rank imports before it unpickles their classes."""
         plugins = [self.resolve(p).resolve() for p in self.plugins]
         return _unpickled, (plugins, pickle.dumps((self.__class__, self.__getstate__())))
 
-    # The rules between sections stand with the later section, which sees the earlier ones that are right in themselves.
+    # Rules between sections are validators of the later section, to which the valid earlier sections are known.
 
     @field_validator("let")
     @classmethod
-    def _are_definitions(cls, given: Mapping[str, Expression], info: ValidationInfo) -> Mapping[str, Expression]:
-        """Also tells them to the sections that follow, through the context that all are read with."""
+    def _check_let(cls, given: Mapping[str, Expression], info: ValidationInfo) -> Mapping[str, Expression]:
+        """Also puts the definitions into the validation context of the following sections."""
         raise_if_any(((name,), text) for name in given if (text := unusable(name)))
         resolved = resolve(given)
         if resolved:
             if info.context is None:
-                raise ValueError("is known only in jobs that are read by 'load' or 'parse'")
+                raise ValueError("is valid only in jobs that are read by 'load' or 'parse'")
             info.context[LET] = resolved
         return resolved
 
     @field_validator("plugins")
     @classmethod
-    def _are_imported(cls, plugins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+    def _check_plugins(cls, plugins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         load_installed()
         if applies(info):
             text = f"is a Python file that a run executes, and is {REFUSED}"
@@ -241,7 +240,7 @@ class Job(Spec):
 
     @field_validator("material")
     @classmethod
-    def _has_its_fibres(cls, material: Material, info: ValidationInfo) -> Material:
+    def _check_material(cls, material: Material, info: ValidationInfo) -> Material:
         for where, law in _laws(material).items():
             region = tuple(where.split(".", 1)[1:])
             raise_if_any(((*region, *place), text) for place, text in unknown_families(law, info.data.get("fibres")))
@@ -249,46 +248,46 @@ class Job(Spec):
 
     @field_validator("load_cases")
     @classmethod
-    def _are_different(cls, cases: tuple[str, ...]) -> tuple[str, ...]:
-        raise_if_any(((i,), f"'{cases[i]}' is there already") for i in repeated(cases))
+    def _check_load_cases(cls, cases: tuple[str, ...]) -> tuple[str, ...]:
+        raise_if_any(((i,), f"'{cases[i]}' is duplicated") for i in repeated(cases))
         return cases
 
     @field_validator("first")
     @classmethod
-    def _first_of_two(cls, first: str | None, info: ValidationInfo) -> str | None:
+    def _check_first(cls, first: str | None, info: ValidationInfo) -> str | None:
         if first is not None and info.data.get("analysis", "round_trip") != "round_trip":
-            raise ValueError("has a use only with 'analysis: round_trip'")
+            raise ValueError("is valid only with 'analysis: round_trip'")
         return first
 
     @field_validator("method")
     @classmethod
-    def _finds_an_undeformed_body(cls, method: str, info: ValidationInfo) -> str:
+    def _check_method(cls, method: str, info: ValidationInfo) -> str:
         if method != "direct" and info.data.get("analysis") == "forward":
-            raise ValueError("has a use only in an inverse analysis or a round trip; a forward one is always direct")
+            raise ValueError("is valid only in an inverse analysis or a round trip; a forward one is always direct")
         return method
 
     @field_validator("fixed_point")
     @classmethod
-    def _is_asked_for(cls, fixed_point: FixedPoint, info: ValidationInfo) -> FixedPoint:
+    def _check_fixed_point(cls, fixed_point: FixedPoint, info: ValidationInfo) -> FixedPoint:
         if fixed_point.model_fields_set and info.data.get("method") == "direct":
-            raise ValueError("has no use with 'method: direct'; take sellier, aitken, anderson or rausch")
+            raise ValueError("is not valid with 'method: direct'; choose sellier, aitken, anderson or rausch")
         return fixed_point
 
     @field_validator("regions")
     @classmethod
-    def _are_conditions(cls, regions: Mapping[str, Expression]) -> Mapping[str, Expression]:
+    def _check_regions(cls, regions: Mapping[str, Expression]) -> Mapping[str, Expression]:
         if "boundary" in regions:
-            raise Problems((("boundary",), "is already the name of the whole boundary; take another"))
+            raise Problems((("boundary",), "is already the name of the whole boundary; choose another"))
         raise_if_any(faults((((name,), formula) for name, formula in regions.items()), COORDINATES, True))
         return regions
 
     @field_validator("effects")
     @classmethod
-    def _serve_the_analysis(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
+    def _check_effects(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
         analysis, fibres, cases = (info.data.get(key) for key in ("analysis", "fibres", "load_cases"))
         needed = {"forward", "inverse"} if analysis == "round_trip" else {analysis} - {None}
         raise_if_any(
-            ((i,), f"cannot serve 'analysis: {analysis}'; it knows {', '.join(sorted(effect.directions))} only")
+            ((i,), f"is not possible with 'analysis: {analysis}', only with {', '.join(sorted(effect.directions))}")
             for i, effect in enumerate(effects)
             if needed - effect.directions
         )
@@ -301,7 +300,7 @@ class Job(Spec):
 
     @field_validator("supports")
     @classmethod
-    def _hold_the_body(cls, supports: tuple[Support, ...], info: ValidationInfo) -> tuple[Support, ...]:
+    def _check_supports(cls, supports: tuple[Support, ...], info: ValidationInfo) -> tuple[Support, ...]:
         holds = (*(s.held for s in supports), *(e.holds for e in info.data.get("effects", ())))
         free = set(AXES).difference(*holds)
         if free and "effects" in info.data:
@@ -322,70 +321,66 @@ class Job(Spec):
 
     @field_validator("discretisation")
     @classmethod
-    def _suits_the_material(cls, discretisation: Discretisation, info: ValidationInfo) -> Discretisation:
+    def _check_discretisation(cls, discretisation: Discretisation, info: ValidationInfo) -> Discretisation:
         if "material" in info.data:
             raise_if_any(unsuited(discretisation, _laws(info.data["material"])))
         return discretisation
 
     @field_validator("output")
     @classmethod
-    def _can_be_written(cls, output: Output, info: ValidationInfo) -> Output:
+    def _check_output(cls, output: Output, info: ValidationInfo) -> Output:
         mesh = info.data.get("mesh")
         if mesh is not None and mesh.is_partitioned and {"msh", "vtu"} & set(output.mesh or ()):
-            text = "of a partitioned mesh must be bp, which 'hpcinv mesh gather shape.bp shape.msh' makes one file of"
+            text = "of a partitioned mesh must be bp; 'hpcinv mesh gather shape.bp shape.msh' converts it to one file"
             raise Problems((("mesh",), text))
         return output
 
     @field_validator("expected_shape")
     @classmethod
-    def _is_partitioned_alike(cls, expected: MeshFile | None, info: ValidationInfo) -> MeshFile | None:
+    def _check_expected_shape(cls, expected: MeshFile | None, info: ValidationInfo) -> MeshFile | None:
         mesh = info.data.get("mesh")
         if expected is not None and mesh is not None and expected.is_partitioned != mesh.is_partitioned:
-            text = "must be a partitioned mesh (.bp) if, and only if, that of the job is"
+            text = "must be a partitioned mesh (.bp) if and only if the mesh of the job is"
             raise Problems((("file",), f"{text}: 'hpcinv mesh partition' makes one, with the same --parts"))
         return expected
 
     @field_validator("accuracy", mode="plain")
     @classmethod
-    def _can_be_met(cls, given: object, info: ValidationInfo) -> Mapping[str, float]:
+    def _check_accuracy(cls, given: object, info: ValidationInfo) -> Mapping[str, float]:
         if "quantities" not in info.data:  # already reported
             return {}
         demands, problems = read_demands(given, info.data["quantities"])
         raise_if_any(problems)
         if demands and info.data.get("expected_shape") is not None:
-            raise ValueError("cannot go with 'expected_shape', which needs the job's own mesh; remove one of them")
+            raise ValueError(
+                "cannot be combined with 'expected_shape', which needs the mesh of the job; remove one of them"
+            )
         if demands and info.data.get("method", "direct") != "direct":
             raise ValueError("needs 'method: direct'")
         if demands and (mesh := info.data.get("mesh")) is not None and mesh.is_partitioned:
-            raise ValueError("needs a mesh that can be refined, not a partitioned one: the file that this was made of")
+            raise ValueError("needs a mesh that can be refined, not a partitioned one: use its original file")
         solver = info.data.get("solver")
         if not demands and solver is not None and "maximum_unknowns" in solver.model_fields_set:
-            raise ValueError("is needed if solver.maximum_unknowns is given, which bounds what it may take")
+            raise ValueError("is needed if solver.maximum_unknowns is given, which applies only to it")
         return demands
 
     @field_validator("sensitivities", mode="plain", json_schema_input_type=_KEYS)
     @classmethod
-    def _are_by_numbers(cls, given: object, info: ValidationInfo) -> Mapping[str, float | None]:
+    def _check_sensitivities(cls, given: object, info: ValidationInfo) -> Mapping[str, float | None]:
         if not {"material", "effects", "fibres", "supports"} <= info.data.keys():  # already reported
             return {}
-        parts = {**_laws(info.data["material"]), **_numbered("effects", info.data["effects"])}
-        owners = parts | _families(parts.values(), info.data["fibres"]) | _numbered("supports", info.data["supports"])
+        owners = _owners(*(info.data[section] for section in ("material", "effects", "fibres", "supports")))
         found, problems = read_sensitivities(given, owners)
         raise_if_any(problems)
         return found
 
     @field_validator("quantities")
     @classmethod
-    def _have_own_names(cls, quantities: tuple[QuantityOfInterest, ...]) -> tuple[QuantityOfInterest, ...]:
-        names = [q.name for q in quantities]
-        raise_if_any(((i, "name"), f"'{names[i]}' is the name of an earlier quantity") for i in repeated(names))
-        return quantities
-
-    @field_validator("quantities")
-    @classmethod
-    def _react_at_supports(
+    def _check_quantities(
         cls, quantities: tuple[QuantityOfInterest, ...], info: ValidationInfo
     ) -> tuple[QuantityOfInterest, ...]:
+        names = [q.name for q in quantities]
+        raise_if_any(((i, "name"), f"'{names[i]}' is the name of an earlier quantity") for i in repeated(names))
         if "supports" not in info.data:  # already reported
             return quantities
         regions = list(dict.fromkeys(support.region for support in info.data["supports"]))
@@ -405,9 +400,17 @@ def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, Materi
 
 
 def _families(parts: Iterable[Ingredient], fibres: Mapping[str, FibreFamily]) -> dict[str, FibreFamily]:
-    """The families of fibres that laws and effects need."""
+    """The families of fibres that laws and effects use, by their place in the job."""
     needed = dict.fromkeys(name for part in parts for name in part.families)
     return {f"fibres.{name}": fibres[name] for name in needed}
+
+
+def _owners(
+    material: Material, effects: Sequence[Effect], fibres: Mapping[str, FibreFamily], supports: Sequence[Support]
+) -> dict[str, Owner]:
+    """The parts of a job with numbers by which results can be differentiated, by their place in the job."""
+    parts = {**_laws(material), **_numbered("effects", effects)}
+    return parts | _families(parts.values(), fibres) | _numbered("supports", supports)
 
 
 def _numbered[T](section: str, entries: Sequence[T]) -> dict[str, T]:
@@ -427,12 +430,12 @@ def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".",
     """Read and check a job: a file, or a mapping with the content of one.
 
     Args:
-        directory: where relative paths in a mapping begin; those in a file begin where that lies.
-        untrusted: it came from elsewhere: refuse what in it could execute code (plugins, generators, partitioned
-            meshes, PETSc options not known to do no harm) or leads out of its directory.
+        directory: base of relative paths in a mapping; paths in a file are relative to the directory of the file.
+        untrusted: refuse everything that could execute code (plugins, generators, partitioned meshes, PETSc options not
+            known to be harmless) or leads out of the directory.
 
     Raises:
-        JobError: with one line for each thing that is wrong, of the form ``file: key: what, and what to do``.
+        JobError: with one line for each fault, of the form ``file: key: fault, and remedy``.
     """
     if isinstance(source, Mapping):
         return parse({"job": "job", **source}, Path(directory) / UNNAMED, untrusted=untrusted)
@@ -440,7 +443,7 @@ def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".",
 
 
 def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Job:
-    """A job from the contents of its file; ``path`` names it in errors and anchors the relative paths in it.
+    """Check the content of a job file; ``path`` is its name in errors, and relative paths start from its directory.
 
     Args:
         untrusted: as in `load`.
@@ -451,7 +454,7 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
     untrusted = untrusted or is_asked()
     large = {key: len(value) for key, value in data.items() if isinstance(value, list) and len(value) > MOST_ENTRIES}
     if large:
-        text = f"entries, and may have {MOST_ENTRIES:,}"
+        text = f"entries, but may have {MOST_ENTRIES:,}"
         raise JobError([f"{path}: {key}: has {count:,} {text}" for key, count in large.items()])
     try:
         job = Job.model_validate({"job": path.stem, **data}, context={"directory": path.parent, "untrusted": untrusted})
@@ -469,7 +472,7 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
 
 
 def _named_regions(job: Job) -> Iterator[tuple[Location, str]]:
-    """Every region that a job names, with its place."""
+    """Names of all regions to which a job refers, with their places."""
     for i, support in enumerate(job.supports):
         yield ("supports", i, "region"), support.region
     for i, effect in enumerate(job.effects):

@@ -1,4 +1,4 @@
-"""What a mesh generator lets a job choose, read from its text; nothing is executed."""
+"""Parameters of mesh generators, read from the text of the generator without executing it."""
 
 from __future__ import annotations
 
@@ -19,11 +19,13 @@ type Value = float | int | bool | str
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """``read`` checks a value and converts it to SI, or raises ``ValueError``.
+class GeneratorParameter:
+    """A parameter of a mesh generator.
 
-    ``kind`` is its annotation, empty if it has none; the default is ``None`` where there is none, or one that only
-    running it would tell.
+    Attributes:
+        kind: its annotation, or empty.
+        required: True if it has no default.
+        default: value of the default if that is a literal, otherwise ``None``.
     """
 
     kind: str
@@ -31,13 +33,14 @@ class Parameter:
     default: Value | None = None
 
     def read(self, value: object) -> Value:
+        """The value, checked and converted to SI; raises ``ValueError`` if it is invalid."""
         return _READERS[self.kind or "float"](value)
 
     def check_dimension(self, name: str, value: object, unit: float) -> None:
-        """Raise ``ValueError`` for a quantity with a dimension where nothing says in which unit it is expected.
+        """Raise ``ValueError`` for a value with a dimension if the generator does not define its unit.
 
-        Without an annotation that is never known; with one that says nothing about a dimension it is SI, which is
-        wrong for a generator that works in another ``unit`` (m).
+        Without an annotation the unit is unknown; with one of any dimension it is SI, which is not valid for a
+        generator that works in another length ``unit`` (m).
         """
         if self.kind not in _OF_ANY_DIMENSION or (self.kind and unit == 1.0) or not isinstance(value, str):
             return
@@ -48,14 +51,14 @@ class Parameter:
         kinds = " or ".join([*fitting, *(["Size"] if "Length" in fitting else [])])
         remedy = f"annotate it there ({name}: {kinds}), or " if kinds else ""
         raise ValueError(
-            f"is given as '{value}', but build() does not say that {name} is {dimension}, nor in which unit;"
-            f" {remedy}give a plain number, which reaches it as it stands"
+            f"is given as '{value}', but build() does not define that {name} is {dimension}, nor its unit;"
+            f" {remedy}give a plain number, which is passed unchanged"
         )
 
 
 def _expect[V: Value](kind: type[V], name: str) -> Callable[[object], V]:
     def read(value: object) -> V:
-        if type(value) is not kind:  # True is an int, but no number
+        if type(value) is not kind:  # True is an int in Python, but not here
             raise ValueError(f"must be {name}, not {shown(value)}")
         return value
 
@@ -77,7 +80,7 @@ _READERS: Mapping[str, Callable[[object], Value]] = {
     "bool": _expect(bool, "true or false"),
     "str": _expect(str, "text"),
 }
-"""Readers by the annotation of a parameter."""
+"""Functions that check and convert a value, by the annotation of the parameter."""
 
 _OF_ANY_DIMENSION = ("", "float", "AnyQuantity")
 
@@ -85,13 +88,13 @@ _OF_ANY_DIMENSION = ("", "float", "AnyQuantity")
 def read_parameters(
     path: Path, given: Mapping[str, object], unit: float = 1.0
 ) -> tuple[dict[str, Value], list[tuple[Location, str]]]:
-    """Parameters for the generator at ``path`` in SI, and what is wrong with those that were given.
+    """Parameters (SI) for the generator at ``path``, and faults of the ``given`` ones with their places.
 
     Args:
-        unit: length (m) that it works in.
+        unit: length unit (m) of the generator.
 
     Raises:
-        ValueError: the file is no generator, or not a valid one.
+        ValueError: the file is not a valid generator.
     """
     values: dict[str, Value] = {}
     problems: list[tuple[Location, str]] = []
@@ -110,13 +113,13 @@ def read_parameters(
 
 
 def in_unit(path: Path, given: Mapping[str, Value], unit: float) -> dict[str, Value]:
-    """Parameters in SI, and the defaults of others, for a generator that works in a length ``unit`` (m).
+    """Parameters for a generator that works in a length ``unit`` (m), converted from SI, with defaults of others.
 
-    Lengths, areas and volumes are what is annotated as such. They are rounded to 13 digits: a mesh may change
-    altogether with the last bit of a length, and bodies that are alike should have meshes that are.
+    Parameters annotated as lengths, areas or volumes are converted, and rounded to 13 digits: a mesh may change
+    completely with the last bit of a length, and similar bodies should have similar meshes.
 
     Raises:
-        ValueError: a default of theirs is no number that can be read off.
+        ValueError: the default of such a parameter is not a literal number.
     """
     values = dict(given)
     for name, parameter in parameters_of(path).items():
@@ -125,14 +128,14 @@ def in_unit(path: Path, given: Mapping[str, Value], unit: float) -> dict[str, Va
             continue
         value = given.get(name, parameter.default)
         if not isinstance(value, float | int):
-            raise ValueError(f"needs a number for {name}, whose default in {path.name} is none")
+            raise ValueError(f"needs a number for {name}, whose default in {path.name} is not a number")
         values[name] = float(f"{value / unit**dimension.length:.13g}")
     return values
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """Parameters that say how fine the mesh of a generator is: those that are a ``Size`` (m), and the ``Divisions``."""
+    """Parameters that define the cell size of a generated mesh: each ``Size`` (m) and each number of ``Divisions``."""
 
     sizes: Mapping[str, float]
     divisions: Mapping[str, int]
@@ -142,7 +145,7 @@ class Resolution:
         return {**self.sizes, **self.divisions}
 
     def finer(self, factor: float) -> Resolution:
-        """For cells ``factor`` times smaller; divisions become whole numbers, and rather more than fewer."""
+        """Resolution for cells ``factor`` times smaller; numbers of divisions are rounded up."""
         return Resolution(
             {name: size / factor for name, size in self.sizes.items()},
             {name: math.ceil(number * factor - 1e-6) for name, number in self.divisions.items()},
@@ -150,7 +153,7 @@ class Resolution:
 
 
 def resolution_of(path: Path, given: Mapping[str, Value]) -> Resolution:
-    """What the generator at ``path`` says of its resolution, with ``given`` parameters in SI."""
+    """Resolution of the generator at ``path`` with ``given`` parameters (SI)."""
     found: dict[str, dict[str, float]] = {"Size": {}, "Divisions": {}}
     for name, parameter in parameters_of(path).items():
         value = given.get(name, parameter.default)
@@ -163,8 +166,8 @@ def is_generator(path: Path) -> bool:
     return path.suffix in _FORMATS
 
 
-def parameters_of(path: Path) -> dict[str, Parameter]:
-    """Parameters of ``build()`` in a Python generator, or of ``DefineConstant`` in a gmsh script."""
+def parameters_of(path: Path) -> dict[str, GeneratorParameter]:
+    """Parameters of ``build()`` in a Python generator or of ``DefineConstant`` in a gmsh script, by name."""
     try:
         return _FORMATS[path.suffix](path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
@@ -172,23 +175,23 @@ def parameters_of(path: Path) -> dict[str, Parameter]:
     except SyntaxError as error:
         raise ValueError(f"{path.name}, line {error.lineno}: {error.msg}") from None
     except (RecursionError, MemoryError):
-        raise ValueError(f"{path.name}: its expressions are too deep inside each other") from None
+        raise ValueError(f"{path.name}: its expressions are nested too deeply") from None
     except OSError as error:
         raise ValueError(f"{path.name}: cannot be read: {error.strerror}") from None
 
 
-@cache  # many jobs have the same generator
-def _of_python(text: str) -> dict[str, Parameter]:
+@cache  # many jobs use the same generator
+def _of_python(text: str) -> dict[str, GeneratorParameter]:
     functions = [n for n in ast.parse(text).body if isinstance(n, ast.FunctionDef) and n.name == "build"]
     if not functions:
-        raise ValueError("a mesh generator must define build(gmsh, *, …), which this file does not")
+        raise ValueError("a mesh generator must define build(gmsh, *, …)")
     arguments = functions[-1].args
     positional = [*arguments.posonlyargs, *arguments.args]
     if not positional:
         raise ValueError("build() of a mesh generator must take gmsh as its first argument")
     defaults = [*[None] * (len(positional) - len(arguments.defaults)), *arguments.defaults, *arguments.kw_defaults]
     return {
-        a.arg: Parameter(_kind(a), default is None, _literal(default))
+        a.arg: GeneratorParameter(_kind(a), default is None, _literal(default))
         for a, default in list(zip([*positional, *arguments.kwonlyargs], defaults, strict=True))[1:]
     }
 
@@ -212,11 +215,11 @@ def _kind(argument: ast.arg) -> str:
 
 
 @cache
-def _of_geo(text: str) -> dict[str, Parameter]:
+def _of_geo(text: str) -> dict[str, GeneratorParameter]:
     text = re.sub(r"//[^\n]*|/\*.*?\*/", "", re.sub(r'"[^"\n]*"', '""', text), flags=re.DOTALL)
     blocks = re.findall(r"DefineConstant\s*\[(.*?)\]\s*;", text, flags=re.DOTALL)
     names = (name for block in blocks for name in re.findall(r"(\w+)\s*(?:=|,|$)", re.sub(r"\{.*?\}", "0", block)))
-    return {name: Parameter("float", required=False) for name in names if not name[0].isdigit()}
+    return {name: GeneratorParameter("float", required=False) for name in names if not name[0].isdigit()}
 
 
 _FORMATS = {".py": _of_python, ".geo": _of_geo}

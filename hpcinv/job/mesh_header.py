@@ -1,4 +1,4 @@
-"""The header of a partitioned mesh: what is known of it before any of its arrays is read.
+"""Header of a partitioned mesh: its description without arrays.
 
 A partitioned mesh is a directory ``NAME.bp`` of ADIOS2, with this header in it as ``mesh.json``.
 """
@@ -17,24 +17,25 @@ from hpcinv.errors import MeshError
 SUFFIX = ".bp"
 HEADER = "mesh.json"
 _FORMAT = 2
+_REMEDY = "Copy the mesh again, or partition it again."
 
 
 @dataclass(frozen=True)
 class Header:
-    """Sizes and names of what is in a partitioned mesh.
+    """Sizes and names of the parts of a partitioned mesh.
 
     Attributes:
-        name: of the file that it was made of.
+        name: name of the original mesh file.
         kind, degree: of the cells.
-        nodes, cells, facets: how many there are; facets are those of groups.
-        parts: rows of cells at which the parts begin, and the number of cells.
+        nodes, cells, facets: their numbers; facets are those of groups.
+        parts: rows of cells at which the parts begin, followed by the number of cells.
         groups: name, dimension and tag of each physical group.
         thin_groups: names of groups of points and curves.
         data: name, place ("nodes" or "cells") and number of components of each data array.
         checksums: of each array, by its name in the file.
-        files: bytes of each file that ADIOS2 has written, and the SHA-256 of those that say where data are; of the
-            others, whose arrays have checksums, it is empty.
-        unit: length unit (m) of the file that it was made of; its own coordinates are in metres.
+        files: size in bytes and SHA-256 of each file written by ADIOS2; the hash is empty for files with the arrays,
+            which have checksums.
+        unit: length unit (m) of the original mesh file; the partitioned mesh itself is in metres.
     """
 
     name: str
@@ -52,13 +53,13 @@ class Header:
     unit: float = 1.0
 
     def write(self, path: Path) -> None:
-        """Put it into the partitioned mesh at ``path``."""
+        """Write the header into the partitioned mesh at ``path``."""
         content = {"format": _FORMAT} | asdict(self)
         text = json.dumps(content | {"sha256": _digest(content)}, ensure_ascii=False)
         (path / HEADER).write_text(text + "\n", encoding="utf-8")
 
     def digest(self) -> str:
-        """SHA-256 of the mesh, whichever way its arrays are spread over files."""
+        """SHA-256 of the mesh, independent of the distribution of its arrays over files."""
         content = asdict(self)
         del content["name"], content["files"], content["unit"]
         return _digest(content)
@@ -69,16 +70,16 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def describe_file(path: Path) -> tuple[int, str]:
-    """Bytes of a file of a partitioned mesh, and its SHA-256 unless it holds the arrays."""
+    """Size in bytes of a file of a partitioned mesh, and its SHA-256, or empty text for files with the arrays."""
     is_data = path.name.startswith("data.")
     return path.stat().st_size, "" if is_data else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def read_header(path: Path) -> Header:
-    """The header of the partitioned mesh at ``path``.
+    """Read the header of the partitioned mesh at ``path``.
 
     Raises:
-        MeshError: it is none, it is damaged, or another version has written it.
+        MeshError: it is not a partitioned mesh, is damaged, or was written by another version.
     """
     try:
         content = json.loads((path / HEADER).read_text(encoding="utf-8"))
@@ -86,21 +87,21 @@ def read_header(path: Path) -> Header:
         if found != _FORMAT:
             raise MeshError(
                 f"{path}: has format {found}, but this version of hpcinv reads {_FORMAT}",
-                "Partition the mesh anew with 'hpcinv mesh partition'.",
+                "Partition the mesh again with 'hpcinv mesh partition'.",
             )
         if content.pop("sha256") != _digest({"format": found} | content):
-            raise MeshError(f"{path}: {HEADER} in it is not what was written", "Copy it again, or make it anew.")
+            raise MeshError(f"{path}: {HEADER} in it is damaged: its checksum is wrong", _REMEDY)
         lists = {key: tuple(tuple(v) if isinstance(v, list) else v for v in content[key]) for key in _LISTS}
         header = Header(**(content | lists))
-        # ADIOS2 would wait for ever for what is missing at the end of a file, and crash on wrong offsets.
+        # ADIOS2 would wait forever at a truncated file, and crash on wrong offsets.
         damaged = [name for name, known in header.files.items() if describe_file(path / name) != tuple(known)]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as exc:
         raise MeshError(
-            f"{path}: {HEADER} in it cannot be read ({type(exc).__name__}): it is no partitioned mesh, or not whole",
+            f"{path}: {HEADER} in it cannot be read ({type(exc).__name__}): not a partitioned mesh, or incomplete",
             "Make one with 'hpcinv mesh partition'.",
         ) from exc
     if damaged:
-        raise MeshError(f"{path}: {damaged[0]} in it is not what was written", "Copy it again, or make it anew.")
+        raise MeshError(f"{path}: {damaged[0]} in it is damaged: its size or checksum is wrong", _REMEDY)
     return header
 
 

@@ -1,7 +1,6 @@
-"""Whether a file is a mesh in gmsh's MSH format, which has to be known before gmsh sees it.
+"""Check that a file is a mesh in gmsh's MSH format, before gmsh opens it.
 
-gmsh decides by the first bytes of a file what it is, and executes what it does not know as a script, whose commands can
-start programs. It takes no other header after white space.
+gmsh recognizes the format by the first bytes of a file, and executes other files as scripts, which can start programs.
 """
 
 from __future__ import annotations
@@ -10,11 +9,11 @@ from pathlib import Path
 
 SUFFIX = ".msh"
 _HEADERS = (b"$MeshFormat", b"$Comments", b"$NOD")
-"""First lines of MSH 2 and 4, of the same with a comment first, and of MSH 1."""
+"""First lines of MSH 2 and 4, the same after a comment, and MSH 1."""
 
 
 def fault_of(path: Path) -> str:
-    """What is wrong with the first line of a ``.msh`` file; empty if nothing is.
+    """Fault of the first line of a ``.msh`` file; empty text if it is valid.
 
     Raises:
         OSError: the file cannot be read.
@@ -23,4 +22,4 @@ def fault_of(path: Path) -> str:
         first = file.readline(256)
     if first.rstrip() in _HEADERS:
         return ""
-    return "is no mesh in the MSH format, whose first line is $MeshFormat; a gmsh script must be named .geo"
+    return "is not in the MSH format, whose first line is $MeshFormat; a gmsh script must be named .geo"

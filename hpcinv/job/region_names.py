@@ -1,7 +1,7 @@
-"""Names of the regions that a mesh file has, as far as they can be known without the libraries that read meshes.
+"""Names of the regions of a mesh file, as far as they can be read without the mesh libraries.
 
-A name that a job has and its mesh has not is then told by ``hpcinv validate``. Only what is certain is told: groups of
-generators are not known before they run, and a group without a name in an MSH file is called ``surface-3`` or so.
+``hpcinv validate`` uses them to report unknown regions of a job. It reports only what is certain: groups of generators
+are unknown before these run, and unnamed groups in MSH files have names such as ``surface-3``.
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ _NAME = re.compile(rb'^\s*(\d+)\s+-?\d+\s+"(.*)"\s*$', re.MULTILINE)
 
 @dataclass(frozen=True)
 class Groups:
-    """Names of a mesh's groups of surfaces and volumes, of its groups of points and curves, and patterns of others."""
+    """Names of the groups of surfaces and volumes of a mesh, and of points and curves; patterns of further names."""
 
     names: frozenset[str]
     thin: frozenset[str] = frozenset()
     patterns: tuple[str, ...] = ()
 
     def may_have(self, name: str) -> bool:
-        """Whether it cannot be said that there is no such group."""
+        """Return whether the mesh has, or may have, a group of this name."""
         return name in self.names or any(re.fullmatch(pattern, name) for pattern in self.patterns)
 
 
 def unknown_regions(
     path: Path, defined: Iterable[str], named: Iterable[tuple[Location, str]]
 ) -> Iterator[tuple[Location, str]]:
-    """The places of a job that name a region which neither it nor its mesh has.
+    """Places in a job with the name of an unknown region, and messages.
 
     Args:
-        path: the file of the mesh.
-        defined: names of the regions that the job defines.
-        named: every region that the job names, with its place.
+        path: mesh file.
+        defined: names of the regions defined by the job.
+        named: all references of the job to regions, with their places.
     """
     try:
         state = path.stat()
         groups = _groups(path, state.st_mtime_ns, state.st_size)
-    except (OSError, ValueError, MeshError):  # told where the mesh is read
+    except (OSError, ValueError, MeshError):  # reported where the mesh is read
         return
     if groups is None:
         return
@@ -64,13 +64,13 @@ def unknown_regions(
             continue
         hint = did_you_mean(name, known)
         if name in groups.thin:
-            hint = " It is a physical group of points or curves there, and regions are surfaces or volumes."
+            hint = " It is a physical group of points or curves, and regions are surfaces or volumes."
         yield where, f"there is no region '{name}' in {path.name}, nor in 'regions'.{hint}"
 
 
-@lru_cache(maxsize=16)  # all cases of a sweep have one
+@lru_cache(maxsize=16)  # all cases of a sweep use one mesh
 def _groups(path: Path, _changed: int, _size: int) -> Groups | None:
-    """The groups of a mesh file, None where they cannot be known."""
+    """Groups of a mesh file, None if they cannot be known."""
     match path.suffix:
         case ".msh":
             return _of_msh(path)
@@ -85,10 +85,10 @@ def _groups(path: Path, _changed: int, _size: int) -> Groups | None:
 
 
 def _of_msh(path: Path) -> Groups | None:
-    """Names stand as text in binary files too."""
+    """Groups of an MSH file; names are text also in binary files."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if content[:1] != b"$" or content.find(b"$Elements") < 0:
-            return None  # no MSH 2 or 4, or not whole
+            return None  # not MSH 2 or 4, or incomplete
         names: dict[bool, set[str]] = {False: set(), True: set()}
         for section in _NAMED.finditer(content):
             for dim, name in _NAME.findall(section[1]):
@@ -101,13 +101,13 @@ class _HeaderEnd(Exception):
 
 
 def _of_vtu(path: Path) -> Groups | None:
-    """Arrays in the cells whose names say that they mark a region; they are declared before any appended data."""
+    """Groups by the names of cell arrays, which are declared before any appended data."""
     if path.stat().st_size > 100 * _LARGEST_XML:
         return None
     names, is_whole = set[str](), [False]
 
     def begins(tag: str, attributes: dict[str, str]) -> None:
-        if tag == "AppendedData":  # what follows need not be XML
+        if tag == "AppendedData":  # what follows may not be XML
             is_whole[0] = True
             raise _HeaderEnd
         if tag == "DataArray" and attributes.get("Name", "").startswith(_VTU):
@@ -124,7 +124,7 @@ def _of_vtu(path: Path) -> Groups | None:
 
 
 def _of_xdmf(path: Path) -> Groups | None:
-    """Values of tags are in another file: a group is called after its grid and any number."""
+    """Patterns of names by grid; the values of tags are in another file."""
     if path.stat().st_size > _LARGEST_XML:
         return None
     try:
@@ -133,5 +133,5 @@ def _of_xdmf(path: Path) -> Groups | None:
         return None
     grids = [grid for grid in found if grid.find("Topology") is not None]
     if not grids:
-        return None  # no mesh
+        return None  # not a mesh
     return Groups(frozenset(), patterns=tuple(rf"{re.escape(grid.get('Name', 'tags'))}--?\d+" for grid in grids))

@@ -1,7 +1,7 @@
-"""What two jobs must have in common to share a mesh, equations and a symbolic factorization, and what may then differ.
+"""Reuse groups: jobs that can share mesh, equations and symbolic factorization, and the numbers in which they differ.
 
 The numbers of laws, effects, fibres and supports are entries of one constant of the forms (`Parameters`), so that jobs
-that differ in nothing else assemble with the same kernels into the same matrix.
+that differ only in these use the same kernels and the same matrix.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _NUMBER = "#"
 
 
 def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
-    """Hash of a job without the numbers of its laws, effects, fibres and supports: 20 hex digits.
+    """Hash (20 hex digits) of a job without the numbers of its laws, effects, fibres and supports.
 
     Args:
-        digest: of a file, for callers with many jobs on the same files.
+        digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
     """
     content = fingerprint(job, digest) | {
         "material": {where: _skeleton(law) for where, law in job.laws.items()},
@@ -44,7 +44,7 @@ def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str
 
 
 def numbers_of(job: Job) -> tuple[float, ...]:
-    """The numbers (SI) that `reuse_group_of` leaves out, in an order that jobs of one reuse group share."""
+    """The numbers (SI) that `reuse_group_of` omits, in the same order for all jobs of a reuse group."""
     ingredients = (*job.laws.values(), *job.effects, *job.families.values())
     of_ingredients = (n for i in ingredients for value, _ in i.quantities().values() for n in _numbers(value))
     return (*of_ingredients, *(n for support in job.supports for n in _numbers_of_support(support)))
@@ -57,7 +57,7 @@ def _skeleton(ingredient: Ingredient) -> dict[str, Any]:
 
 
 def _marked(value: Any) -> Any:
-    """A quantity with a mark in place of each number."""
+    """JSON data of a quantity, with a placeholder for each number."""
     if isinstance(value, tuple):
         return [_marked(entry) for entry in value]
     if isinstance(value, ByFormula):

@@ -1,4 +1,4 @@
-"""Rules between the sections of a job: each gives the faults that it finds, by their place in the later section."""
+"""Rules between sections of a job; each returns faults with their places in the later section."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ if TYPE_CHECKING:
 
 type Faults = Iterator[tuple[Location, str]]
 
-NEARLY_INCOMPRESSIBLE = 10.0  # bulk-to-shear ratio above which displacements alone lock
+NEARLY_INCOMPRESSIBLE = 10.0  # bulk-to-shear ratio above which the displacement form locks
 
 
 def wants_pressure(laws: Mapping[str, MaterialLaw]) -> bool:
-    """Whether displacements alone would lock, and a pressure is possible."""
+    """Return whether the displacement form would lock and the mixed form is possible."""
     nearly_incompressible = any((law.stiffness_ratio or 0.0) > NEARLY_INCOMPRESSIBLE for law in laws.values())
     return nearly_incompressible and all(law.is_split for law in laws.values())
 
 
 def unsuited(discretisation: Discretisation, laws: Mapping[str, MaterialLaw]) -> Faults:
-    """Spaces that do not suit the material."""
+    """Faults of spaces that are not suitable for the material."""
     chosen = discretisation.formulation
     whole = [where for where, law in laws.items() if not law.is_split]
     is_incompressible = any(law.is_incompressible for law in laws.values())
     if whole and chosen == "mixed":
-        text = f"must be displacement: {whole[0]} has no volumetric energy of its own (give it kappa)"
+        text = f"must be displacement: {whole[0]} has no separate volumetric energy (give it kappa)"
         yield ("formulation",), text
     elif whole and is_incompressible:
         yield (), f"must be mixed for the incompressible law, but {whole[0]} cannot be: give it kappa"
@@ -53,7 +53,7 @@ def unsuited(discretisation: Discretisation, laws: Mapping[str, MaterialLaw]) ->
 
 
 def unknown_families(part: Ingredient, known: Collection[str] | None) -> Faults:
-    """Families of fibres that a law or effect needs and the job lacks; ``None`` if those it has are not known."""
+    """Faults of a law or effect that needs unknown families of fibres; no check if ``known`` is None."""
     for family, field in part.families.items():
         if known is not None and family not in known:
             hint = did_you_mean(family, known) if known else ""
@@ -61,7 +61,7 @@ def unknown_families(part: Ingredient, known: Collection[str] | None) -> Faults:
 
 
 def unknown_case(case: str | None, known: Collection[str] | None) -> Faults:
-    """A load case that the job lacks; ``None`` if those it has are not known."""
+    """Fault of an unknown load case; no check if ``known`` is None."""
     if known is not None and case is not None and case not in known:
         hint = f".{did_you_mean(case, known)}" if known else ""
         yield ("case",), f"'{case}' is not among 'load_cases'{hint}"

@@ -1,4 +1,4 @@
-"""The sections of a job file that describe the body: its mesh, where it is held, and what is asked about it."""
+"""Sections of a job file that describe the body: mesh, supports, and quantities of interest."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
 
 
 def directory_of(info: ValidationInfo) -> Path:
-    """What paths in the job are relative to."""
+    """Directory to which paths in the job are relative."""
     directory: Path = (info.context or {}).get("directory", Path())
     return directory
 
@@ -55,28 +55,28 @@ def _msh_fault(path: Path) -> str:
 
 
 class MeshFile(Spec):
-    """A mesh: a generator, run when it is needed, or a ready-made file."""
+    """A mesh: a file, or a generator that is run when the mesh is needed."""
 
     file: str
-    """path from the job file to a gmsh generator (.py, .geo), a ready-made mesh (.msh, .xdmf, .vtu), or one that
-    'hpcinv mesh partition' has made of these (.bp), which no rank reads as a whole"""
+    """path from the job file to a gmsh generator (.py, .geo), a mesh (.msh, .xdmf, .vtu), or a partitioned mesh made by
+    'hpcinv mesh partition' (.bp), of which each rank reads a part"""
     unit: LengthUnit = 1.0
-    """length unit of the coordinates in a ready-made file, or that a Python generator works in, such as mm: lengths
-    reach it in that unit, for bodies so small or large that gmsh's absolute tolerances do not suit metres"""
+    """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
+    that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
     parameters: Mapping[str, Value] = {}
     """parameters of the generator, as numbers in SI or quantities"""
 
     @property
     def is_partitioned(self) -> bool:
-        """Whether all ranks read some parts of it each, and none the whole."""
+        """True if each rank reads some parts of the mesh, and none reads all of it."""
         return Path(self.file).suffix == SUFFIX
 
     @field_validator("file")
     @classmethod
-    def _exists(cls, file: str, info: ValidationInfo) -> str:
+    def _check_file(cls, file: str, info: ValidationInfo) -> str:
         path = directory_of(info) / file
         if path.suffix not in FORMATS:
-            raise ValueError(f"{shown(file)} is no mesh that can be read; the endings are {', '.join(FORMATS)}")
+            raise ValueError(f"{shown(file)} is not a readable mesh; valid suffixes are {', '.join(FORMATS)}")
         if applies(info) and (fault := mesh_fault(directory_of(info), file)):
             raise ValueError(f"{shown(file)} {fault}")
         if not exists(path):
@@ -84,35 +84,37 @@ class MeshFile(Spec):
             near = did_you_mean(path.name, others, list_all=False)
             raise ValueError(f"there is no file '{path}'.{near or ' Paths start from the directory of the job file'}")
         if not is_file(path / HEADER if path.suffix == SUFFIX else path):
-            raise ValueError(f"'{path}' is not what its ending says; 'hpcinv mesh partition' makes a partitioned mesh")
+            raise ValueError(
+                f"'{path}' is not of the kind of its suffix; 'hpcinv mesh partition' makes a partitioned mesh"
+            )
         if path.suffix == msh_format.SUFFIX and (fault := _msh_fault(path)):
             raise ValueError(f"'{path}' {fault}")
         return file
 
     @field_validator("parameters", mode="plain")
     @classmethod
-    def _fit_the_generator(cls, given: object, info: ValidationInfo) -> Mapping[str, Value]:
+    def _check_parameters(cls, given: object, info: ValidationInfo) -> Mapping[str, Value]:
         if not isinstance(given, Mapping):
             raise ValueError(f"must be a mapping of names to values, not {shown(given)}")
         if "file" not in info.data:  # already reported
             return {}
         path = directory_of(info) / info.data["file"]
         if not is_generator(path):
-            raise_if_any([((), f"only generators have parameters, and {path.name} is none")] if given else [])
+            raise_if_any([((), f"only generators have parameters, and {path.name} is not one")] if given else [])
             return {}
         values, problems = read_parameters(path, given, info.data.get("unit", 1.0))
         raise_if_any(problems)
         return values
 
     @model_validator(mode="after")
-    def _unit_of_a_file(self, info: ValidationInfo) -> Self:
+    def _check_unit(self, info: ValidationInfo) -> Self:
         if "unit" in self.model_fields_set and self.is_partitioned:
-            raise Problems((("unit",), "has no use with a partitioned mesh, which is in metres"))
+            raise Problems((("unit",), "is not valid with a partitioned mesh, which is in metres"))
         if "unit" not in self.model_fields_set or not is_generator(Path(self.file)):
             return self
         if Path(self.file).suffix == ".geo":
             raise Problems(
-                (("unit",), "has no use with a .geo script, which does not say which parameters are lengths")
+                (("unit",), "is not valid with a .geo script, which does not define which parameters are lengths")
             )
         try:
             in_unit(directory_of(info) / self.file, self.parameters, self.unit)
@@ -122,94 +124,95 @@ class MeshFile(Spec):
 
 
 class MeshSpec(MeshFile):
-    """The mesh that the job is solved on: of the reference body in a forward analysis, else of the current one."""
+    """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
     geometry_degree: Literal[1, 2] | None = None
-    """degree of the cells' geometry; left out, that of the file, and 1 for generators"""
+    """degree of the geometry of cells; by default that of the file, and 1 for generators"""
     maximum_cells: Annotated[int, Field(ge=1)] = 10_000_000
-    """cells that a generator may make: where more are expected, meshing stops before it begins in earnest"""
+    """largest number of cells of a generated mesh; if more are expected, meshing stops early"""
     partition: Literal["metis", "scotch"] = "metis"
-    """what distributes the cells over the ranks; a partitioned mesh (.bp) is so already, unless scotch does it anew"""
+    """partitioner of the cells; a partitioned mesh (.bp) keeps its partition, unless scotch partitions it again"""
 
     @model_validator(mode="after")
-    def _degree_of_parts(self) -> Self:
+    def _check_geometry_degree(self) -> Self:
         if self.geometry_degree is not None and self.is_partitioned:
-            text = "is that of the partitioned mesh; give it to 'hpcinv mesh partition' as --geometry-degree"
+            text = "is that of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
             raise Problems((("geometry_degree",), text))
         return self
 
 
 class Support(Spec):
-    """Prescribed displacement on a region: zero for the components in ``fix``, or given by formulas."""
+    """Prescribed displacement on a region: zero for the components in ``fix``, or by formulas."""
 
     region: str
     """physical group of the mesh, a name from 'regions', or 'boundary' for the whole of it"""
     fix: ListOf[Literal["x", "y", "z"]] | None = None
-    """components that are held, some of x, y, z"""
+    """fixed components, some of x, y, z"""
     displacement: Triple[Expression | None] | None = None
-    """three formulas of x, y, z in the given mesh, or nothing (null) for a free component"""
+    """three formulas of x, y, z in the given mesh, with null for a free component"""
     constants: Mapping[str, AnyQuantity] = {}
     """values of further names in the formulas"""
     case: Name | None = None
-    """load case (a name from 'load_cases') in which the body is moved; left out, the first"""
+    """load case (a name from 'load_cases') of the displacement; by default the first"""
 
     @property
     def held(self) -> frozenset[Axis]:
-        """The components that this support prescribes."""
+        """The components that the support prescribes."""
         if self.displacement is None:
             return frozenset(self.fix or ())
         return frozenset(a for a, formula in zip(AXES, self.displacement, strict=True) if formula is not None)
 
     @model_validator(mode="after")
-    def _is_one_of_two(self) -> Self:
+    def _check_fields(self) -> Self:
         raise_if_any(self._problems())
         return self
 
     def numbers(self) -> dict[Location, Number | str]:
-        """The constants of the formulas, by place."""
+        """The constants of the formulas by place."""
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
     def with_number(self, place: Location, number: float) -> Self:
-        """The same with another constant (SI) at one of the places of `numbers`."""
+        """A copy with another constant (SI) at one of the places of `numbers`."""
         return self.model_copy(update={"constants": with_scalar(self.constants, place[1:], number)})
 
     def _problems(self) -> list[tuple[Location, str]]:
         if (self.fix is None) == (self.displacement is None):
-            return [((), "needs exactly one of 'fix' (components to hold) and 'displacement' (three formulas)")]
+            return [((), "needs exactly one of 'fix' (fixed components) and 'displacement' (three formulas)")]
         if not self.held:
-            return [((), "holds no component; remove it or name some of x, y, z")]
+            return [((), "prescribes no component; remove it or name some of x, y, z")]
         if self.displacement is None and self.case is not None:
-            return [(("case",), "has no use without 'displacement': what is fixed is fixed in every load case")]
+            return [(("case",), "is not valid without 'displacement': what is fixed is fixed in every load case")]
         if self.displacement is None:
-            return [(("constants",), "have no use without 'displacement'")] if self.constants else []
+            return [(("constants",), "are not valid without 'displacement'")] if self.constants else []
         return faults_with_constants("displacement", self.displacement, self.constants, COORDINATES, LENGTH)
 
 
 class QuantityOfInterest(Spec):
-    """A number to print and keep: the displacement or a formula at a point, a formula reduced over a region, or the
-    force or moment of the supports of a region.
+    """A reported result: the displacement or a formula at a point, a formula reduced over a region, or the force or
+    moment of the supports of a region.
 
-    Formulas know the reference position X, Y, Z, the current position x, y, z, the displacement ux, uy, uz, the volume
-    ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, scalars made of it such as p = -(sxx + syy + szz)/3 and
-    von_mises, and the energy stored per reference volume.
+    Formulas can use the reference position X, Y, Z, the current position x, y, z, the displacement ux, uy, uz, the
+    volume ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, stress measures such as p = -(sxx + syy + szz)/3 and
+    von_mises, and the energy per reference volume.
     """
 
     name: Name
-    """what it is called in the summary"""
+    """its name in the summary"""
     of: Expression
     """'displacement' (the vector, at a point), 'reaction' (the force that the supports of a region exert on the body),
     'reaction_moment' (its moment), or a formula"""
     at: Triple[Length] | None = None
     """a point in the given mesh"""
     on: str | None = None
-    """a region over which the formula is reduced: positions over its nodes, else over its cells or, without, facets;
-    or, for a reaction, the region of a support"""
+    """region over which the formula is reduced: positions over its nodes, other fields over its cells or, if it has
+    none, facets; or the region of a support for a reaction"""
     reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
-    """how the values on a region become one"""
+    """reduction of the values on a region to one value"""
     over: Literal["reference", "current"] | None = None
-    """body whose volume or area an integral, mean or rms is over; left out, means and rms of stresses: reference"""
+    """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
+    of stresses"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
-    """the point that a reaction_moment is about; left out, the origin"""
+    """reference point of a reaction_moment; by default the origin"""
 
     @property
     def is_displacement(self) -> bool:
@@ -217,12 +220,12 @@ class QuantityOfInterest(Spec):
 
     @property
     def is_reaction(self) -> bool:
-        """Whether it is the force or the moment of supports."""
+        """True if it is the force or the moment of supports."""
         return self.of.source.strip() in REACTIONS
 
     @property
     def is_moment(self) -> bool:
-        """Whether it is the moment of supports."""
+        """True if it is the moment of supports."""
         return self.of.source.strip() == "reaction_moment"
 
     @property
@@ -231,16 +234,16 @@ class QuantityOfInterest(Spec):
 
     @property
     def fields(self) -> frozenset[str]:
-        """The names in the formula that only the solved scene knows."""
+        """Names of solution fields in the formula."""
         return self.of.names & FIELDS.keys()
 
     @property
     def by_quadrature(self) -> bool:
-        """Whether it is reduced over the volume or area of a region, rather than over its nodes."""
+        """True if it is reduced over the volume or area of a region, rather than over its nodes."""
         return self.on is not None and (self.over is not None or bool(self.fields))
 
     @model_validator(mode="after")
-    def _is_complete(self) -> Self:
+    def _check_fields(self) -> Self:
         raise_if_any(self._problems_of_reaction() if self.is_reaction else self._problems())
         return self
 
@@ -250,9 +253,9 @@ class QuantityOfInterest(Spec):
             problems.append((("on",), "is needed for a reaction: the region of a support"))
         for field in ("at", "reduce", "over"):
             if getattr(self, field) is not None:
-                problems.append(((field,), "has no use with a reaction, which is a sum over the region of a support"))
+                problems.append(((field,), "is not valid with a reaction, which is a sum over the region of a support"))
         if self.about is not None and not self.is_moment:
-            problems.append((("about",), "has a use only with 'of: reaction_moment'"))
+            problems.append((("about",), "is valid only with 'of: reaction_moment'"))
         return problems
 
     def _problems(self) -> list[tuple[Location, str]]:
@@ -262,15 +265,15 @@ class QuantityOfInterest(Spec):
         elif self.on is not None and self.reduce is None:
             problems.append((("reduce",), "is needed on a region: max, min, mean, max_abs, rms or integral"))
         elif self.at is not None and self.reduce is not None:
-            problems.append((("reduce",), "has no use at a point"))
+            problems.append((("reduce",), "is not valid at a point"))
         if self.over is None and self.on is not None and self.reduce == "integral":
             problems.append((("over",), "is needed for an integral: over the 'reference' or the 'current' body"))
         elif self.over is not None and (self.on is None or self.reduce in ("max", "min", "max_abs")):
-            problems.append((("over",), "has a use only with an integral, a mean or rms on a region"))
+            problems.append((("over",), "is valid only with an integral, a mean or rms on a region"))
         if self.is_displacement and self.on is not None:
-            problems.append((("of",), "is a vector; on a region take a formula, such as norm(ux, uy, uz)"))
+            problems.append((("of",), "is a vector; use a formula on a region, such as norm(ux, uy, uz)"))
         elif not self.is_displacement:
             problems += faults([(("of",), self.of)], POSITIONS | FIELDS, None)
         if self.about is not None:
-            problems.append((("about",), "has a use only with 'of: reaction_moment'"))
+            problems.append((("about",), "is valid only with 'of: reaction_moment'"))
         return problems

@@ -1,4 +1,4 @@
-"""The section ``sensitivities`` of a job: numbers of laws, effects, … by key, and how uncertain they are."""
+"""The section ``sensitivities`` of a job: keys of numbers of laws, effects, …, and their standard deviations."""
 
 from __future__ import annotations
 
@@ -7,32 +7,30 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hpcinv.quantity.keys import parse_key
-from hpcinv.quantity.quantity import Quantity
+from hpcinv.quantity.quantity import positive
 from hpcinv.quantity.schema import Location, at, shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension, parse_quantity
+from hpcinv.quantity.units import Dimension
 
 if TYPE_CHECKING:
     from hpcinv.job.sections import Support
     from hpcinv.quantity.component import Ingredient
-
-_DEVIATION = Quantity(None, above=0.0)
-
 
 type Owner = Ingredient | Support
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a job by which its results are differentiated.
+    """A number of a job by which the results are differentiated.
 
     Attributes:
         key: its key in the job.
-        where: key of what it belongs to.
+        where: key of its owner in the job.
         owner: law, effect, family of fibres or support.
-        place: its place in there.
+        place: its place in the owner.
         value: in SI.
-        deviation: its standard deviation in SI, ``None`` if none is given.
+        dimension: ``None`` if it depends on the use in a formula.
+        deviation: its standard deviation in SI, or ``None``.
     """
 
     key: str
@@ -47,10 +45,10 @@ class Parameter:
 def read_sensitivities(
     given: object, owners: Mapping[str, Owner]
 ) -> tuple[dict[str, float | None], list[tuple[Location, str]]]:
-    """Standard deviations (SI, ``None`` if there is none) by key, and what is wrong with those that are ``given``.
+    """Standard deviations (SI, or ``None``) by key, and faults of the ``given`` section with their places.
 
     Args:
-        owners: laws, effects, the families of fibres that these need, and supports, by their keys in the job.
+        owners: laws, effects, the families of fibres that they use, and supports, by their keys in the job.
     """
     if not isinstance(given, Mapping | list | tuple):
         text = f"must be a list of keys, or a mapping of keys to standard deviations, not {shown(given)}"
@@ -67,16 +65,16 @@ def read_sensitivities(
             if not isinstance(key, str):
                 raise ValueError(f"must be a key such as material.mu, not {shown(key)}")
             if key in found:
-                raise ValueError(f"{key} is there already")
+                raise ValueError(f"{key} is duplicated")
             number = parameter(key, owners, None)
-            found[key] = None if deviation is None else _deviation(deviation, number)
+            found[key] = None if deviation is None else positive(deviation, number.dimension, key)
         except ValueError as error:
             problems.append(((place,), str(error)))
     return found, problems
 
 
 def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) -> Parameter:
-    """What a key means; ``ValueError`` if it is no number of one of these."""
+    """The parameter of a key; ``ValueError`` if the key is not a number of one of the owners."""
     location, known = tuple(parse_key(key)), dict[Location, str]()
     for where, owner in owners.items():
         begin = _location(where)
@@ -88,9 +86,11 @@ def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) ->
             if not isinstance(number, str):
                 known[(*begin, *place)] = at((*begin, *place))
     if inside := [name for place, name in known.items() if place[: len(location)] == location]:
-        raise ValueError(f"{key} is not one number; take {' or '.join(_first(inside))}")
-    hint = did_you_mean(key, known.values(), list_all=False) or f" Such are {', '.join(_first(known.values()))}."
-    raise ValueError(f"{key} is no number of a law, an effect, fibres or a support in this job.{hint}")
+        raise ValueError(f"{key} is not one number; choose {' or '.join(_first(inside))}")
+    hint = (
+        did_you_mean(key, known.values(), list_all=False) or f" Possible keys are {', '.join(_first(known.values()))}."
+    )
+    raise ValueError(f"{key} is not a number of a law, an effect, fibres or a support in this job.{hint}")
 
 
 def _location(where: str) -> Location:
@@ -100,15 +100,6 @@ def _location(where: str) -> Location:
 
 
 def _first(names: Iterable[str]) -> list[str]:
-    """The first few."""
+    """The first four, and an ellipsis if there are more."""
     listed = list(names)
     return listed[:4] + (["…"] if len(listed) > 4 else [])
-
-
-def _deviation(given: object, parameter: Parameter) -> float:
-    """A standard deviation in SI; a plain number is."""
-    value = _DEVIATION.parse(given)
-    wanted = parameter.dimension
-    if isinstance(given, str) and wanted is not None and (dimension := parse_quantity(given)[1]) != wanted:
-        raise ValueError(f"must be {wanted}, as {parameter.key} is, but '{given}' is {dimension}")
-    return value

@@ -1,4 +1,4 @@
-"""The sections of a job file that say how it is solved, and what is kept of that."""
+"""Sections of a job file for the solution methods, checks and output."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ class Discretisation(Spec):
     """Finite-element spaces: displacement ``P_k``, and in the mixed form a continuous pressure ``P_m`` with m < k."""
 
     formulation: Literal["auto", "displacement", "mixed"] = "auto"
-    """auto takes the mixed form where the bulk modulus is more than 10 times the shear modulus"""
+    """auto chooses the mixed form if the bulk modulus is more than 10 times the shear modulus"""
     displacement: Annotated[int, Field(ge=1, le=4)] = 2
     """degree of the displacement"""
     pressure: Annotated[int, Field(ge=1, le=3)] | None = None
-    """degree of the pressure in the mixed form; left out, one below the displacement's"""
+    """degree of the pressure in the mixed form; by default one below the degree of the displacement"""
     quadrature: Annotated[int, Field(ge=1, le=20)] | None = None
-    """degree of the quadrature; left out, it follows from the other degrees"""
+    """degree of the quadrature; by default it follows from the other degrees"""
 
     @model_validator(mode="after")
-    def _is_stable_pair(self) -> Self:
+    def _check_pair(self) -> Self:
         if self.formulation == "displacement" and self.pressure is not None:
-            raise Problems((("pressure",), "has no use in the displacement form, which has no pressure"))
+            raise Problems((("pressure",), "is not valid in the displacement form, which has no pressure"))
         if self.formulation == "mixed" and self.displacement == 1:
             raise Problems(
                 (("displacement",), "must be 2 or more in the mixed form: there is no stable pressure for 1")
@@ -68,42 +68,43 @@ _USES: Mapping[str, tuple[str, ...]] = {
     "limit_points": ("arc-length",),
     "maximum_steps": ("arc-length",),
 }
-"""The strategies with which an option has a use."""
+"""Strategies for which an option is valid."""
 
 
 class Solver(Spec):
-    """Continuation in the load factor, and the Newton iteration at each of its steps."""
+    """Continuation in the load factor, and the Newton iteration in each step."""
 
     strategy: Literal["adaptive", "fixed", "arc-length"] = "adaptive"
-    """adaptive finds the largest steps that converge, fixed takes equal ones, arc-length passes limit points"""
+    """adaptive finds the largest steps that converge, fixed takes equal steps, arc-length passes limit points"""
     steps: Annotated[int, Field(ge=1)] = 10
     """number of equal steps (strategy: fixed)"""
     initial_step: Annotated[float, Field(gt=0, le=1)] = 1.0
     """first step in the load factor (strategy: adaptive or arc-length)"""
     minimum_step: Annotated[float, Field(gt=0, le=1)] = 1e-3
-    """step below which the load counts as unreachable (adaptive), relative to the displacement (arc-length)"""
+    """smallest step before the strategy fails: in the load factor (adaptive), or relative to the displacement
+    (arc-length)"""
     limit_points: Annotated[int, Field(ge=0)] = 0
-    """limit points of the load to pass before the state at full load counts (strategy: arc-length)"""
+    """number of limit points to pass before the state at full load is accepted (strategy: arc-length)"""
     maximum_steps: Annotated[int, Field(ge=1)] = 200
-    """steps along the path after which it is given up (strategy: arc-length)"""
+    """largest number of steps along the path (strategy: arc-length)"""
     rescue: ListOf[Rescue] = ("bulk-modulus", "arc-length", "line-search", "anderson")
-    """what is tried, in this order, where the strategy fails (adaptive or arc-length); [] for nothing"""
+    """fallbacks, in this order, if the strategy (adaptive or arc-length) fails; [] for none"""
     maximum_iterations: Annotated[int, Field(ge=1)] = 25
-    """Newton iterations after which a step has failed"""
+    """largest number of Newton iterations in a step"""
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-12
-    """estimated error of the displacement, relative to it, at which the full load has converged"""
+    """estimated relative error of the displacement at which the solution at full load has converged"""
     maximum_unknowns: Annotated[int, Field(ge=1)] = 2_000_000
-    """largest number of unknowns that 'accuracy' may take"""
+    """largest number of unknowns that 'accuracy' may use"""
     reuse_tangent: bool = True
-    """keep a factorized tangent for as long as it converges well"""
+    """keep a factorized tangent as long as it converges well"""
     linear: Literal["auto", "direct", "iterative"] = "auto"
-    """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto goes by size, shape and memory"""
+    """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto decides by size, shape and memory"""
     petsc: Mapping[str, PetscValue] = {}
     """PETSc options by name, without the dash"""
 
     @field_validator("petsc")
     @classmethod
-    def _have_no_dash(cls, petsc: Mapping[str, Any], info: ValidationInfo) -> Mapping[str, Any]:
+    def _check_petsc(cls, petsc: Mapping[str, Any], info: ValidationInfo) -> Mapping[str, Any]:
         raise_if_any(
             ((key,), f"is written without the dash: {key.lstrip('-')}") for key in petsc if key.startswith("-")
         )
@@ -112,9 +113,9 @@ class Solver(Spec):
         return petsc
 
     @model_validator(mode="after")
-    def _options_have_a_use(self) -> Self:
+    def _check_options(self) -> Self:
         raise_if_any(
-            ((key,), f"has no use with 'strategy: {self.strategy}'; remove it, or take 'strategy: {uses[0]}'")
+            ((key,), f"is not valid with 'strategy: {self.strategy}'; remove it, or choose 'strategy: {uses[0]}'")
             for key, uses in sorted(_USES.items())
             if key in self.model_fields_set and self.strategy not in uses
         )
@@ -124,59 +125,59 @@ class Solver(Spec):
 
 
 class FixedPoint(Spec):
-    """Iteration of the methods that look for the undeformed shape by forward solves (method: sellier, aitken, …)."""
+    """Iteration of the methods that find the undeformed shape by forward solves (method: sellier, aitken, …)."""
 
     relaxation: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """share of each correction that is taken (sellier), or of the first one (aitken, rausch, anderson)"""
+    """relaxation factor of each correction (sellier), or of the first one (aitken, rausch, anderson)"""
     memory: Annotated[int, Field(ge=1, le=50)] = 5
-    """earlier steps that an update learns from (anderson)"""
+    """number of earlier steps used by an update (anderson)"""
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-10
-    """largest distance of the loaded body from the given one at which it ends, relative to the body's diagonal"""
+    """largest distance between the loaded and the given body at convergence, relative to the diagonal of the body"""
     maximum_iterations: Annotated[int, Field(ge=1)] = 50
-    """forward problems after which it is given up"""
+    """largest number of forward problems"""
     warm_start: bool = True
-    """begin each forward solve with the displacement known so far, at full load; else at no load, as the first"""
+    """start each forward solve from the last displacement at full load; otherwise from the unloaded state"""
 
 
 class CertificateSettings(Spec):
-    """What is checked when a run has ended. Each of these costs a factorization or more and can be left out."""
+    """Checks at the end of a run. Each of them takes at least one factorization and can be switched off."""
 
     round_trip: Literal["near", "path", "off"] = "near"
-    """solve back from the body that was found, starting near the known displacement, or unloaded (path)"""
+    """inverse of the solve, from the recovered body: starting near the known displacement (near), or unloaded (path)"""
     stability: bool = True
-    """whether the loaded body is in stable equilibrium, and whether the path to it passed a limit point"""
+    """check that the loaded body is in stable equilibrium, and that the path to it passed no limit point"""
     estimate: bool = True
-    """discretisation error of the quantities and of the shape, by a correction in spaces of one degree more"""
+    """estimate of the discretisation error of quantities and shape, by a correction in spaces of the next degree"""
     overlap: bool = True
-    """whether the body that was found passes through itself"""
+    """check that the recovered body does not intersect itself"""
 
 
 class Checkpoint(Spec):
-    """When converged states are saved for a resume."""
+    """Saving of converged states for a resume."""
 
     every: Annotated[int, Field(ge=0), BeforeValidator(lambda value: 0 if value is False else value)] = 1
     """accepted steps between checkpoints; 0 for none"""
     seconds: Annotated[float, Field(ge=0)] = 0.0
-    """least time between checkpoints, for steps that take less than writing one"""
+    """smallest time between checkpoints, for steps that are faster than writing one"""
     keep: Annotated[int, Field(ge=1)] = 2
-    """how many of the last ones are kept"""
+    """number of checkpoints that are kept, the last ones"""
 
 
 class Output(Spec):
-    """What a run writes beside its summary."""
+    """Results that a run writes, with its summary."""
 
     fields: bool = True
     """displacement, pressure, volume ratio and Cauchy stress for ParaView"""
     mesh: ListOf[Literal["bp", "msh", "vtu"]] | None = None
-    """formats of the recovered shape; left out, bp if the job's mesh is a partitioned one, else msh and vtu"""
+    """formats of the recovered shape; by default bp for a partitioned mesh, otherwise msh and vtu"""
     unit_warnings: bool = True
-    """whether sizes, masses and loads that look like a mistake in a unit are told"""
+    """warn of sizes, masses and loads that look like a mistake in a unit"""
     summary: ListOf[Literal["json", "h5"]] = ("json", "h5")
     """formats of the summary; json must be among them"""
 
     @field_validator("summary")
     @classmethod
-    def _can_be_read_again(cls, summary: tuple[str, ...]) -> tuple[str, ...]:
+    def _check_summary(cls, summary: tuple[str, ...]) -> tuple[str, ...]:
         if "json" not in summary:
-            raise ValueError("must hold json, which tells whether a run is finished")
+            raise ValueError("must contain json, from which it is read whether a run has finished")
         return summary

@@ -1,8 +1,8 @@
-"""Job, study and sweep files: YAML 1.2 with text as the only kind of key, read within limits of size.
+"""Reader of job, study and sweep files: YAML 1.2 with text keys only, within limits of size.
 
-``1e6`` is a number, ``on`` and ``yes`` are text, ``010`` is ten, and no key may stand twice. PyYAML's own loaders speak
-YAML 1.1, in which none of this holds; only its parser is used. A file is refused before it can take more than a second
-or two: by its bytes, and by its values while they are read, where an alias counts as all that it stands for.
+``1e6`` is a number, ``on`` and ``yes`` are text, ``010`` is ten, and duplicate keys are errors. PyYAML's loaders
+implement YAML 1.1, which differs in all of this; only its parser is used. A file that would take more than a second or
+two is refused, by its bytes, and by the number of its values, where an alias counts as all values that it represents.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from hpcinv.errors import JobError
 from hpcinv.quantity.suggestions import did_you_mean
 
 MOST_BYTES = 8 * 2**20
-"""of a file"""
+"""bytes of a file"""
 MOST_VALUES = 250_000
 """keys, numbers, texts, lists and sections in a file; a text counts once more for each 1,000 characters"""
 MOST_KEYS = 10_000
-"""of one section"""
+"""keys of one section"""
 DEEPEST = 64
-"""levels of lists and sections inside each other"""
+"""nested levels of lists and sections"""
 LONGEST_TEXT = 100_000
 """characters of one key or text"""
 LONGEST_NUMBER = 400
-"""characters of one number: more than the largest double has digits"""
+"""characters of one number; the largest double has fewer digits"""
 
 _PREFIX = "tag:yaml.org,2002:"
 _Loader: Any = getattr(yaml, "CLoader", yaml.Loader)  # of which only the parser is used
@@ -49,7 +49,7 @@ _BEGIN = frozenset("~nNtTfF+-.0123456789") | {""}
 
 
 class _YamlFault(Exception):
-    """What is wrong, and the line (from 1)."""
+    """Fault of a file, with its line (from 1)."""
 
     def __init__(self, text: str, event: Any) -> None:
         super().__init__(text)
@@ -57,11 +57,11 @@ class _YamlFault(Exception):
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file; callers must not change it.
+    """Read the mapping in a YAML file; callers must not modify it.
 
     Raises:
-        JobError: there is no such file, it cannot be read, it is larger than the limits of this module, or it is no
-            mapping; syntax errors name the line.
+        JobError: the file does not exist, cannot be read, exceeds the limits of this module, or is not a mapping;
+            syntax errors name the line.
     """
     try:
         str(path).encode()
@@ -79,15 +79,15 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise JobError([f"{str(path)!r}: cannot be read: {error}"]) from None
     data = read_text(text, str(path))
     if not isinstance(data, dict):
-        raise JobError([f"{path}: must hold keys and values, such as 'analysis: inverse'"])
+        raise JobError([f"{path}: must contain keys and values, such as 'analysis: inverse'"])
     return data
 
 
 def read_text(text: str, where: str) -> Any:
-    """The value of a text in YAML; ``where`` names it in errors.
+    """Value of a text in YAML; errors begin with ``where``.
 
     Raises:
-        JobError: it is no YAML, or larger than the limits of this module.
+        JobError: the text is not valid YAML, or exceeds the limits of this module.
     """
     try:
         return _parsed(text)
@@ -97,30 +97,30 @@ def read_text(text: str, where: str) -> Any:
         mark = error.problem_mark or error.context_mark
         line = f":{mark.line + 1}" if mark else ""
         context = f" {error.context}" if error.context else ""
-        raise JobError([f"{where}{line}: {error.problem or 'is no YAML'}{context}"]) from None
+        raise JobError([f"{where}{line}: {error.problem or 'is not valid YAML'}{context}"]) from None
     except yaml.YAMLError as error:
         reason = getattr(error, "reason", error)
-        raise JobError([f"{where}: is no YAML: {reason}"]) from None
+        raise JobError([f"{where}: is not valid YAML: {reason}"]) from None
 
 
 def _content(path: Path) -> bytes:
-    """The bytes of a regular file that is not too large: a pipe may never end, and a run reads its job again."""
+    """Bytes of a regular file of limited size; a pipe may never end, and a run reads its job twice."""
     found = path.stat()
     if stat.S_ISDIR(found.st_mode):
         raise JobError([f"{path}: cannot be read: it is a directory"])
     if not stat.S_ISREG(found.st_mode):
-        raise JobError([f"{path}: cannot be read: it is no regular file (but a device or a pipe); write one"])
-    with path.open("rb") as file:  # what is read counts: a file of /proc says that it has no bytes
+        raise JobError([f"{path}: cannot be read: it is a device or a pipe; use a regular file"])
+    with path.open("rb") as file:  # not the size from stat, which is 0 for files of /proc
         content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
         size = max(found.st_size, len(content))
-        raise JobError([f"{path}: has {size:,} bytes, and may have {MOST_BYTES:,}; large data belong into a mesh file"])
+        raise JobError([f"{path}: has {size:,} bytes, and may have {MOST_BYTES:,}; large data belong in a mesh file"])
     return content
 
 
-@lru_cache(maxsize=2)  # a file is read several times: to find out what it is, and for what is in it
+@lru_cache(maxsize=2)  # a file is read several times: first for its kind, then for its content
 def _parsed(text: str) -> Any:
-    """The one document in a text."""
+    """Value of the only document in a text."""
     document: Any = None
     found = 0
     events = yaml.parse(text, Loader=_Loader)
@@ -128,14 +128,14 @@ def _parsed(text: str) -> Any:
         if isinstance(event, yaml.DocumentStartEvent):
             found += 1
             if found > 1:
-                raise _YamlFault("begins a second document ('---'), and there may be only one", event)
+                raise _YamlFault("begins a second document ('---'), but only one is allowed", event)
             document = _Document(events).content()
     return document
 
 
 @dataclass
 class _Open:
-    """A list or mapping whose end has not come yet; ``key`` is one of a mapping that still lacks its value."""
+    """A list or mapping that is being read; ``key`` is the last key of a mapping, before its value is read."""
 
     content: list[Any] | dict[str, Any]
     anchor: str | None
@@ -153,17 +153,17 @@ class _Open:
 
 
 class _Document:
-    """Makes plain values of the events of one document, without recursion."""
+    """Conversion of the events of one document to plain values, without recursion."""
 
     def __init__(self, events: Iterator[Any]) -> None:
         self.events = events
-        self.anchors: dict[str, tuple[Any, int]] = {}  # the value, and how many values it stands for
+        self.anchors: dict[str, tuple[Any, int]] = {}  # the value, and its number of values
         self.values = 0
         self.open: list[_Open] = []
         self.result: Any = None
 
     def content(self) -> Any:
-        """The value of the document, whose start has been read."""
+        """Value of the document, whose start event has been read."""
         for event in self.events:
             kind = type(event)
             if kind is yaml.ScalarEvent:
@@ -196,15 +196,13 @@ class _Document:
     def _count(self, more: int, event: Any) -> None:
         self.values += more
         if self.values > MOST_VALUES:
-            aliases = ", each alias (*) counting as all that it stands for" if self.anchors else ""
-            raise _YamlFault(
-                f"more than {MOST_VALUES:,} values, which is the most that a file may have{aliases}", event
-            )
+            aliases = ", each alias (*) counting as all values that it represents" if self.anchors else ""
+            raise _YamlFault(f"more than {MOST_VALUES:,} values, the limit for a file{aliases}", event)
 
     def _alias(self, event: Any) -> None:
         if event.anchor not in self.anchors:
             inside = any(container.anchor == event.anchor for container in self.open)
-            text = "stands within what it stands for" if inside else "is of no anchor (&) before it"
+            text = "is inside its own anchor (&)" if inside else "has no anchor (&) before it"
             raise _YamlFault(f"the alias '*{event.anchor}' {text}", event)
         value, size = self.anchors[event.anchor]
         self._count(size, event)
@@ -220,19 +218,19 @@ class _Document:
         if self._awaits_key:
             raise _YamlFault("a key must be text", event)
         if len(self.open) == DEEPEST:
-            raise _YamlFault(f"more than {DEEPEST} levels of lists and sections inside each other", event)
+            raise _YamlFault(f"more than {DEEPEST} nested levels of lists and sections", event)
         self.open.append(_Open(content, event.anchor, self.values - 1))
 
     def _scalar(self, event: Any) -> None:
         text = event.value
         if len(text) > LONGEST_TEXT:
             raise _YamlFault(f"a text of {len(text):,} characters; it may have {LONGEST_TEXT:,}", event)
-        if not text.isascii() and re.search("[\ud800-\udfff]", text):  # escapes can make what is no text
+        if not text.isascii() and re.search("[\ud800-\udfff]", text):  # escapes can produce invalid text
             raise _YamlFault("a text that is not Unicode (surrogates)", event)
         if self._awaits_key:
             container = self.open[-1]
             if text in container.content:
-                raise _YamlFault(f"'{_short(text)}' stands twice", event)
+                raise _YamlFault(f"duplicate key '{_short(text)}'", event)
             if len(container.content) == MOST_KEYS:
                 raise _YamlFault(f"more than {MOST_KEYS:,} keys in one section", event)
             container.key = text
@@ -245,21 +243,21 @@ class _Document:
 
 
 def _scalar_of(event: Any) -> str | bool | int | float | None:
-    """The value of a scalar by its tag; without one by the core schema, if it is plain."""
+    """Value of a scalar by its tag, or by the core schema if it is plain and has no tag."""
     text = event.value
     plain, quoted = event.implicit
     if event.tag in ("!", _PREFIX + "str") or (event.tag is None and not plain and quoted):
         return str(text)
     if event.tag is None:
         kind = None
-        if text[:1] in _BEGIN:  # most texts begin otherwise
+        if text[:1] in _BEGIN:  # the first characters of all patterns
             kind = next((kind for kind, pattern in _PATTERNS.items() if pattern.fullmatch(text)), None)
     else:
         kind = event.tag.removeprefix(_PREFIX)
         if kind not in _PATTERNS:
             raise _not_allowed(event)
         if not any(_PATTERNS[k].fullmatch(text) for k in {kind, "int" if kind == "float" else kind}):
-            raise _YamlFault(f"'{_short(text)}' is no !!{kind}", event)
+            raise _YamlFault(f"'{_short(text)}' is not a valid !!{kind}", event)
     match kind:
         case None:
             return str(text)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from hpcinv.kinematics.stable_functions import polynomial
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.spatial_fields import ModulusField, VaryingQuantity
+from hpcinv.quantity import ModulusField, VaryingQuantity
 
 # Coefficients of the integrated series of the inverse Langevin function; the first is 1/2.
 _SERIES = {2: "1/20", 3: "11/1050", 4: "19/7000", 5: "519/673750"}

@@ -14,12 +14,11 @@ from hpcinv.materials.formula_law.evaluation import evaluate
 from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretches, families_in
 from hpcinv.materials.formula_law.jet import Jet, Strains
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.dimensioned import AnyMeasured, Measured
+from hpcinv.quantity import BulkModulusField, Location, Name, Problems, raise_if_any
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.schema import Location, Name, Problems, raise_if_any
-from hpcinv.quantity.spatial_fields import BulkModulusField
+from hpcinv.quantity.quantity import AnyMeasured, Measured
 from hpcinv.quantity.units import Dimension, parse_unit
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ class Formula(IsochoricLaw):
             if name in taken or families_in(name) is not None:
                 return "is already the name of something else"
             if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
-                return "cannot be a name in a formula; take another, of letters, digits and _"
+                return "cannot be a name in a formula; choose a name of letters, digits and _"
             return None
 
         raise_if_any(((name,), text) for name in parameters if (text := fault(name)))

@@ -6,8 +6,7 @@ from typing import Any, ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.component import Family
-from hpcinv.quantity.spatial_fields import ModulusField, PositiveField
+from hpcinv.quantity import Family, ModulusField, PositiveField
 
 
 class Guccione(IsochoricLaw):

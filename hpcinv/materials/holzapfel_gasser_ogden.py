@@ -8,9 +8,7 @@ from pydantic import field_validator
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.component import Family
-from hpcinv.quantity.schema import ListOf, raise_if_any
-from hpcinv.quantity.spatial_fields import DispersionField, ModulusField, PositiveField
+from hpcinv.quantity import DispersionField, Family, ListOf, ModulusField, PositiveField, raise_if_any
 
 _GROUND = "mu/2*(I1_bar - 3)"
 _FIBRES = "k1/(2*k2)*(exp(k2*max(dispersion*(I1 - 3) + (1 - 3*dispersion)*(I4_fibres_i - 1), 0)**2) - 1)"

@@ -8,8 +8,7 @@ from pydantic import ValidationInfo, field_validator
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.component import Family
-from hpcinv.quantity.spatial_fields import ModulusField, PositiveField, VaryingQuantity
+from hpcinv.quantity import Family, ModulusField, PositiveField, VaryingQuantity
 
 _StiffnessOfFibres = Annotated[Any, VaryingQuantity("Pa", at_least=0)]  # zero leaves out a term
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from hpcinv.kinematics.stable_functions import log1p_remainder_ratio, sqrt
 from hpcinv.materials.base import MaterialLaw
-from hpcinv.quantity.spatial_fields import BulkModulusField
+from hpcinv.quantity import BulkModulusField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.spatial_fields import ModulusField
+from hpcinv.quantity import ModulusField
 
 
 class IsochoricNeoHookean(IsochoricLaw):

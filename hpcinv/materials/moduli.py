@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import field_validator
 
+from hpcinv.quantity import BulkStress, Dimensionless, Stress
 from hpcinv.quantity.docstrings import meanings
-from hpcinv.quantity.quantity import BulkStress, Dimensionless, Stress
 from hpcinv.quantity.schema import Spec
 
 

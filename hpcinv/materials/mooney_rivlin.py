@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.materials.base import MaterialLaw, StartingValues
 from hpcinv.materials.isochoric import DILATATIONS, Volumetric
-from hpcinv.quantity.spatial_fields import BulkModulusField, StressField
+from hpcinv.quantity import BulkModulusField, StressField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation

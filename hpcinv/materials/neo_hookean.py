@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.materials.isochoric_neo_hookean import IsochoricNeoHookean
 from hpcinv.materials.lame import LameLaw
-from hpcinv.quantity.spatial_fields import LameField, StressField
+from hpcinv.quantity import LameField, StressField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation

@@ -9,9 +9,7 @@ from pydantic import ValidationInfo, field_validator
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.quantity import Dimensionless
-from hpcinv.quantity.schema import ListOf, Location, raise_if_any
-from hpcinv.quantity.spatial_fields import StressField
+from hpcinv.quantity import Dimensionless, ListOf, Location, StressField, raise_if_any
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation

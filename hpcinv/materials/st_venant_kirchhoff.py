@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from pydantic import field_validator
 
 from hpcinv.materials.lame import LameLaw
-from hpcinv.quantity.spatial_fields import ModulusField, StressField
+from hpcinv.quantity import ModulusField, StressField
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.component import Family
-from hpcinv.quantity.spatial_fields import ModulusField
+from hpcinv.quantity import Family, ModulusField
 
 
 class TransverselyIsotropic(IsochoricLaw):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal
 
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.spatial_fields import ModulusField, PositiveField
+from hpcinv.quantity import ModulusField, PositiveField
 
 
 class VerondaWestmann(IsochoricLaw):

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.spatial_fields import ModulusField, StressField
+from hpcinv.quantity import ModulusField, StressField
 
 
 class Yeoh(IsochoricLaw):

@@ -18,8 +18,7 @@ from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.cells import DEGREES
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.parts import by_tags
-from hpcinv.mesh.io.gmsh_model import extract, session
-from hpcinv.mesh.io.gmsh_views import read_views
+from hpcinv.mesh.io.gmsh_model import extract, read_views, session
 from hpcinv.mesh.io.isolated import check_readable_by_gmsh
 from hpcinv.mesh.io.length_unit import stored_unit
 from hpcinv.mesh.io.vtu import read_vtu
@@ -78,7 +77,7 @@ def read_msh(path: Path) -> MeshSource:
     if fault:
         raise MeshError(f"{path}: {fault}", "Export the mesh again (gmsh: gmsh.write, or -save).")
     with session(path.stem) as gmsh, tempfile.TemporaryDirectory(prefix="hpcinv-mesh-") as empty:
-        # gmsh executes a file NAME.msh.opt beside NAME.msh: read it through a link in an empty directory.
+        # gmsh executes a file NAME.msh.opt next to NAME.msh: read it through a link in an empty directory.
         link = Path(empty) / "mesh.msh"
         link.symlink_to(path.absolute())
         check_readable_by_gmsh(link, path)

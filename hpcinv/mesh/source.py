@@ -94,18 +94,29 @@ class MeshSource:
                 label[group.members] = i
         return label
 
-    def header(self) -> MeshSource:
-        """The same source with empty arrays, for ranks other than 0."""
+    def select(self, nodes: Ints, cells: Ints, facets: Ints) -> MeshSource:
+        """The mesh with these rows of nodes, cells and facets, in this order; other nodes are replaced by -1."""
+        number = _positions(nodes, len(self.points))
+        place = {3: _positions(cells, len(self.cells)), 2: _positions(facets, len(self.facets))}
+        members = [place[group.dim][group.members] for group in self.groups]
+        rows = {"nodes": nodes, "cells": cells}
         return dataclasses.replace(
             self,
-            points=self.points[:0],
-            node_tags=self.node_tags[:0],
-            cells=self.cells[:0],
-            cell_tags=self.cell_tags[:0],
-            facets=self.facets[:0],
-            groups=tuple(dataclasses.replace(g, members=g.members[:0]) for g in self.groups),
-            data={name: dataclasses.replace(a, values=a.values[:0]) for name, a in self.data.items()},
+            points=self.points[nodes],
+            node_tags=self.node_tags[nodes],
+            cells=number[self.cells[cells]],
+            cell_tags=self.cell_tags[cells],
+            facets=number[self.facets[facets]],
+            groups=tuple(
+                dataclasses.replace(g, members=np.sort(m[m >= 0])) for g, m in zip(self.groups, members, strict=True)
+            ),
+            data={name: dataclasses.replace(a, values=a.values[rows[a.on]]) for name, a in self.data.items()},
         )
+
+    def header(self) -> MeshSource:
+        """The same source with empty arrays, for ranks other than 0."""
+        none: Ints = np.zeros(0, dtype=np.int64)
+        return self.select(none, none, none)
 
     def in_metres(self, unit: float) -> MeshSource:
         """The same mesh in metres, from coordinates in ``unit`` (m)."""
@@ -121,16 +132,8 @@ class MeshSource:
         used[self.cells] = True
         if used.all():
             return self
-        # A facet with removed nodes belongs to no cell: the check of facets reports nodes of -1.
-        new = np.where(used, np.cumsum(used) - 1, -1)
-        return dataclasses.replace(
-            self,
-            points=self.points[used],
-            node_tags=self.node_tags[used],
-            cells=new[self.cells],
-            facets=new[self.facets],
-            data=self.nodal_data(lambda values: values[used]),
-        )
+        # The check of facets reports facets with removed nodes, which belong to no cell.
+        return self.select(np.flatnonzero(used), np.arange(len(self.cells)), np.arange(len(self.facets)))
 
     def nodal_data(self, change: Callable[[Floats], Floats]) -> dict[str, DataArray]:
         """The data arrays, with ``change`` applied to the values at nodes."""
@@ -138,3 +141,10 @@ class MeshSource:
             name: dataclasses.replace(a, values=change(a.values)) if a.on == "nodes" else a
             for name, a in self.data.items()
         }
+
+
+def _positions(rows: Ints, count: int) -> Ints:
+    """Position among ``rows`` of each of ``count`` rows, -1 for rows that are not among them."""
+    position = np.full(count, -1, dtype=np.int64)
+    position[rows] = np.arange(len(rows))
+    return position

@@ -1,42 +1,38 @@
-"""How much memory there is for a run, whatever the batch system has set aside for it."""
+"""Memory that is available to a run, within the limits of the batch system."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-from hpcinv.parallel.malloc import give_back_memory
+from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.runtime import MPI
 
 _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
 def available(comm: MPI.Intracomm) -> float:
-    """Bytes that all ranks of ``comm`` can still take together; collective, and the same on all ranks."""
-    give_back_memory()  # what is only kept counts as free
+    """Bytes that all ranks of ``comm`` together can still allocate; collective, the same on all ranks."""
+    release_freed_memory()  # memory that malloc keeps counts as free
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    share = _of_this_node() / node.size
+    share = min([_free(), *_left_in_control_groups()]) / node.size
     node.Free()
     return float(comm.allreduce(share, op=MPI.SUM))
 
 
-def _of_this_node() -> float:
-    limits = [_free(), *_left_in_control_groups()]
-    return min(limits)
-
-
 def _free() -> float:
+    """Free memory of this node in bytes, or all memory if the system is not Linux."""
     try:
         for line in _MEMINFO.read_text().splitlines():
             if line.startswith("MemAvailable:"):
                 return 1024.0 * int(line.split()[1])
     except OSError:
-        pass  # not Linux
+        pass
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
 def _left_in_control_groups() -> list[float]:
-    """What the control groups of this process, such as that of a batch job, let it take."""
+    """Bytes left in each control group of this process with a limit, such as the group of a batch job."""
     try:
         own = Path("/proc/self/cgroup").read_text().splitlines()[-1].split(":")[-1].lstrip("/")
     except (OSError, IndexError):

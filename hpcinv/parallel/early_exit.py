@@ -1,4 +1,4 @@
-"""Code of a job that ends the process with exit code 0 before the command is done: that is no success."""
+"""Error for code of a job that exits the process with code 0 before the command is done."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import NoReturn
 
 
 def refuse_exit_without_end() -> None:
-    """Let ``os._exit(0)``, from a plugin or a mesh generator, end this process with exit code 1 and a message.
+    """Make ``os._exit(0)`` in a plugin or mesh generator exit with code 1 and a message.
 
-    Processes that this one forks may end as they like.
+    Forked processes are not affected.
     """
-    ours, end = os.getpid(), os._exit
+    process, original = os.getpid(), os._exit
 
     def exit_with_message(status: int) -> NoReturn:
-        if os.getpid() == ours and status == 0:
+        if os.getpid() == process and status == 0:
             caller = sys._getframe(1)
             where = f"{caller.f_code.co_filename}, line {caller.f_lineno}"
             text = f"{where}: os._exit(0) has ended the process before the command was done\n"
             os.write(2, f"{text}  Code of a job must return, or raise an error.\n".encode())
             status = 1
-        end(status)
+        original(status)
 
     os._exit = exit_with_message

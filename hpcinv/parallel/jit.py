@@ -1,14 +1,15 @@
-"""How DOLFINx compiles the kernels of forms and expressions, and where they are kept.
+"""Compilation of kernels of forms and expressions by DOLFINx, and their cache.
 
-A kernel's file is named by the hash of its form, FFCx's version and options, the compiler's flags, and the Python that
-loads it, so that a directory of kernels can be shared by any jobs, users and machines. HPCINV_KERNELS names one; left
-out, it is DOLFINx's own, ``~/.cache/fenics``. Where it can only be read, what is missing in it goes to DOLFINx's own.
+The file name of a kernel is a hash of its form, of version and options of FFCx, of compiler flags, and of the Python
+version, so that a directory of kernels can be shared by any jobs, users and machines. HPCINV_KERNELS names the
+directory; the default is that of DOLFINx, ``~/.cache/fenics``. If HPCINV_KERNELS is read-only, missing kernels are
+compiled to the default directory.
 
-Three functions of FFCx's are replaced here, once: to look for a kernel, to compile it, and to load what was compiled.
-FFCx's own take ``NAME.c`` for the sign that somebody compiles a kernel, until ``NAME.c.cached`` says that it is ready,
-and compile in place: a process that is killed meanwhile leaves a kernel that all others wait for in vain. Ours, in
-`hpcinv.parallel.kernel_files`, have no such state. Kernels are code: those that another user could have written are not
-loaded.
+This module replaces three functions of FFCx, once: for the search, the compilation, and the loading of a kernel. Those
+of FFCx compile in place, and mark a kernel under compilation by the file ``NAME.c`` without ``NAME.c.cached``: if the
+process is killed, all others wait for this kernel until they time out. The functions here (with
+`hpcinv.parallel.kernel_files`) have no such state. Kernels are code: files that another user could have written are
+not loaded.
 """
 
 from __future__ import annotations
@@ -29,22 +30,22 @@ from dolfinx.jit import get_options
 
 from hpcinv.errors import OutputError
 from hpcinv.parallel.kernel_files import check_room, is_sealed, locked, make_directory, private_directory, publish
-from hpcinv.parallel.ownership import foreign_hand, foreign_hand_above
+from hpcinv.parallel.ownership import foreign_writer, foreign_writer_above
 from hpcinv.parallel.runtime import MPI
 
 _TRUST = "HPCINV_TRUST_KERNELS"
 
 
 def _trusts() -> bool:
-    """Whether kernels are loaded whoever could have written them."""
+    """Return whether kernels are loaded even if other users could have written them."""
     value = os.environ.get(_TRUST, "")
     if value not in ("", "0", "1"):
-        raise OutputError(f"{_TRUST}={value}: must be 1, to load kernels whoever could have written them, or unset")
+        raise OutputError(f"{_TRUST}={value}: must be 1, to load kernels that other users could have written, or unset")
     return value == "1"
 
 
 def _directories() -> tuple[Path, tuple[Path, ...]]:
-    """Where kernels are compiled to, and all places where they are looked for."""
+    """Directory to which kernels are compiled, and all directories in which they are searched."""
     own, asked = Path(str(get_options()["cache_dir"])), os.environ.get("HPCINV_KERNELS")
     if not asked:
         refuse_foreign("the cache of kernels", own)
@@ -62,70 +63,70 @@ def _directories() -> tuple[Path, tuple[Path, ...]]:
 
 
 def refuse_foreign(what: str, directory: Path) -> None:
-    """Raise ``OutputError`` for a directory of kernels into which another user could have put some, unless trusted."""
+    """Raise ``OutputError`` for a directory into which another user could have written kernels, unless trusted."""
     if _TRUSTS or not directory.is_dir():
         return
-    found = [(directory, reason)] if (reason := foreign_hand(directory.stat())) else []
-    if above := foreign_hand_above(directory):
+    found = [(directory, reason)] if (reason := foreign_writer(directory.stat())) else []
+    if above := foreign_writer_above(directory):
         found.append(above)
     if found:
         where, why = found[0]
         raise OutputError(
             f"{what} {directory}: {f'{where} above it' if where != directory else 'it'} {why}, "
-            "and what lies in it is executed",
-            f"Let only you write there (chmod go-w {where}), name another directory by HPCINV_KERNELS, or, if all who "
-            f"could have written there are to be trusted, set {_TRUST}=1.",
+            "and its files are executed",
+            f"Remove write permission of others (chmod go-w {where}), name another directory by HPCINV_KERNELS, or, "
+            f"if these users are trusted, set {_TRUST}=1.",
         )
 
 
 def _environment() -> list[str]:
-    """A flag without effect but that on the names of kernels, where the user's environment has flags of its own."""
+    """Flag that only changes the names of kernels, if the environment has compiler flags."""
     own = [os.environ[name] for name in ("CPPFLAGS", "CFLAGS", "LDFLAGS") if os.environ.get(name)]
     return [f"-DHPCINV_FLAGS_{hashlib.sha1(' '.join(own).encode()).hexdigest()}"] if own else []
 
 
 _TRUSTS = _trusts()
 DIRECTORY, _PLACES = _directories()
-# -O1: most kernels run as fast as with -O2, within what noise lets see, and the largest compile much faster: the
-# tangent of a three-term Ogden law in 4 instead of 57 s of processor time, for 18 % more in each assembly. -g0 halves
-# the compile time against the interpreter's own -g; -ffast-math would break small-strain accuracy.
+# -O1: most kernels run as fast as with -O2, within noise, and the largest compile much faster: the tangent of a
+# three-term Ogden law in 4 instead of 57 s of processor time, with 18 % more time in each assembly. -g0 halves the
+# compile time compared with the default -g of the interpreter; -ffast-math would break small-strain accuracy.
 FLAGS = ["-O1", "-g0"]
 JIT_OPTIONS = {"cffi_extra_compile_args": [*FLAGS, *_environment()], "cache_dir": DIRECTORY}
-"""What DOLFINx is told for every form and expression."""
+"""Options of DOLFINx for every form and expression."""
 
 NOT_FOUND: list[str] = []
-"""names of the kernels that this process did not find, so that it had to compile them, or to wait for another"""
+"""names of the kernels that this process did not find in the cache, so that it had to compile them or to wait"""
 
 _compile_in_place = ffcx_jit._compile_objects
 
 
 def _find(name: str, directory: Path) -> Path | None:
-    """The whole file of a kernel that nobody else could have written."""
+    """Complete file of a kernel that no other user could have written, or None."""
     for place in _PLACES if directory == DIRECTORY else (directory,):
         path = place / f"{name}.so"
         try:
             with path.open("rb") as file:
-                foreign = "" if _TRUSTS else foreign_hand(os.fstat(file.fileno()))
+                foreign = "" if _TRUSTS else foreign_writer(os.fstat(file.fileno()))
                 if not foreign and is_sealed(file.read()):
                     return path
         except OSError:
             continue
         if foreign and MPI.COMM_WORLD.rank == 0:
-            print(f"{path}: {foreign}: it is not loaded but compiled again", file=sys.stderr, flush=True)
+            print(f"{path}: {foreign}: it is compiled again instead of loaded", file=sys.stderr, flush=True)
     return None
 
 
 def _load(path: Path, name: str, objects: Sequence[str]) -> tuple[list[Any], Any]:
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise ImportError(f"{path}: is no extension module")
+        raise ImportError(f"{path}: is not an extension module")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return [getattr(module.lib, of) for of in objects], module
 
 
 def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _timeout: int) -> tuple[Any, Any]:
-    """Load a kernel, or give (None, None), so that FFCx compiles it."""
+    """Load a kernel, or return (None, None), so that FFCx compiles it."""
     path = _find(name, Path(directory))
     if path is None:
         NOT_FOUND.append(name)
@@ -134,10 +135,10 @@ def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _time
 
 
 def _load_objects(directory: Path, name: str, objects: Sequence[str]) -> tuple[Any, Any]:
-    """Load a kernel that was just compiled."""
+    """Load a kernel that has just been compiled."""
     path = _find(name, Path(directory))
     if path is None:
-        raise ModuleNotFoundError(f"the kernel {name} has gone from {directory} since it was compiled")
+        raise ModuleNotFoundError(f"the kernel {name} was removed from {directory} after its compilation")
     return _load(path, name, objects)
 
 
@@ -151,7 +152,7 @@ def _compile_objects(
     *arguments: Any,
     **further: Any,
 ) -> str:
-    """Compile a kernel in a directory of its own, and publish it, unless another process does so meanwhile."""
+    """Compile a kernel in a private directory and publish it, unless another process has done so."""
     directory = Path(directory)
     with locked(directory, name):
         if _find(name, directory) is not None:

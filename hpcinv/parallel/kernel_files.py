@@ -1,10 +1,9 @@
-"""Files of compiled kernels: sealed with a checksum, put in place whole, and compiled by one process at a time.
+"""Files of compiled kernels: with a checksum, published atomically, and compiled by one process at a time.
 
-Nothing here depends on how the files were left: a process may be killed at any moment. It compiles in a directory of
-its own, and the finished file is renamed into the cache, so that a reader finds a whole kernel or none. The lock on a
-kernel is one of the operating system, which ends with the process that holds it. It only saves work: without it (some
-network file systems have no locks), or when its owner takes too long, a kernel is compiled more than once, and the last
-one is kept.
+A process may be killed at any moment. It compiles in a private directory, and the finished file is renamed into the
+cache, so that readers find a complete kernel or none. The lock on a kernel is released by the operating system when the
+process ends. It only saves work: without locks (on some network file systems), or if the owner takes too long, a kernel
+is compiled more than once, and the last file is kept.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from pathlib import Path
 _LOCK = "kernels.lock"
 _PARTIAL = ".partial"
 _MARK = b"hpcinv kernel 1\n"
-"""Ends a sealed file; the digits before it are the SHA-256 of all before them. The loader ignores what follows the
-sections of a shared object."""
+"""End of a sealed file, after the SHA-256 of the content. The loader ignores data after the sections of a shared
+object."""
 _LEFT_BEHIND = 3600.0
-"""Age (s) from which a partial file belongs to no living process."""
+"""Age (s) after which the process of a partial file is assumed to have ended."""
 
 
 class NotWritten(Exception):
-    """A kernel could not be put into the cache, or the compiler had no place for its files."""
+    """A kernel cannot be written to the cache, or the compiler cannot write its files."""
 
 
 def make_directory(path: Path) -> None:
-    """Make it and those above it, which no other user shall be able to write, whatever the file mode mask allows.
+    """Make a directory and its parents, writable only for this user, whatever the file mode mask is.
 
     Raises:
         OSError: it cannot be made.
@@ -49,13 +48,13 @@ def make_directory(path: Path) -> None:
 
 
 def is_sealed(content: bytes) -> bool:
-    """Whether a file is a whole kernel of ours: neither truncated nor changed since it was published."""
+    """Return whether the content is a complete kernel file, unchanged since it was published."""
     digest = sha256(content[: -len(_MARK) - sha256().digest_size]).digest()
     return content.endswith(digest + _MARK)
 
 
 def publish(path: Path, content: bytes) -> None:
-    """Put a shared object into the cache, at once and sealed, in place of whatever is there.
+    """Write a shared object to the cache, atomically and with its checksum, replacing an existing file.
 
     Raises:
         NotWritten: with the reason.
@@ -66,7 +65,7 @@ def publish(path: Path, content: bytes) -> None:
         with os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644), "wb") as file:
             file.write(content + sha256(content).digest() + _MARK)
             file.flush()
-            os.fsync(file.fileno())  # else a node that fails may leave the name without the content
+            os.fsync(file.fileno())  # otherwise a failure of the node may leave an empty file
         partial.replace(path)
     except OSError as error:
         with suppress(OSError):
@@ -76,15 +75,15 @@ def publish(path: Path, content: bytes) -> None:
 
 @contextmanager
 def locked(directory: Path, name: str, patience: float = 600.0, pause: float = 0.1) -> Iterator[None]:
-    """Wait until no other process compiles the kernel ``name``, and let none begin; without locks go on at once.
+    """Context in which no other process compiles the kernel ``name``; without file locks there is no waiting.
 
     Args:
-        patience: seconds after which one that does not end (it may be stopped) is no longer waited for.
-        pause: seconds between two looks.
+        patience: longest time (s) to wait for another process, which may be stopped.
+        pause: time (s) between two attempts.
     """
     try:
         make_directory(directory)
-        # Who can write into the directory can lock there. One file for all kernels, a byte of it for each.
+        # Everyone who can write into the directory can lock. One file for all kernels, with one byte for each.
         mode = 0o644 | (directory.stat().st_mode & 0o022)
         file = os.open(directory / _LOCK, os.O_RDWR | os.O_CREAT, mode)
     except OSError:
@@ -96,7 +95,7 @@ def locked(directory: Path, name: str, patience: float = 600.0, pause: float = 0
         while time.monotonic() < end:
             try:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
-            except (BlockingIOError, PermissionError):  # as POSIX has it, either says that another process has it
+            except (BlockingIOError, PermissionError):  # by POSIX, either means that another process has the lock
                 time.sleep(pause)
             except OSError:  # the file system has no locks
                 break
@@ -109,9 +108,9 @@ def locked(directory: Path, name: str, patience: float = 600.0, pause: float = 0
 
 
 def _remove_left_behind(directory: Path) -> None:
-    """Remove what processes that were killed while publishing have left.
+    """Remove partial files of processes that were killed.
 
-    The listing has a second use: a client of NFS that remembers a file as missing asks the server again.
+    Listing the directory also makes NFS clients ask the server again for files that they have cached as missing.
     """
     for name in os.listdir(directory):  # noqa: PTH208  (no path for each of thousands of kernels)
         if name.endswith(_PARTIAL):
@@ -123,14 +122,14 @@ def _remove_left_behind(directory: Path) -> None:
 
 @contextmanager
 def private_directory() -> Iterator[Path]:
-    """A directory for the files of one compilation, away from the cache.
+    """Context with a temporary directory for the files of one compilation, outside the cache.
 
     Raises:
         NotWritten: with the reason.
     """
     try:
         made = tempfile.TemporaryDirectory(prefix="hpcinv-kernel-", ignore_cleanup_errors=True)
-    except OSError as error:  # tempfile has looked for a place where a file can be written
+    except OSError as error:  # tempfile has tried all its directories
         where = os.environ.get("TMPDIR") or "the directory for temporary files"
         raise NotWritten(f"the compiler cannot write to {where}: {error.strerror}") from error
     with made as path:
@@ -138,7 +137,7 @@ def private_directory() -> Iterator[Path]:
 
 
 def check_room(directory: Path) -> None:
-    """Raise ``NotWritten`` if no file of 1 MiB fits into ``directory``: a compiler does not say why it fails."""
+    """Raise ``NotWritten`` if no file of 1 MiB fits into ``directory``: compilers do not report the reason."""
     probe = directory / "room"
     try:
         with probe.open("wb") as file:

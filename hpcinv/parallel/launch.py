@@ -1,4 +1,4 @@
-"""What every command that runs under mpirun begins and ends with: signals, ranks, and failing together."""
+"""Start and end of all commands that run under mpirun: signals, ranks, and common failure."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 @contextmanager
 def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intracomm, StopRequest]]:
-    """All ranks, and whether a signal has asked them to stop; an error that all of them share is told once.
+    """Context with all ranks and the request to stop; an error that all ranks have is printed once.
 
     Args:
-        ranks: number of ranks that there must be, ``None`` for any.
-        stack: whether PETSc and DOLFINx are needed, or MPI alone.
+        ranks: required number of ranks, ``None`` for any.
+        stack: True if PETSc and DOLFINx are needed, False for MPI alone.
     """
     stop = StopRequest()
     stop.install()
@@ -32,7 +32,7 @@ def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intraco
 
     def end_in_library() -> NoReturn:
         text = "stopped by a signal before there was anything to save"
-        print(f"{text}\n  The same command starts again.", file=sys.stderr)
+        print(f"{text}\n  Start the same command again.", file=sys.stderr)
         abort(world, STOPPED)
 
     def end_if_asked() -> None:
@@ -40,7 +40,7 @@ def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intraco
         if signal.SIGINT in asked:
             abort(world, exit_code_of(signal.SIGINT))
         if asked:
-            raise Interrupted("stopped by a signal before it began", "The same command starts again.")
+            raise Interrupted("stopped by a signal before the run began", "Start the same command again.")
 
     with failing_together(world):
         end_on_interrupt(lambda: abort(world, 130))
@@ -48,7 +48,7 @@ def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intraco
         if stack:
             import hpcinv.parallel.runtime  # noqa: F401
         stop.install()
-        stop.ends_libraries_by(end_in_library)
+        stop.set_end_in_library(end_in_library)
         require_ranks(world, ranks)
         end_if_asked()
         try:

@@ -1,7 +1,7 @@
-"""The C library's heap: what is freed is kept for the next factorization, and given back when others may need it.
+"""Settings of malloc in glibc: freed memory is kept for the next factorization, and released on request.
 
-glibc returns every large block to the system at once and gets the next one page by page, each cleared anew, and all
-ranks of a node do so at the same time: a fifth of the time of a factorization (docs/linear-solvers.md).
+By default glibc returns every large block to the system and gets the next one page by page, each cleared again, on all
+ranks of a node at the same time: a fifth of the time of a factorization (docs/linear-solvers.md).
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ _OF_THE_SITE = ("GLIBC_TUNABLES", "MALLOC_MMAP_MAX_", "MALLOC_TRIM_THRESHOLD_", 
 
 
 def keep_freed_memory() -> None:
-    """Take no large block from the system on its own, and return none; settings of the site win."""
+    """Do not use mmap for large blocks and do not trim the heap; environment variables of malloc have priority."""
     mallopt = _of_glibc("mallopt")
     if mallopt is not None and not any(name in os.environ for name in _OF_THE_SITE):
         mallopt(_M_MMAP_MAX, 0)
         mallopt(_M_TRIM_THRESHOLD, _LARGEST_INT)
 
 
-def give_back_memory() -> None:
-    """Return freed memory to the system now."""
+def release_freed_memory() -> None:
+    """Return freed memory to the system."""
     malloc_trim = _of_glibc("malloc_trim")
     if malloc_trim is not None:
         malloc_trim(0)
@@ -34,7 +34,7 @@ def give_back_memory() -> None:
 
 @cache
 def _of_glibc(function: str) -> Callable[..., int] | None:
-    """A function of glibc; ``None`` with other C libraries."""
+    """A function of glibc; ``None`` for other C libraries."""
     found: Callable[..., int] | None = None
     if sys.platform == "linux":
         found = getattr(ctypes.CDLL(None), function, None)

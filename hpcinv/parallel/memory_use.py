@@ -12,9 +12,9 @@ _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 class Memory:
-    """Largest resident size (bytes) that is known of each phase.
+    """Largest known resident size (bytes) of each phase.
 
-    It is the peak of the process where that rose within the phase, which it does in the phases that need most, and else
+    It is the peak of the process if the peak rose within the phase, as in the phases with the largest memory, otherwise
     the size at the end of the phase or of a part of it.
     """
 
@@ -23,7 +23,7 @@ class Memory:
         self._peak = peak()
 
     def note(self, phase: str) -> None:
-        """A phase, or a part of it, has just ended."""
+        """Record the end of a phase or of a part of it."""
         highest = peak()
         size = highest if highest > self._peak else resident()
         self._peak = highest
@@ -31,12 +31,12 @@ class Memory:
             self.phases[phase] = size
 
     def share(self, source: str, target: str) -> None:
-        """What is known of one phase holds for another, which is a part of it."""
+        """Use the size of one phase also for another, which is a part of it."""
         self.phases[target] = max(self.phases.get(source, 0), self.phases.get(target, 0))
 
 
 def resident() -> int:
-    """Resident memory of this process in bytes; where the system does not tell (not Linux), its peak."""
+    """Resident memory of this process in bytes, or its peak if the system is not Linux."""
     statm = _statm(os.getpid())
     return peak() if statm is None else int(os.pread(statm, 64, 0).split()[1]) * _PAGE
 
@@ -48,7 +48,7 @@ def peak() -> int:
 
 @cache
 def _statm(_process: int) -> int | None:
-    """What Linux tells a process about its memory: kept open, since it is asked for thousands of times."""
+    """Descriptor of the memory statistics of this process, kept open because it is read thousands of times."""
     try:
         return os.open("/proc/self/statm", os.O_RDONLY | os.O_CLOEXEC)
     except OSError:

@@ -1,4 +1,4 @@
-"""Whether somebody other than root and this user could have written a file or directory."""
+"""Check whether users other than root and the current user could have written a file or directory."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import stat
 from pathlib import Path
 
 
-def foreign_hand(status: os.stat_result) -> str:
-    """Why another user could have written what has this ``status``; empty if none could.
+def foreign_writer(status: os.stat_result) -> str:
+    """Reason why another user could have written a file with this ``status``; empty text if none could.
 
-    Access control lists count as far as they show in the mode, whose group bits are then the most that they allow.
+    Access control lists are included in the group bits of the mode, which are the most that they allow.
     """
     if status.st_uid not in (0, os.geteuid()):
         return f"belongs to {_user(status.st_uid)}"
@@ -23,15 +23,15 @@ def foreign_hand(status: os.stat_result) -> str:
     return ""
 
 
-def foreign_hand_above(path: Path) -> tuple[Path, str] | None:
-    """The directory above ``path`` in which another user could exchange it, and why; ``None`` if there is none.
+def foreign_writer_above(path: Path) -> tuple[Path, str] | None:
+    """Directory above ``path`` in which another user could replace it, and the reason; ``None`` if there is none.
 
-    The owners of directories above are not asked: who owns the place of a home directory is not always root.
+    The owners of these directories are not checked: the parent of home directories does not always belong to root.
     """
     parents = dict.fromkeys((*path.absolute().parents, *path.resolve().parents))
     for parent in parents:
         status = parent.stat()
-        if status.st_mode & stat.S_ISVTX:  # there, only its owner can remove or rename a file
+        if status.st_mode & stat.S_ISVTX:  # only the owner can remove or rename a file there
             continue
         if status.st_mode & stat.S_IWOTH:
             return parent, "can be written by everybody"
@@ -41,9 +41,9 @@ def foreign_hand_above(path: Path) -> tuple[Path, str] | None:
 
 
 def _is_private(group: int) -> bool:
-    """Whether a group is root's, or the one that many systems make for each user, of the user's name and alone in it.
+    """Return whether a group is that of root, or the private group of the user with the same name and no other member.
 
-    With such groups the usual file mode mask lets the group write.
+    Many systems make such groups, with a file mode mask that lets the group write.
     """
     if group == 0:
         return True

@@ -1,4 +1,4 @@
-"""What PETSc's own log has counted."""
+"""Times from the log of PETSc."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 
 def logged_seconds() -> dict[str, float]:
-    """Seconds that PETSc's log has counted on this rank, by phase."""
+    """Seconds on this rank by phase, from the log of PETSc."""
     if not PETSc.Log.isActive():
         PETSc.Log.begin()
     events = {"linear solve": "KSPSolve"}

@@ -1,4 +1,4 @@
-"""Products and norms of PETSc vectors, as the numbers that they are."""
+"""Inner products and norms of PETSc vectors as floats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identity of a process among all processes of all machines, and whether one of this machine is still running."""
+"""Identity of a process among all processes of all machines, and the start time of processes of this machine."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Identity:
-    """What tells one process from all others, on any host, of any time.
+    """Identity of a process, unique over all hosts and times.
 
     Attributes:
-        token: its name, never used again.
-        host: for people.
-        machine: the running system whose process numbers are meant; "" if that cannot be told.
-        pid, started: process number, and start in ticks since the system booted.
-        job: cluster and job of Slurm; "" outside of it.
-        restart: how often Slurm has requeued the job.
+        token: unique name.
+        host: name of the host, for messages.
+        machine: identity of the running system to which process numbers refer; "" if unknown.
+        pid, started: process number, and start in ticks since the system was booted.
+        job: cluster and job of Slurm; "" outside Slurm.
+        restart: number of times that Slurm has requeued the job.
     """
 
     token: str
@@ -35,7 +35,7 @@ class Identity:
     @classmethod
     def of_this_process(cls, environment: Mapping[str, str] = os.environ) -> Identity:
         host, pid = os.uname().nodename, os.getpid()
-        job = environment.get("SLURM_JOB_ID", "")  # of its own for each task of an array
+        job = environment.get("SLURM_JOB_ID", "")  # different for each task of an array
         return cls(
             token=f"{re.sub(r'[^A-Za-z0-9]', '-', host)}-{pid}-{secrets.token_hex(6)}",
             host=host,
@@ -48,7 +48,7 @@ class Identity:
 
     @classmethod
     def from_json(cls, data: Any) -> Identity:
-        """Raises ``ValueError`` if it is none."""
+        """Identity from `as_json`; raises ``ValueError`` if the data are not valid."""
         try:
             values = {field.name: data[field.name] for field in fields(cls)}
         except (KeyError, TypeError) as error:
@@ -65,7 +65,7 @@ class Identity:
 
 
 def start_of(pid: int) -> str | None:
-    """When a process here started, in ticks since boot; "" if it has ended, ``None`` if that cannot be told."""
+    """Start of a process of this machine, in ticks since boot; "" if it has ended, ``None`` if unknown."""
     try:
         status = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -73,14 +73,14 @@ def start_of(pid: int) -> str | None:
             os.kill(pid, 0)
         except ProcessLookupError:
             return ""
-        except OSError:  # a process of someone else, which the system hides
+        except OSError:  # a process of another user, which the system hides
             return None
         return None
-    return "" if status[0] in "ZX" else status[19]  # a zombie works no more
+    return "" if status[0] in "ZX" else status[19]  # Z and X: zombie and dead
 
 
 def _this_machine(host: str) -> str:
-    """Host, boot, and which process numbers are seen (containers have their own); "" where that cannot be told."""
+    """Host, boot and namespace of process numbers (containers have their own); "" if unknown."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         return f"{host} {boot} {Path('/proc/self/ns/pid').readlink()}"

@@ -1,6 +1,6 @@
-"""The ranks of a run: environment of MPI, agreement across ranks, and what one failing rank does.
+"""Ranks of a run: environment of MPI, agreement across ranks, and failure of one rank.
 
-It loads MPI alone, in tenths of a second; `runtime` adds PETSc and DOLFINx.
+This module loads MPI alone, in tenths of a second; `runtime` adds PETSc and DOLFINx.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 
 def _prepare_environment() -> None:
-    """Set what has to stand before MPI starts; a value that the user or site has set always wins."""
-    # Threaded BLAS under MPI makes the ranks fight for cores.
+    """Set environment variables before MPI starts; values set by the user or site have priority."""
+    # Threaded BLAS under MPI would use more threads than cores.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    # On one machine UCX would probe for a fabric that is not there; across machines it must be left to choose.
+    # On one machine UCX would search for a network that is not needed; across machines it must choose.
     ranks, local = os.environ.get("PMI_SIZE"), os.environ.get("MPI_LOCALNRANKS")
     nodes = os.environ.get("SLURM_STEP_NUM_NODES", os.environ.get("SLURM_JOB_NUM_NODES", "1"))
     if ranks == local and nodes == "1":
         os.environ.setdefault("UCX_TLS", "self,sm,tcp")
-    # PETSc's own handlers would end a run that a signal only asks to stop, in whatever thread it arrives.
+    # PETSc's signal handlers would end a run that a signal only asks to stop.
     if "-no_signal_handler" not in (options := os.environ.get("PETSC_OPTIONS", "")):
         os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
     keep_freed_memory()
@@ -42,11 +42,11 @@ from mpi4py import MPI  # noqa: E402  (in that environment)
 
 
 class RootFailure(RuntimeError):
-    """Something other than a user's error went wrong on rank 0, which has printed it."""
+    """An unexpected error on rank 0, which has printed it."""
 
 
 def on_root[T](comm: Intracomm, function: Callable[[], T]) -> T:
-    """Run ``function`` on rank 0 alone and give its result, or the exception that it raised, to every rank."""
+    """Run ``function`` on rank 0 only, and return its result or raise its exception on every rank; collective."""
     result: T | None = None
     error: Exception | None = None
     if comm.rank == 0:
@@ -54,7 +54,7 @@ def on_root[T](comm: Intracomm, function: Callable[[], T]) -> T:
             result = function()
         except (HpcinvError, BrokenPipeError) as exc:
             error = exc
-        except BaseException as exc:  # whatever it is, SystemExit too, must reach the ranks that wait below
+        except BaseException as exc:  # also SystemExit: the other ranks wait below
             _print_traceback(comm, exc)
             error = RootFailure(f"rank 0: {type(exc).__name__}: {exc}")
     error = comm.bcast(error)
@@ -73,15 +73,15 @@ def agree(comm: Intracomm, error: HpcinvError | None) -> None:
 
 @contextmanager
 def failing_together(comm: Intracomm, patience: float = 5.0) -> Iterator[None]:
-    """Let no rank leave this block by an exception while others wait for it in vain.
+    """Context in which an exception on one rank ends all ranks, so that none waits forever.
 
-    A user's error that all ranks meet is printed once and goes on as ``SystemExit`` with its code; anything else, on
-    any rank, ends the run.
+    An ``HpcinvError`` on all ranks is printed once and becomes ``SystemExit`` with its exit code; any other exception,
+    on any rank, ends the run.
 
     Args:
-        patience: seconds after which another rank will not meet the same error any more.
+        patience: longest time (s) to wait for the same error on the other ranks.
     """
-    ending = comm.Dup()  # of its own: nothing else can take part in the agreement on how it ended
+    ending = comm.Dup()  # a separate communicator for the agreement on errors
     try:
         yield
     except HpcinvError as error:
@@ -94,14 +94,14 @@ def failing_together(comm: Intracomm, patience: float = 5.0) -> Iterator[None]:
         if comm.rank == 0:
             print(error, file=sys.stderr, flush=True)
         raise SystemExit(error.exit_code) from None
-    except BrokenPipeError:  # nobody reads what this rank prints
+    except BrokenPipeError:  # the output of this rank is not read any more
         discard_output()
         abort(comm, CLOSED_OUTPUT)
-    except BaseException as exc:  # SystemExit too: Python would wait in MPI_Finalize for ranks that wait for it
+    except BaseException as exc:  # also SystemExit: otherwise MPI_Finalize would wait for ranks that wait for this one
         if not isinstance(exc, RootFailure):
             _print_traceback(comm, exc)
         if comm.rank != 0:
-            time.sleep(1.0)  # rank 0 often knows more: let it speak before all are ended
+            time.sleep(1.0)  # the message of rank 0 often says more: let it print first
         abort(comm, 1)
 
 
@@ -111,23 +111,23 @@ def _print_traceback(comm: Intracomm, exc: BaseException) -> None:
 
 
 def abort(comm: Intracomm, code: int) -> NoReturn:
-    """End every rank of a run that cannot go on together."""
+    """End all ranks of a run with an exit code."""
     sys.stdout.flush()
     sys.stderr.flush()
     if comm.size > 1:
-        time.sleep(0.2)  # a launcher may drop what it has not passed on yet
+        time.sleep(0.2)  # a launcher may drop output that it has not forwarded yet
         comm.Abort(code)
     os._exit(code)
 
 
 def require_ranks(comm: Intracomm, expected: int | None) -> None:
-    """Raise ``OutputError`` where the launcher did not give the number of ranks that was asked for.
+    """Raise ``OutputError`` if the launcher did not start the requested number of ranks.
 
-    ``srun`` without a matching ``--mpi`` starts N separate runs of one rank, which would all write to one place.
+    ``srun`` without a matching ``--mpi`` starts N separate runs of one rank, which would all write to the same place.
     """
     if expected is not None and comm.size != expected:
         raise OutputError(
-            f"--ranks {expected} was asked for, but the launcher gave {comm.size}",
+            f"--ranks {expected} was requested, but the launcher started {comm.size}",
             "With Slurm use 'srun --mpi=pmi2' or 'mpirun'; with mpirun check -n.",
         )
 

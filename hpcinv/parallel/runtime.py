@@ -1,4 +1,4 @@
-"""The parallel run time: the compiled stack in its import order, and kernels that could not be compiled.
+"""Import of the compiled stack in the right order, and errors of the compilation of kernels.
 
 Import this module before anything that loads PETSc or DOLFINx.
 """
@@ -26,28 +26,30 @@ if TYPE_CHECKING:
 
 
 def _load_stack() -> None:
-    """Import the compiled stack in the one order in which it shares a single MPI, PETSc and ADIOS2."""
-    if importlib.util.find_spec("dolfinx_solver"):  # the wheel; a site's own DOLFINx has no such package
+    """Import the compiled stack in the only order in which all parts share one MPI, PETSc and ADIOS2."""
+    if importlib.util.find_spec(
+        "dolfinx_solver"
+    ):  # in the wheel; an installation of DOLFINx by the site has no such package
         importlib.import_module("dolfinx_solver")
     for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios4dolfinx"):
         importlib.import_module(name)
 
 
-with handlers_kept():  # PETSc puts a handler of its own on SIGTERM, which kills
+with handlers_kept():  # PETSc installs a handler of SIGTERM that ends the process
     _load_stack()
 
 
 @contextmanager
 def compilation_explained(comm: Intracomm) -> Iterator[None]:
-    """Turn a kernel that could not be compiled into a ``SystemPartMissing`` on every rank.
+    """Context in which a failed compilation of a kernel becomes ``SystemPartMissing`` on every rank.
 
-    Asking for a compiler beforehand would refuse runs whose kernels are all in DOLFINx's cache.
+    Checking for a compiler beforehand would refuse runs whose kernels are all in the cache.
     """
     try:
         yield
     except Exception as exc:
         modules = {frame.f_globals.get("__name__") for frame, _ in traceback.walk_tb(exc.__traceback__)}
-        if "dolfinx.jit" in modules:  # where a failure on rank 0 is raised on all ranks
+        if "dolfinx.jit" in modules:  # which raises a failure on rank 0 on all ranks
             text = str(exc)
             on_root(comm, lambda: _explain_compilation(text))
         raise
@@ -57,7 +59,7 @@ def _explain_compilation(text: str) -> None:
     packages = "On Debian and Ubuntu: apt-get install gcc libc6-dev python3-dev; elsewhere set CC to your compiler."
     compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[0]
     if shutil.which(compiler) is None:
-        raise SystemPartMissing(f"no C compiler '{compiler}', which DOLFINx compiles its kernels with", packages)
+        raise SystemPartMissing(f"no C compiler '{compiler}', which DOLFINx needs to compile kernels", packages)
     if unwritten := re.search(r"(kernels cannot be written|the compiler cannot write) to .*", text):
         raise SystemPartMissing(
             unwritten[0],

@@ -1,7 +1,7 @@
-"""Signals to a run: one asks it to save and stop, Ctrl-C ends it where it is.
+"""Signals to a run: SIGTERM and SIGUSR1 ask it to save and stop, SIGINT (Ctrl-C) ends it immediately.
 
-Python calls a handler when the main thread is back from whatever library it is in. While gmsh makes a mesh that can
-take hours, so a thread also waits for signals: it ends a run that has nothing to save yet, and one that is interrupted.
+Python calls a handler only after the main thread has returned from a library, which may take hours while gmsh makes a
+mesh. So a thread also waits for signals: it ends runs that have nothing to save yet, and interrupted runs.
 """
 
 from __future__ import annotations
@@ -18,40 +18,41 @@ from typing import NoReturn
 
 
 class StopRequest:
-    """Whether SIGTERM or SIGUSR1 has arrived on this rank; all ranks agree on it at the next Newton iteration."""
+    """Request to stop by SIGTERM or SIGUSR1 on this rank; all ranks agree on it at the next Newton iteration."""
 
     def __init__(self) -> None:
         self.signal: signal.Signals | None = noted_while_starting()
 
     def install(self) -> None:
-        """Only note the signals from now on.
+        """Install handlers that record the signals.
 
-        Once before MPI starts, since some launchers keep handlers that come later from being called, and again when
-        the stack is loaded, since PETSc puts a handler of its own on SIGTERM, which kills.
+        Called before MPI starts, because with some launchers later handlers are not called, and again after the stack
+        is loaded, because PETSc installs a handler of SIGTERM that ends the process.
         """
         for number in (signal.SIGTERM, signal.SIGUSR1):
             signal.signal(number, self._note)
         _watch()
 
-    def ends_libraries_by(self, end: Callable[[], NoReturn] | None) -> None:
-        """What a signal does that arrives within ``ended_by_signals``; ``None`` leaves it at a note."""
+    def set_end_in_library(self, end: Callable[[], NoReturn] | None) -> None:
+        """Set the function that a signal calls within ``ended_by_signals``; ``None`` only records the signal."""
         global _end
         _end = end
         _stop_requests[:] = [self]
 
     def ignore(self) -> None:
-        """No longer even note them: the run is over, and Python's own end would let a late one kill it."""
+        """Ignore the signals: the run is over, and a late signal could end the process during the exit of Python."""
         for number in (signal.SIGTERM, signal.SIGUSR1):
             signal.signal(number, signal.SIG_IGN)
 
     def __call__(self) -> bool:
+        """Return whether a signal has arrived."""
         return self.signal is not None
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self.signal = signal.Signals(number)
 
 
-_stop_requests: list[StopRequest] = []  # the one that has a say in what follows
+_stop_requests: list[StopRequest] = []  # the current one
 _end: Callable[[], NoReturn] | None = None
 _interrupt: Callable[[], NoReturn] | None = None
 _in_library = False
@@ -61,9 +62,9 @@ _GRACE = 0.2  # seconds for the main thread to handle a signal itself
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGUSR1 end the run in this block at once, although a library does not return; nothing is saved.
+    """Context in which SIGTERM and SIGUSR1 end the run immediately, within calls of a library; nothing is saved.
 
-    The library must release Python's interpreter lock, as all do that are called by ctypes.
+    The library must release the interpreter lock of Python, as all libraries called by ctypes do.
     """
     global _in_library
     before, _in_library = _in_library, True
@@ -76,7 +77,7 @@ def ended_by_signals() -> Iterator[None]:
 
 
 def _watch() -> None:
-    """Start the thread that waits for signals, once."""
+    """Start the thread that waits for signals, if it is not running."""
     global _watcher
     if _watcher is None and threading.current_thread() is threading.main_thread():
         read_end, write_end = os.pipe()
@@ -87,7 +88,7 @@ def _watch() -> None:
 
 
 def _wait_for_signals(read_end: int) -> None:
-    signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # the main thread gets them, or puts them off
+    signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # signals go to the main thread
     while received := os.read(read_end, 1):
         time.sleep(_GRACE)
         if received[0] == signal.SIGINT:
@@ -103,20 +104,24 @@ _LAUNCHED = ("PMI_RANK", "PMI_ID", "PMIX_RANK", "OMPI_COMM_WORLD_RANK", "SLURM_P
 
 
 def note_while_starting() -> None:
-    """Note signals from now on, until it is known what this process is to do.
+    """Record signals until the command of this process is known.
 
-    A rank that ended now would leave the others waiting for it in MPI's own start, for ever.
+    If a rank ended during start-up, the others would wait for it forever in the start of MPI.
     """
     for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT):
         signal.signal(number, _note_start)
 
 
 def noted_while_starting() -> signal.Signals | None:
+    """First signal recorded by `note_while_starting`, or ``None``."""
     return signal.Signals(_noted[0]) if _noted else None
 
 
-def starting_is_over() -> None:
-    """End this process if it was asked to, unless it is a rank, which then agrees with the others (`launch`)."""
+def end_if_noted() -> None:
+    """End this process if a signal was recorded; not a rank of MPI, which agrees with the others (`launch`).
+
+    Later signals end the process immediately.
+    """
     if any(name in os.environ for name in _LAUNCHED) or signal.getsignal(signal.SIGTERM) is not _note_start:
         return
     for number in (signal.SIGTERM, signal.SIGUSR1):
@@ -130,7 +135,7 @@ def starting_is_over() -> None:
 
 
 def exit_code_of(number: int) -> int:
-    """What a process ends with that a signal has ended."""
+    """Exit code of a process that a signal has ended."""
     return 130 if number == signal.SIGINT else STOPPED
 
 
@@ -148,18 +153,18 @@ STOPPED = 75
 """exit code of a run that a signal has stopped (``EX_TEMPFAIL``)"""
 
 CLOSED_OUTPUT = 141
-"""exit code where the reader of a pipe has gone, as a shell gives it for SIGPIPE"""
+"""exit code if the reader of a pipe has ended, as in a shell for SIGPIPE"""
 
 
 def discard_output() -> None:
-    """Let what is printed from now on go nowhere, since nobody reads it: not even Python's end can then fail by it."""
+    """Redirect standard output to the null device, after its reader has ended: later output then cannot fail."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.__stdout__.fileno() if sys.__stdout__ else 1)
     os.close(nowhere)
 
 
 def end_on_interrupt(end: Callable[[], NoReturn]) -> None:
-    """Let Ctrl-C end the run by ``end``: a KeyboardInterrupt would get lost in PETSc, which calls back into Python."""
+    """Call ``end`` for Ctrl-C: a KeyboardInterrupt would be lost in Python functions called by PETSc."""
     global _interrupt
     _interrupt = end
     signal.signal(signal.SIGINT, lambda _number, _frame: end())
@@ -167,7 +172,7 @@ def end_on_interrupt(end: Callable[[], NoReturn]) -> None:
 
 @contextmanager
 def handlers_kept() -> Iterator[None]:
-    """Undo what a library does in this block to signals that Python handles, behind its back; they wait meanwhile."""
+    """Context in which signals wait, and after which the signal handlers of Python are restored."""
     handled = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, handled)
     try:

@@ -10,17 +10,17 @@ from contextlib import contextmanager
 from hpcinv.parallel.memory_use import Memory
 
 WORK = ("compile", "residual", "tangent", "factorization", "linear solve", "admissibility check", "evaluation")
-"""Phases that are kernels, PETSc and MPI, and the making of kernels; the rest of the wall time is overhead."""
+"""Phases in kernels, PETSc and MPI, and the compilation of kernels; the rest of the wall time is overhead."""
 
 
 class Timings:
-    """Seconds spent in named phases; phases may nest, an inner one's time is not counted in the outer one's.
+    """Seconds in named phases; phases may be nested, and the time of an inner phase is not part of the outer one.
 
-    Nor is its memory: that of a phase is what was there when it ended, or made way for an inner one.
+    The memory of a phase is the memory at its end, or at the beginning of an inner phase.
 
     Attributes:
-        seconds: by phase; what is done within `as_one` is all in the one phase that is named there.
-        within: what was done there, by phase.
+        seconds: by phase; all time within `as_one` is in the phase named there.
+        within: time within `as_one` by phase.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class Timings:
 
     @contextmanager
     def as_one(self, phase: str) -> Iterator[None]:
-        """A phase with all that is in it."""
+        """Context of a phase that includes the time of all inner phases."""
         with self(phase):
             before, self._absorbed = self._absorbed, True
             try:
@@ -45,6 +45,7 @@ class Timings:
 
     @contextmanager
     def __call__(self, phase: str) -> Iterator[None]:
+        """Context of a phase."""
         if self._absorbed:
             with _clock(phase, self.within, self._open_within):
                 yield
@@ -58,9 +59,9 @@ class Timings:
             self.memory.note(self._phases.pop())
 
     def move(self, source: str, target: str, seconds: float) -> None:
-        """Count seconds that were measured elsewhere, such as by PETSc's log, in a phase of their own.
+        """Move seconds that were measured separately, such as by the log of PETSc, from one phase to another.
 
-        Memory cannot be told apart like this: both have what the source has.
+        Memory cannot be separated: both phases have the memory of the source.
         """
         counted = self.within if self._absorbed else self.seconds
         counted[source] -= seconds
@@ -70,15 +71,16 @@ class Timings:
 
     @property
     def total(self) -> float:
+        """Wall time (s) since the start."""
         return time.perf_counter() - self.begin
 
 
 @contextmanager
 def _clock(phase: str, seconds: defaultdict[str, float], opened: list[float]) -> Iterator[None]:
-    """Count in a phase what passes meanwhile, but for what phases opened meanwhile count.
+    """Context whose time is added to a phase, without the time of inner phases.
 
     Args:
-        opened: for every phase that is open, what those within it have counted.
+        opened: time of the inner phases of each open phase.
     """
     started = time.perf_counter()
     opened.append(0.0)

@@ -1,4 +1,4 @@
-"""What material laws and effects have in common: quantities, regions and fibres that a scene must provide."""
+"""Base class of material laws, effects and fibres: their quantities, and the regions and fibres that they refer to."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from hpcinv.quantity.units import Dimension
 
 @dataclass(frozen=True)
 class Refers:
-    """Mark of a field that names something of the job."""
+    """Mark of a field that refers to a part of the job by name."""
 
     to: str
 
 
 Family = Annotated[Name, Refers("fibres")]
-"""Name of a family of fibres, from the job's section 'fibres'."""
+"""Name of a family of fibres in the section 'fibres' of the job."""
 Surface = Annotated[str, Refers("surface")]
 """Name of a region of the boundary."""
 
 
 class Ingredient(Spec):
-    """A law or an effect: its quantities are fields, which a scene reads, scaled, under the same names."""
+    """A law, an effect or a family of fibres; a scene has its quantities, scaled, by the same names."""
 
     example: ClassVar[dict[str, Any]]
-    """What a job file may say, complete and with plausible numbers."""
+    """Content of its section in a job file, complete and with plausible numbers."""
 
     def quantities(self) -> dict[str, tuple[Any, Dimension]]:
-        """Value and dimension of each quantity: a number (SI), a field (`Varying`), or a tuple of them."""
+        """Value and dimension of each quantity by name: a number (SI), a field (`Varying`), or a tuple of these."""
         return {name: (getattr(self, name), d) for name, d in quantities_of(type(self)).items()}
 
     def numbers(self) -> dict[Location, Number | str]:
-        """The numbers that its quantities are made of, by place, as ``("acceleration", 1)``; of no number, why not."""
+        """The numbers in its quantities by place, such as ``("acceleration", 1)``; for others the reason."""
         return {
             place: found if isinstance(found, str) else Number(found, dimension)
             for name, dimension in quantities_of(type(self)).items()
@@ -45,12 +45,12 @@ class Ingredient(Spec):
         }
 
     def with_number(self, place: Location, number: float) -> Self:
-        """The same with another number (SI) at one of the places of `numbers`, which need not be admissible."""
+        """A copy with another number (SI), which is not checked, at one of the places of `numbers`."""
         name, *rest = place
         return self.model_copy(update={str(name): with_scalar(getattr(self, str(name)), tuple(rest), number)})
 
     def rates(self, place: Location) -> dict[str, tuple[Any, Dimension]]:
-        """Derivatives (SI) of those `quantities` that change with the number at a place, and dimensions of these."""
+        """Nonzero derivatives (SI) of the `quantities` by the number at a place, and dimensions of the quantities."""
         number = self.numbers()[place]
         assert isinstance(number, Number)
         found = rate(lambda x: {n: v for n, (v, _) in self.with_number(place, x).quantities().items()}, number.value)
@@ -58,12 +58,12 @@ class Ingredient(Spec):
 
     @property
     def families(self) -> dict[str, str]:
-        """Families of fibres that it needs, and the field that names each."""
+        """Names of the families of fibres that it needs, with the field that contains each name."""
         return self._named("fibres")
 
     @property
     def surfaces(self) -> dict[str, str]:
-        """Regions of the boundary that it acts on, and the field that names each."""
+        """Names of the boundary regions that it acts on, with the field that contains each name."""
         return self._named("surface")
 
     def _named(self, kind: str) -> dict[str, str]:
@@ -77,6 +77,6 @@ class Ingredient(Spec):
 
 @cache
 def _references(kind: type[Ingredient]) -> Mapping[str, str]:
-    """The fields that name something of the job, with what they refer to."""
+    """Fields that refer to a part of the job by name, with the kind of part."""
     marks = {f: metadata_in(Refers, info.annotation, *info.metadata) for f, info in kind.model_fields.items()}
     return {field: mark.to for field, mark in marks.items() if mark is not None}

@@ -1,4 +1,4 @@
-"""Arithmetic of dimensions: what a formula measures, found by evaluating it on `Measure` in place of numbers."""
+"""Dimensional analysis: the dimension of a formula, found by evaluating it with `Measure` in place of numbers."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from hpcinv.quantity.units import Dimension
 
 
 class Condition:
-    """What a comparison gives; it takes part in no arithmetic."""
+    """Result of a comparison; it has no arithmetic."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """The dimension of a term, None where a plain number leaves it open; ``number`` if the term is a literal one."""
+    """Dimension of a term, ``None`` if plain numbers leave it undetermined; ``number`` is the value of a literal."""
 
     dimension: Dimension | None
     number: float | None = None
@@ -52,7 +52,7 @@ class Measure:
 
 
 def same(*terms: Measure) -> Measure:
-    """Terms that are added or compared; ``ValueError`` if their dimensions differ."""
+    """Common dimension of terms that are added or compared; ``ValueError`` if their dimensions differ."""
     known = [_measure(t).dimension for t in terms if _measure(t).dimension is not None]
     for dimension in known:
         if dimension != known[0]:
@@ -61,13 +61,14 @@ def same(*terms: Measure) -> Measure:
 
 
 def pure(argument: Measure) -> Measure:
-    """A function of a pure number; ``ValueError`` if it is given anything else."""
+    """Dimension of a function of a pure number; ``ValueError`` if the argument has a dimension."""
     if _measure(argument).dimension not in (None, Dimension()):
         raise ValueError(f"needs a pure number where it has {argument.dimension}")
     return Measure(Dimension())
 
 
 def square_root(argument: Measure) -> Measure:
+    """Dimension of a square root."""
     return _measure(argument) ** Measure(None, 0.5)
 
 

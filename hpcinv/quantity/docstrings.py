@@ -1,7 +1,7 @@
-"""What the fields of a class mean: the docstrings that follow them in its source, read when somebody asks for them.
+"""Docstrings of the fields of a class, read from its source on demand.
 
-Pydantic would read them whenever a class is made (``use_attribute_docstrings``): that was two fifths of the file system
-calls of a start, on every rank.
+Pydantic would read them whenever a class is defined (``use_attribute_docstrings``): that was two fifths of the file
+system calls at start-up, on every rank.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from typing import Any
 
 @cache
 def meanings(kind: type) -> Mapping[str, str]:
-    """By name, those of the bases too; none where the source is not at hand."""
+    """Docstrings of the fields by name, with those of base classes; empty if the source is not available."""
     inherited = {name: text for base in reversed(kind.__bases__) for name, text in meanings(base).items()}
     return inherited if kind.__module__ in _LIBRARIES else inherited | dict(_own(kind))
 
 
 def describe(schema: dict[str, Any], kind: type) -> None:
-    """Add to the JSON schema of a class what its keys mean, where they have no description yet."""
+    """Add the docstrings of the fields to the JSON schema of a class, where there is no description yet."""
     for key, text in meanings(kind).items():
         if key in schema.get("properties", {}):
             schema["properties"][key].setdefault("description", text)

@@ -1,4 +1,4 @@
-"""Formulas in job files, such as ``x < 1e-6 m`` or ``-k*y``: parsed and checked once, never executed as code."""
+"""Formulas in job files, such as ``x < 1e-6 m`` or ``-k*y``: parsed and checked once, and never executed as code."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import operator
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, reduce
 from types import MappingProxyType
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from hpcinv.quantity.schema import Location
 
 LET = "let"
-"""Section of a job with names for parts of its formulas, and its key in what the other sections are read with."""
-_LONGEST = 20_000  # characters: rules fitted to data have thousands, and the parser still takes milliseconds
-_DEEPEST = 200  # operations inside each other: what evaluates a formula calls itself for each
-_MANY = 32  # terms that are not added one after the other
-_SHOWN = 200  # characters of a formula that a message repeats
+"""Section of a job with names for parts of its formulas, and its key in the validation context."""
+_LONGEST = 20_000  # characters: fitted formulas have thousands, and the parser still takes milliseconds
+_DEEPEST = 200  # nested operations: evaluation is recursive
+_MANY = 32  # terms of a sum, above which they are added in pairs
+_SHOWN = 200  # characters of a formula in a message
 _NUMBER_AND_UNIT = re.compile(
     r"(?<![\w.])((?>(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?))\s*"
     r"((?!(?:and|or|not)\b)[^\W\d_]\w*|%|°)(?!\w*\s*\()(\s*(?:\^|\*\*))?"
@@ -59,16 +59,16 @@ _LOGIC: dict[type[ast.AST], str] = {
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula of numbers, units, named variables and the functions in ``FUNCTIONS``; equal if the text is.
+    """A formula of numbers, units, named variables and the functions in ``FUNCTIONS``; compared as text.
 
-    A number may carry one unit (``4.25 mm``); without one it is SI. Conditions are built with ``< <= > >= and or not``.
+    A number may have one unit (``4.25 mm``); without one it is SI. Conditions are built with ``< <= > >= and or not``.
 
     Args:
-        definitions: names in it that stand for other formulas, and what they stand for: each after those that it
-            uses itself. Each is evaluated once, however often it occurs.
+        definitions: names in the formula that are defined by other formulas, with these: each after the names that it
+            uses. Each is evaluated once, however often it occurs.
 
     Raises:
-        ValueError: the text is no formula; the message says why.
+        ValueError: the text is not a formula; the message is the reason.
     """
 
     source: str
@@ -79,13 +79,11 @@ class Expression:
         for name, text in (*self.definitions, ("", self.source)):
             depths[name] = _depth(_parse(text)[0], depths)
         if depths[""] > _DEEPEST:
-            raise ValueError(
-                f"{_quoted(self.source)} has more than {_DEEPEST} operations inside each other; write it in parts"
-            )
+            raise ValueError(f"{_quoted(self.source)} has more than {_DEEPEST} nested operations; write it in parts")
 
     @classmethod
     def using(cls, source: str, known: Mapping[str, Expression]) -> Expression:
-        """A formula that may use the names of others, which have their own definitions."""
+        """A formula that may use the names of ``known`` formulas, with their definitions."""
         definitions: dict[str, str] = {}
         for name in sorted(_names(source) & known.keys()):
             definitions |= dict(known[name].definitions)
@@ -97,7 +95,7 @@ class Expression:
 
     @property
     def whole(self) -> str:
-        """The formula and the definitions that it uses: equal texts are equal formulas."""
+        """The formula with the definitions that it uses; equal texts are equal formulas."""
         given = "; ".join(f"{name} = {text}" for name, text in self.definitions)
         return f"{self.source} where {given}" if given else self.source
 
@@ -108,13 +106,13 @@ class Expression:
         return frozenset().union(*map(_names, texts)) - {name for name, _ in self.definitions}
 
     def check(self, known: dict[str, Dimension | None]) -> Dimension | bool | None:
-        """Dimension of the value, True for a condition, None where a plain number leaves it open.
+        """Dimension of the value, True for a condition, None if plain numbers leave it undetermined.
 
         Args:
-            known: variables and their dimension, None for one that may have any.
+            known: variables and their dimension, None for any dimension.
 
         Raises:
-            ValueError: another variable occurs, or quantities of different dimension are added or compared.
+            ValueError: the formula has an unknown variable, or adds or compares quantities of different dimensions.
         """
         defined: list[str] = []
         for name, text in (*self.definitions, ("", self.source)):
@@ -131,7 +129,7 @@ class Expression:
             own = measures | {literal: Measure(dimension) for literal, (_, dimension) in literals.items()}
             try:
                 measures[name] = _walk(tree, own, functions, lambda number: Measure(None, number))
-            except TypeError:  # a condition where a number belongs, or the other way round
+            except TypeError:  # a condition in place of a number, or the reverse
                 raise ValueError(f"{_quoted(text)}{place} mixes up conditions and numbers") from None
             except ValueError as error:
                 raise ValueError(f"{_quoted(text)}{place} {error}") from None
@@ -139,7 +137,7 @@ class Expression:
         return True if isinstance(value, Condition) else value.dimension
 
     def expect(self, known: dict[str, Dimension | None], wanted: Dimension | bool | None) -> None:
-        """Raise ``ValueError`` unless the value is as ``wanted``, in the terms of `check`; None takes any number."""
+        """Raise ``ValueError`` unless `check` returns ``wanted``; None accepts any number."""
         found = self.check(known)
         is_open = found is None or wanted is None
         if found != wanted and (not is_open or True in (found, wanted)):
@@ -156,8 +154,8 @@ class Expression:
 
         Args:
             values: of the variables.
-            functions: those of ``FUNCTIONS`` by name, and the relations by their NumPy names, such as ``less``.
-            number: makes a number of that algebra.
+            functions: the ``FUNCTIONS`` by name, and the relations by their NumPy names, such as ``less``.
+            number: converts a number to that algebra.
         """
         found: dict[str, Any] = {name: number(constant) for name, constant in CONSTANTS.items()} | dict(values)
         for name, text in (*self.definitions, ("", self.source)):
@@ -167,9 +165,9 @@ class Expression:
         return found[""]
 
     def evaluate(self, **values: np.ndarray | float) -> np.ndarray:
-        """Value at many points at once, shaped as ``values`` broadcast together: floats, or bools for a condition.
+        """Values at many points, of the common shape of ``values``: floats, or bools for a condition.
 
-        Where the formula has no finite value it gives NaN or infinity: that one rank meets one must not stop it alone.
+        Values that are not finite are NaN or infinity, never an exception: that would stop one rank alone.
         """
         import numpy as np
 
@@ -204,20 +202,20 @@ class Expression:
 
 
 def definitions_in(info: ValidationInfo) -> Mapping[str, Expression]:
-    """The section 'let' of the job that is being read."""
+    """Definitions of the section 'let' in the validation context."""
     found: Mapping[str, Expression] = (info.context or {}).get(LET, {})
     return found
 
 
 def with_definitions(info: SerializationInfo) -> bool:
-    """Whether formulas are written with the definitions that they use, as what tells two jobs apart needs them."""
+    """True if formulas are written with the definitions that they use, as for the comparison of jobs."""
     return bool((info.context or {}).get(LET))
 
 
 def faults(
     formulas: Iterable[tuple[Location, Expression]], known: dict[str, Dimension | None], wanted: Dimension | bool | None
 ) -> Iterator[tuple[Location, str]]:
-    """Place and reason of each formula that is not as `Expression.expect` wants it."""
+    """Place of each formula that does not satisfy `Expression.expect`, and the reason."""
     for where, formula in formulas:
         try:
             formula.expect(known, wanted)
@@ -232,22 +230,19 @@ def faults_with_constants(
     known: dict[str, Dimension | None],
     wanted: Dimension | None,
 ) -> list[tuple[Location, str]]:
-    """As `faults`, of the entries of a list ``field`` that may use the names in a field ``constants``."""
+    """`faults` of the entries of a list ``field`` that may use the names in a field ``constants``."""
     entries = [((field, i), f) for i, f in enumerate(formulas) if f is not None]
     defined = {name for _, formula in entries for name, _ in formula.definitions}
     taken = sorted({*known, *CONSTANTS, *defined} & set(constants))
     if taken:
-        return [(("constants", name), f"is already the name of {_owner(name, defined)}") for name in taken]
+        owner = {name: f"a formula (let.{name})" for name in defined}
+        return [(("constants", n), f"is already the name of {owner.get(n, 'something else')}") for n in taken]
     return list(faults(entries, known | dict.fromkeys(constants), wanted))
-
-
-def _owner(name: str, defined: Set[str]) -> str:
-    return f"a formula (let.{name})" if name in defined else "something else"
 
 
 @cache
 def _names(source: str) -> frozenset[str]:
-    """The variables in a formula, whatever they stand for."""
+    """Variables and defined names in a formula."""
     tree, literals = _parse(source)
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called}
@@ -256,7 +251,7 @@ def _names(source: str) -> frozenset[str]:
 
 @cache
 def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
-    """Syntax tree, and value and dimension of the numbers with units in it, which it holds as names."""
+    """Syntax tree, and value and dimension of the numbers with units, which the tree contains as names."""
     if len(source) > _LONGEST:
         raise ValueError(f"a formula may have {_LONGEST} characters, not {len(source)}")
     literals: dict[str, tuple[float, Dimension]] = {}
@@ -282,17 +277,17 @@ def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
     except (SyntaxError, ValueError):
         raise ValueError(f"{_quoted(source)} is not a formula") from None
     if _depth(tree) > _DEEPEST:
-        raise ValueError(f"{_quoted(source)} has more than {_DEEPEST} operations inside each other; write it in parts")
+        raise ValueError(f"{_quoted(source)} has more than {_DEEPEST} nested operations; write it in parts")
     for node in ast.walk(tree):
         _refuse_unless_known(node, source, literals)
     return tree, literals
 
 
 def _depth(tree: ast.expr, of_names: Mapping[str, int] = MappingProxyType({})) -> int:
-    """Levels of a syntax tree, found without recursion; a sum of many terms is one.
+    """Depth of a syntax tree, found without recursion; a sum of any number of terms counts as one level.
 
     Args:
-        of_names: levels of what names stand for.
+        of_names: depths of defined names.
     """
     deepest, depth, level = 0, 0, [tree]
     while level:
@@ -314,7 +309,7 @@ def _is_sum(node: ast.AST) -> TypeGuard[ast.BinOp]:
 
 
 def _terms(node: ast.BinOp) -> list[tuple[bool, ast.expr]]:
-    """The terms of ``a + b - c`` in order, and whether each is added."""
+    """Terms of ``a + b - c`` in order, with True for those that are added."""
     first: ast.expr = node
     terms = []
     while _is_sum(first):
@@ -324,7 +319,7 @@ def _terms(node: ast.BinOp) -> list[tuple[bool, ast.expr]]:
 
 
 def _sum(terms: list[tuple[bool, Any]]) -> Any:
-    """Their sum; many are added in pairs first, so that what comes of them is not as deep as there are terms."""
+    """Sum of terms; many terms are added in pairs, so that the depth of the result is logarithmic in their number."""
     while len(terms) > _MANY:
         pairs = zip(terms[::2], terms[1::2], strict=False)
         odd = terms[-1:] if len(terms) % 2 else []
@@ -336,7 +331,7 @@ def _sum(terms: list[tuple[bool, Any]]) -> Any:
 
 
 def _quoted(source: str) -> str:
-    """A formula as a message repeats it."""
+    """A formula in quotes for a message, shortened if it is long."""
     return f"'{source}'" if len(source) <= _SHOWN else f"'{source[: _SHOWN - 23]} … {source[-20:]}'"
 
 

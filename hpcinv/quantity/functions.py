@@ -1,4 +1,4 @@
-"""The functions and constants that formulas in job files know."""
+"""Functions and constants of formulas in job files."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ CONSTANTS = {"pi": math.pi}
 
 @dataclass(frozen=True)
 class Function:
-    """A function that formulas may call.
+    """A function in formulas.
 
     Args:
-        meaning: its value, for users.
-        ufunc: its name in NumPy; functions of many arguments are reductions of it.
-        measure: the dimension of its value from those of its arguments.
-        arguments: their number; None means two or more.
+        meaning: description for users.
+        ufunc: name in NumPy; functions of two or more arguments are reductions of it.
+        measure: dimension of the value from the dimensions of the arguments.
+        arguments: number of arguments; None for two or more.
     """
 
     meaning: str
@@ -61,7 +61,7 @@ FUNCTIONS = {
 
 @cache
 def numpy_functions() -> dict[str, Callable[..., Any]]:
-    """Every function of formulas, and the relations, on arrays."""
+    """All functions and relations of formulas, on NumPy arrays."""
     import numpy as np
 
     def named(f: Function) -> Callable[..., Any]:

@@ -19,13 +19,13 @@ type Part = str | int | None
 
 @cache
 def parse_key(text: str) -> tuple[Part, ...]:
-    """Names, numbers in brackets, and ``None`` for ``[]``: all entries of a list.
+    """Parts of a key: names, numbers in brackets, and ``None`` for ``[]`` (all entries of a list).
 
     Raises:
-        ValueError: it is no key.
+        ValueError: the text is not a key.
     """
     if _KEY.fullmatch(text) is None:
-        raise ValueError(f"{shown(text)} is no key; write one such as mesh.parameters.size or effects[0].density")
+        raise ValueError(f"{shown(text)} is not a key; write one such as mesh.parameters.size or effects[0].density")
     parts = re.findall(rf"({_NAME})|\[(\d*)\]", text)
     return tuple(name or (int(number) if number else None) for name, number in parts)
 
@@ -37,7 +37,7 @@ def _is_key(text: str) -> str:
 
 def _is_key_of_a_job(text: str) -> str:
     if None in parse_key(text):
-        raise ValueError(f"{shown(text)} names no one place in a job: put a number between the brackets")
+        raise ValueError(f"{shown(text)} is not one place in a job: put a number between the brackets")
     return text
 
 
@@ -46,12 +46,12 @@ JobKey = Annotated[str, AfterValidator(_is_key_of_a_job)]
 
 
 def assigned(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """A job's data with values at the keys of ``settings``; sections that are not there are made.
+    """Copy of a job's data with values at the keys of ``settings``; missing sections are added.
 
-    What changes is new, and what does not is shared: ``data`` stays as it is.
+    Unchanged parts are shared with ``data``, which is not modified.
 
     Raises:
-        ValueError: a key leads through something that is no section, or beyond the end of a list.
+        ValueError: a key leads through a value that is not a section, or beyond the end of a list.
     """
     changed: Any = dict(data)
     for key, value in settings.items():
@@ -64,22 +64,22 @@ def assigned(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, 
 
 
 def _with(place: Any, parts: tuple[Part, ...], value: Any) -> Any:
-    """A section or list with another value at a key below it."""
+    """Copy of a section or list with another value at a key below it."""
     if not parts:
         return value
     part, rest = parts[0], parts[1:]
     if isinstance(part, int):
         if not isinstance(place, list) or part >= len(place):
-            count = f"a list of {len(place)}" if isinstance(place, list) else "no list"
-            raise ValueError(f"[{part}] is taken of {count}")
+            count = f"a list of {len(place)}" if isinstance(place, list) else "a value that is not a list"
+            raise ValueError(f"[{part}] is not an entry of {count}")
         return [*place[:part], _with(place[part], rest, value), *place[part + 1 :]]
     if not isinstance(place, dict):
-        raise ValueError(f"what comes before '{part}' in the job is {shown(place)}")
+        raise ValueError(f"'{part}' cannot be set in {shown(place)}, which is not a section")
     return {**place, part: _with(place.get(part, {}), rest, value)}
 
 
 def look_up(summary: Any, key: str) -> float | None:
-    """The number at a key; with ``[]`` the sum over the entries that have one. ``None`` where there is no number."""
+    """Number at a key, with ``[]`` the sum over the entries that have one; ``None`` if there is no number."""
     return _number(summary, parse_key(key))
 
 

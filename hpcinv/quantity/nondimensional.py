@@ -1,11 +1,11 @@
-"""The scales in which a problem is solved, so that its units change neither the answer nor the iteration count."""
+"""Scales of the dimensionless problem, which make results and iteration counts independent of units."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from hpcinv.quantity.quantity import Dimension
+from hpcinv.quantity.units import Dimension
 
 
 @dataclass(frozen=True)
@@ -26,5 +26,5 @@ class Scales:
 
 
 def power_of_two(value: float) -> float:
-    """The power of two nearest to a positive value."""
+    """Nearest power of two of a positive value."""
     return 2.0 ** round(math.log2(value))

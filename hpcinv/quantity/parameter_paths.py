@@ -1,4 +1,4 @@
-"""The single numbers that quantities of laws and effects are made of: where they are, and what follows from one."""
+"""Numbers in the quantities of laws and effects: their places, replacement, and derivatives by them."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hpcinv.quantity.dimensioned import Measured
+from hpcinv.quantity.quantity import Measured
 from hpcinv.quantity.schema import Location
 from hpcinv.quantity.spatial_fields import VARYING, ByFormula, ByRegion
 from hpcinv.quantity.units import Dimension
 
 POINTS = (-2, -1, 1, 2)
-"""Places of `central_difference`, in steps."""
-_STEP = 2.0**-12  # relative: the fourth power of it is below rounding
+"""Points of `central_difference`, in steps."""
+_STEP = 2.0**-12  # relative; its fourth power is below rounding
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number in SI and its dimension, ``None`` where only its use tells that."""
+    """A number in SI and its dimension, ``None`` if that depends on its use in a formula."""
 
     value: float
     dimension: Dimension | None
 
 
 def scalars(value: Any, place: Location) -> Iterator[tuple[Location, float | str]]:
-    """Every number of a quantity (SI) and its place; of what is no finite number, what it is instead."""
+    """Place and value (SI) of every number in a quantity; for other values a description as text."""
     match value:
         case None:
             return
@@ -37,13 +37,13 @@ def scalars(value: Any, place: Location) -> Iterator[tuple[Location, float | str
             for region, entry in value.values.items():
                 yield (*place, region), entry
         case _ if isinstance(value, VARYING):
-            yield place, f"varies over the body ({value.plain()}), and is no number"
+            yield place, f"varies over the body ({value.plain()}), and is not a number"
         case _:
             yield place, float(value) if math.isfinite(value) else "is infinite"
 
 
 def with_scalar(value: Any, place: Location, number: float) -> Any:
-    """A quantity with another number at a place in it."""
+    """Copy of a quantity with another number at a place in it."""
     if not place:
         return replace(value, value=number) if isinstance(value, Measured) else number
     here, rest = place[0], place[1:]
@@ -57,11 +57,10 @@ def with_scalar(value: Any, place: Location, number: float) -> Any:
 
 
 def rate(of: Callable[[float], Any], at: float) -> Any:
-    """Derivative of quantities by a number they are made of, of the form that they have: 1 where they are the number.
+    """Derivative of quantities ``of(number)``, in the same structure; for a formula, derivatives of its constants.
 
-    A formula has those of its constants.
-
-    By central differences of fourth order: exact where the dependence is linear, to about 1e-12 elsewhere.
+    By central differences of fourth order: exact (0 or 1) for a constant or the number itself, otherwise to about
+    1e-12.
     """
     step = step_at(at)
     points = [at + k * step for k in POINTS]
@@ -69,12 +68,12 @@ def rate(of: Callable[[float], Any], at: float) -> Any:
 
 
 def step_at(number: float) -> float:
-    """For the differences that derivatives by a number are taken from."""
+    """Step of the central differences at a number."""
     return _STEP * abs(number) or _STEP
 
 
 def central_difference(values: Iterable[Any], step: float) -> Any:
-    """Derivative, of fourth order, of numbers or arrays that are known at `POINTS`."""
+    """Derivative of fourth order from the values (numbers or arrays) at `POINTS`."""
     a, b, c, d = values
     return (a - 8 * b + 8 * c - d) / (12 * step)
 
@@ -98,7 +97,7 @@ def _rate(points: list[float], values: list[Any], step: float) -> Any:
 
 
 def vanishes(found: Any) -> bool:
-    """Whether a rate is zero throughout."""
+    """Return whether a result of `rate` is zero everywhere."""
     match found:
         case tuple():
             return all(map(vanishes, found))

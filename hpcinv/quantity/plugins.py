@@ -1,4 +1,4 @@
-"""Laws and effects from outside the package: installed ones, by entry points, and Python files that a job names."""
+"""Laws and effects from outside the package: installed packages (entry points) and Python files named by a job."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from hpcinv.errors import JobError
 from hpcinv.files.names import is_file
 
 GROUP = "hpcinv.plugins"
-_PREFIX = "hpcinv_plugin_"  # of the names of modules that are files named by a job
+_PREFIX = "hpcinv_plugin_"  # of module names of files named by a job
 
 
 @cache
 def load_installed() -> None:
-    """Import what installed packages offer under the entry point group ``hpcinv.plugins``.
+    """Import all entry points of the group ``hpcinv.plugins``.
 
     Raises:
         JobError: one of them cannot be imported.
@@ -34,10 +34,10 @@ def load_installed() -> None:
 
 
 def load_file(path: Path) -> None:
-    """Import a Python file, so that the laws and effects in it are registered; once, however often it is asked for.
+    """Import a Python file, which registers its laws and effects; a file is imported only once.
 
     Raises:
-        ValueError: with the reason and its line, whatever went wrong.
+        ValueError: the import failed; with the reason and the line.
     """
     if not is_file(path):
         raise ValueError(f"there is no file '{path}'. Paths start from the directory of the job file")
@@ -47,23 +47,20 @@ def load_file(path: Path) -> None:
         return
     spec = importlib.util.spec_from_file_location(name, path)
     if path.suffix != ".py" or spec is None or spec.loader is None:
-        raise ValueError(f"'{path.name}' is no Python file")
+        raise ValueError(f"'{path.name}' is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except BaseException as error:  # whatever the user's own code raises, KeyboardInterrupt and GeneratorExit too
+    except BaseException as error:  # user code may raise anything, KeyboardInterrupt and GeneratorExit too
         del sys.modules[name]
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-        where = f" (line {lines[-1]})" if lines else ""  # a syntax error tells its line itself
+        where = f" (line {lines[-1]})" if lines else ""  # a syntax error contains its line
         raise ValueError(f"'{path}' cannot be imported: {type(error).__name__}: {error}{where}") from error
 
 
 def fault_of_plugin(error: BaseException) -> str | None:
-    """What an error says that came out of a file loaded by `load_file`, with its line; None if it came from elsewhere.
-
-    The file is the last one in the traceback.
-    """
+    """Message of an error raised in a file loaded by `load_file`, with file and line; None for other errors."""
     frames = (
         (frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)

@@ -1,7 +1,7 @@
 """Numbers with units: ``963 kg/m^3`` in a job file becomes an SI float, and a wrong dimension an error.
 
 Plain numbers are SI. Conversion is exact up to one final rounding, so ``8.5 mm`` and ``8.5e-3`` are the same float.
-The dimension of a model's field stays readable (`dimension_of`), since the solver scales its unknowns with it.
+The dimensions of a model's fields (`quantities_of`) define their scaling in the dimensionless problem.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 from pydantic_core import core_schema
 
 from hpcinv.quantity.schema import metadata_in
-from hpcinv.quantity.units import NUMBER, as_float, parse_quantity, parse_unit
-from hpcinv.quantity.units import Dimension as Dimension  # part of this module's interface
+from hpcinv.quantity.units import BASE, NUMBER, Dimension, as_float, parse_quantity, parse_unit
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -25,13 +24,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a field of a job expects, as metadata of an ``Annotated[float, …]``.
+    """Dimension and bounds of a field of a job, as metadata of an ``Annotated[float, …]``.
 
     Args:
-        unit: the SI unit that a plain number is taken in; None takes a quantity of any dimension.
-        infinite: a word that stands for infinity, where that has a meaning.
+        unit: SI unit of plain numbers; None accepts quantities of any dimension.
+        infinite: word for infinity, if an infinite value is allowed.
         above, at_least, at_most: bounds of the value, in SI.
-        remedy: what else to write where a value is out of bounds.
+        remedy: advice for values out of bounds.
     """
 
     unit: str | None
@@ -46,7 +45,7 @@ class Quantity:
         return None if self.unit is None else parse_unit(self.unit)[1]
 
     def parse(self, value: object) -> float:
-        """SI value of a number or of text with a unit; ``ValueError`` if it is neither or of another dimension."""
+        """SI value of a number or of text with a unit; ``ValueError`` for a wrong type, dimension or bound."""
         if self.infinite and value == self.infinite:
             return math.inf
         if isinstance(value, str):
@@ -64,12 +63,12 @@ class Quantity:
         return number
 
     def admits(self, number: float) -> bool:
-        """Whether a value (SI) lies within the bounds."""
+        """Return whether a value (SI) is within the bounds."""
         return self.above < number and self.at_least <= number <= self.at_most
 
     @property
     def bounds(self) -> str:
-        """The bounds in words, such as ``at least 0 and at most 0.5``."""
+        """The bounds as text, such as ``at least 0 and at most 0.5``."""
         limits = (("above", self.above), ("at least", self.at_least), ("at most", self.at_most))
         return " and ".join(f"{relation} {limit:g}" for relation, limit in limits if math.isfinite(limit))
 
@@ -95,6 +94,37 @@ class Quantity:
         return {"anyOf": choices, "examples": [f"1 {self.unit}"] if self.unit else [1]}
 
 
+@dataclass(frozen=True)
+class Measured:
+    """Value in SI and its dimension."""
+
+    value: float
+    dimension: Dimension
+
+    def plain(self) -> float | str:
+        """The value as it can be written in a job file."""
+        powers = [f"{unit}^{n}" for unit, n in zip(BASE, self.dimension, strict=False) if n]
+        return " ".join([repr(self.value), *powers]) if powers else self.value
+
+
+@dataclass(frozen=True)
+class MeasuredQuantity(Quantity):
+    """Metadata of a field that takes a quantity of any dimension; a plain number is dimensionless."""
+
+    unit: str | None = None
+
+    def measure(self, value: object) -> Measured:
+        """Value and dimension; ``ValueError`` if ``value`` is neither a number nor text with a unit."""
+        if isinstance(value, Measured):
+            return value
+        dimension = parse_quantity(value)[1] if isinstance(value, str) else Dimension()
+        return Measured(self.parse(value), dimension)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        plain = core_schema.plain_serializer_function_ser_schema(Measured.plain, when_used="json")
+        return core_schema.no_info_plain_validator_function(self.measure, serialization=plain)
+
+
 Length = Annotated[float, Quantity("m")]
 Area = Annotated[float, Quantity("m^2")]
 Volume = Annotated[float, Quantity("m^3")]
@@ -108,22 +138,24 @@ Force = Annotated[float, Quantity("N")]
 Stress = Annotated[float, Quantity("Pa")]
 BulkStress = Annotated[float, Quantity("Pa", infinite="incompressible")]
 Dimensionless = Annotated[float, Quantity("")]
-Size = Annotated[float, Quantity("m", above=0.0)]  # of the cells that a mesh generator makes: halved in a finer mesh
+Size = Annotated[float, Quantity("m", above=0.0)]  # cell size in a mesh generator; halved for a finer mesh
 AnyQuantity = Annotated[float, Quantity(None)]
 
-Divisions = int  # number of cells along an edge, for mesh generators: doubled in a finer mesh
+Divisions = int  # number of cells along an edge in a mesh generator; doubled for a finer mesh
 
 QUANTITIES: dict[str, Quantity] = {
     name: get_args(kind)[1]
     for name, kind in dict(globals()).items()
     if get_args(kind)[1:] and isinstance(get_args(kind)[1], Quantity)
 }
-"""Quantity types by the name under which a mesh generator may annotate its parameters."""
+"""Quantity types by their names in annotations of mesh generators."""
+
+AnyMeasured = Annotated[Measured, MeasuredQuantity()]  # not for mesh generators
 
 
 @cache
 def quantities_of(model: type[BaseModel]) -> Mapping[str, Dimension]:
-    """Dimension of every field of ``model`` that is a quantity, or a tuple of them."""
+    """Dimensions of the fields of ``model`` that are quantities, or tuples of quantities."""
     found = {
         name: metadata_in(Quantity, field.annotation, *field.metadata) for name, field in model.model_fields.items()
     }
@@ -131,7 +163,7 @@ def quantities_of(model: type[BaseModel]) -> Mapping[str, Dimension]:
 
 
 def quantity_of(model: type[BaseModel], field: str) -> Quantity:
-    """What a field expects; ``KeyError`` if it is no quantity."""
+    """Metadata of a field; ``KeyError`` if it is not a quantity."""
     info = model.model_fields[field]
     found = metadata_in(Quantity, info.annotation, *info.metadata)
     if found is None:
@@ -139,6 +171,13 @@ def quantity_of(model: type[BaseModel], field: str) -> Quantity:
     return found
 
 
-def dimension_of(model: type[BaseModel], field: str) -> Dimension:
-    """Dimension of one field, of its entries where it is a tuple; ``KeyError`` if it is no quantity."""
-    return quantities_of(model)[field]
+def positive(value: object, dimension: Dimension | None, owner: str) -> float:
+    """Positive value (SI) of the dimension of ``owner``, if that is known; plain numbers are SI.
+
+    Raises:
+        ValueError: the value is not positive, or of another dimension.
+    """
+    number = Quantity(None, above=0.0).parse(value)
+    if isinstance(value, str) and dimension is not None and (found := parse_quantity(value)[1]) != dimension:
+        raise ValueError(f"must be {dimension}, as {owner} is, but '{value}' is {found}")
+    return number

@@ -1,4 +1,4 @@
-"""What every part of a job file is built on: strict immutable specs, families of them, and errors in plain words."""
+"""Base classes of the parts of a job file: strict immutable models, families of models, and readable errors."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ Triple = Annotated[tuple[T, T, T], Field(strict=False)]
 
 def _is_identifier(name: str) -> str:
     if re.fullmatch(r"[A-Za-z_][\w-]*", name) is None:
-        raise ValueError(f"{shown(name)} is no name: use letters, digits, _ and -, beginning with a letter")
+        raise ValueError(f"{shown(name)} is not a name: use letters, digits, _ and -, beginning with a letter")
     return name
 
 
 Name = Annotated[str, AfterValidator(_is_identifier)]
 FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,99}$")]
-"""A name of results that is a directory's too: one in another place ('..', slashes) cannot be meant by it."""
+"""Name of results and of their directory; it cannot lead to another place ('..', slashes)."""
 
 
 class Problems(ValueError):
-    """Faults found by one validator, each at its own place below the validated value."""
+    """Faults found by one validator, each with its place below the validated value."""
 
     def __init__(self, *found: tuple[Location, str]) -> None:
         super().__init__("; ".join(text for _, text in found))
@@ -57,13 +57,13 @@ class Problems(ValueError):
 
 
 def raise_if_any(found: Iterable[tuple[Location, str]]) -> None:
-    """Raise `Problems` unless there are none."""
+    """Raise `Problems` if there are any."""
     if problems := tuple(found):
         raise Problems(*problems)
 
 
 def repeated(names: Sequence[str]) -> Iterator[int]:
-    """Places of the names that occur before."""
+    """Indices of the names that occur earlier in the sequence."""
     seen: set[str] = set()
     for i, name in enumerate(names):
         if name in seen:
@@ -72,7 +72,7 @@ def repeated(names: Sequence[str]) -> Iterator[int]:
 
 
 class Spec(BaseModel):
-    """A part of a job: immutable, without unknown keys, and strict about types (text is no number, nor is true)."""
+    """A part of a job: immutable, without unknown keys, and with strict types (text and true are not numbers)."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -84,22 +84,22 @@ class Spec(BaseModel):
 
     @classmethod
     def known_keys(cls) -> tuple[str, ...]:
-        """Every key that this part of a job may have."""
+        """All keys that this part of a job may have."""
         return tuple(cls.model_fields)
 
     @classmethod
     def __get_pydantic_json_schema__(
         cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """With what the keys mean."""
+        """JSON schema with the descriptions of the keys."""
         found = handler(schema)
         describe(handler.resolve_ref_schema(found), cls)
         return found
 
     @model_validator(mode="wrap")
     @classmethod
-    def _in_plain_words(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        """Reword errors while it is known which keys a part has, and what they mean."""
+    def _reword_errors(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Reword errors here, where the keys of the part and their descriptions are known."""
         try:
             return handler(data)
         except ValidationError as error:
@@ -111,18 +111,17 @@ class Spec(BaseModel):
 
 
 class OneOf:
-    """Annotation of a field that holds one member of a family of specs, told apart by the literal field ``tag``.
+    """Annotation of a field for one member of a family of specs, selected by the literal field ``tag``.
 
-    The family is the annotated type, unless it is given.
-
-    Members are looked up when a value is validated, so that defining a subclass is all it takes to register one.
+    The family is the annotated type, unless it is given. Members are looked up when a value is validated: defining a
+    subclass registers it.
     """
 
     def __init__(self, tag: str, family: Any = None) -> None:
         self.tag, self.family = tag, family
 
     def choose(self, data: Any, info: core_schema.ValidationInfo[Any]) -> Any:
-        """The member that ``data`` describes."""
+        """Validated member for ``data``."""
         family = self.family
         if isinstance(data, family):
             return data
@@ -151,10 +150,10 @@ class OneOf:
 
 
 def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
-    """Concrete subclasses of ``family`` by the one value of their literal field ``tag``; sorted by name.
+    """Concrete subclasses of ``family`` by the value of their literal field ``tag``, sorted.
 
     Raises:
-        ValueError: two of them have the same name.
+        ValueError: two subclasses have the same value.
     """
     members: dict[str, type[Spec]] = {}
     pending = family.__subclasses__()
@@ -170,7 +169,7 @@ def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
 
 
 def _file_of(kind: type[Any]) -> str:
-    """Where a class is defined."""
+    """File or module in which a class is defined."""
     return getattr(sys.modules.get(kind.__module__), "__file__", None) or kind.__module__
 
 
@@ -185,7 +184,7 @@ def metadata_in[M](kind: type[M], *annotations: Any) -> M | None:
 
 
 def import_modules(package: str, path: Iterable[str]) -> None:
-    """Import every module of a package, so that the classes in it are registered."""
+    """Import all modules of a package, which registers their classes."""
     for module in pkgutil.iter_modules(path):
         importlib.import_module(f"{package}.{module.name}")
 
@@ -196,7 +195,7 @@ def at(location: Location) -> str:
 
 
 def shown(value: object) -> str:
-    """A wrong value as a message repeats it."""
+    """A value for a message, shortened if it is long."""
     text = "nothing" if value is None else repr(value) if isinstance(value, str) else str(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -204,12 +203,12 @@ def shown(value: object) -> str:
 _PLAIN = "plain"  # the type of errors that have been reworded
 
 
-_MOST_PROBLEMS = 50  # of one file: nobody reads more
-_LONGEST_PROBLEM = 1000  # characters of one, which may repeat a long formula
+_MOST_PROBLEMS = 50  # of one file in an error message
+_LONGEST_PROBLEM = 1000  # characters of one message
 
 
 def job_error(path: Path, error: ValidationError, spec: type[Spec]) -> JobError:
-    """What is wrong with a file that holds a ``spec``: a line for each problem, the first 50."""
+    """Error for a file whose content is not a valid ``spec``: a line for each of the first 50 problems."""
     problems = problems_in(error, spec)
     lines = [f"{path}: {at(where)}: {what}" for where, what in problems[:_MOST_PROBLEMS]]
     if (more := len(problems) - _MOST_PROBLEMS) > 0:
@@ -218,9 +217,9 @@ def job_error(path: Path, error: ValidationError, spec: type[Spec]) -> JobError:
 
 
 def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[tuple[Location, str]]:
-    """Every error in words of the job file; ``spec`` is the model whose keys the locations begin with.
+    """Location and message of all errors; ``spec`` is the model whose keys the locations begin with.
 
-    From the 51st on, the words are left out: to find them takes time.
+    Messages are left empty from the 51st error on, to save time.
     """
     found: list[tuple[Location, str]] = []
     for line in error.errors(include_url=False):
@@ -234,7 +233,7 @@ def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[
 
 
 def _shortened(text: str) -> str:
-    """A message without the middle of what it repeats, where that is very long."""
+    """A message without its middle part if it is very long."""
     half = _LONGEST_PROBLEM // 2
     return text if len(text) <= _LONGEST_PROBLEM else f"{text[:half]} [...] {text[-half:]}"
 
@@ -249,7 +248,7 @@ def _reworded(line: ErrorDetails, spec: type[Spec] | None) -> str:
     return f"{text}: {meaning}" if meaning and line["type"] in _EXPLAINED else text
 
 
-_EXPLAINED = ("missing", "string_pattern_mismatch")  # errors that the meaning of the key explains
+_EXPLAINED = ("missing", "string_pattern_mismatch")  # errors shown with the description of the key
 
 
 def _must_be(kind: str) -> Callable[[ErrorDetails], str]:

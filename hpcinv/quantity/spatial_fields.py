@@ -1,6 +1,6 @@
-"""Quantities that may vary over the body: one number, one for each region, a formula of position, or mesh data.
+"""Quantities that may vary over the body: one number, a number for each region, a formula, or mesh data.
 
-A formula knows the reference position ``X, Y, Z`` and the current position ``x, y, z``, whichever of them the mesh is.
+Formulas can use the reference position ``X, Y, Z`` and the current position ``x, y, z``, in both analyses.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ POSITIONS: dict[str, Dimension | None] = dict.fromkeys("XYZxyz", Dimension(lengt
 
 @dataclass(frozen=True)
 class ByRegion:
-    """A value (SI) for each region of cells; ``elsewhere`` for the cells in none of them."""
+    """A value (SI) for each region of cells; ``elsewhere`` for all other cells."""
 
     values: Mapping[str, float]
 
     def at(self, region: str) -> float | None:
-        """The value in a region, ``None`` if it has none."""
+        """The value in a region, or ``None``."""
         return self.values.get(region, self.values.get(ELSEWHERE))
 
     def plain(self) -> dict[str, Any]:
@@ -78,13 +78,13 @@ VARYING = (ByRegion, ByFormula, ByData)
 
 @dataclass(frozen=True)
 class VaryingQuantity(Quantity):
-    """What a field of a law or an effect expects, if it may vary over the body."""
+    """Metadata of a field of a law or an effect that may vary over the body."""
 
     def read(self, value: object, definitions: Mapping[str, Expression] = MappingProxyType({})) -> float | Varying:
-        """A number in SI, or what gives it at each point; ``ValueError`` tells what is wrong.
+        """Number in SI, or description of a field; ``ValueError`` with the reason if it is invalid.
 
         Args:
-            definitions: what names in a formula stand for.
+            definitions: formulas of the names in a formula.
         """
         if isinstance(value, VARYING):
             return value
@@ -111,7 +111,7 @@ class VaryingQuantity(Quantity):
             try:
                 values[str(region)] = number = self.parse(value)
                 if math.isinf(number):
-                    raise ValueError(f"cannot be '{self.infinite}'; give that region a law of its own")
+                    raise ValueError(f"cannot be '{self.infinite}'; give that region a separate law")
             except ValueError as error:
                 raise ValueError(f"in region '{region}': {error}") from None
         return ByRegion(values)
@@ -161,7 +161,7 @@ StressField = Annotated[Any, VaryingQuantity("Pa")]
 ModulusField = Annotated[Any, VaryingQuantity("Pa", above=0)]
 LameField = Annotated[Any, VaryingQuantity("Pa", infinite="incompressible")]
 BulkModulusField = Annotated[Any, VaryingQuantity("Pa", infinite="incompressible", above=0)]
-_UPWARD = "of a body that is lighter than the fluid around it, give the difference and turn the acceleration round"
+_UPWARD = "for a body that is lighter than the surrounding fluid, give the difference and reverse the acceleration"
 DensityField = Annotated[Any, VaryingQuantity("kg/m^3", at_least=0, remedy=_UPWARD)]
 NumberField = Annotated[Any, VaryingQuantity("")]
 PositiveField = Annotated[Any, VaryingQuantity("", above=0)]
@@ -172,7 +172,7 @@ TemperatureField = Annotated[Any, VaryingQuantity("K")]
 
 
 def is_uniform(value: object) -> bool:
-    """Whether a quantity, or each entry of a tuple of them, is one number everywhere."""
+    """Return whether a quantity, or each entry of a tuple of quantities, is constant over the body."""
     if isinstance(value, tuple):
         return all(map(is_uniform, value))
     return not isinstance(value, VARYING)

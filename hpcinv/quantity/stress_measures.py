@@ -1,7 +1,7 @@
-"""Scalars made of the Cauchy stress that formulas of quantities know beside its components.
+"""Scalar stress measures that formulas of quantities can use in addition to the components of the Cauchy stress.
 
-A measure is one function of components, whose arguments have their names; an entry in `MEASURES` makes it known to job
-files, units, tables and ``hpcinv formulas``.
+A measure is a function whose arguments are named after the components that it needs; an entry in `MEASURES` makes it
+available in job files, units, tables and ``hpcinv formulas``.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 COMPONENTS = {"sxx": (0, 0), "syy": (1, 1), "szz": (2, 2), "sxy": (0, 1), "syz": (1, 2), "sxz": (0, 2)}
-"""rows and columns of the components in the stress tensor"""
+"""row and column of each component in the stress tensor"""
 
 
 def pressure(sxx: Any, syy: Any, szz: Any) -> Any:
@@ -30,5 +30,5 @@ MEASURES: dict[str, Callable[..., Any]] = {"p": pressure, "von_mises": von_mises
 
 
 def components_of(measure: str) -> tuple[str, ...]:
-    """Names of the components that a measure is made of, as its arguments."""
+    """Names of the components that a measure needs, in the order of its arguments."""
     return tuple(inspect.signature(MEASURES[measure]).parameters)

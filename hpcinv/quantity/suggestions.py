@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 def did_you_mean(word: str, known: Iterable[str], *, list_all: bool = True) -> str:
-    """`` Did you mean 'x'?`` for the nearest of the known names, else the list of them; starts with a space."""
+    """`` Did you mean 'x'?`` for the nearest of the known names, otherwise all of them; begins with a space."""
     names = sorted(set(known))
     for case in (str, str.casefold):  # exact case first: Pa and PA are not the same
         folded = {case(n): n for n in reversed(names)}

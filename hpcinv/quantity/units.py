@@ -1,6 +1,6 @@
-"""Units of mechanics, exact: every factor is a fraction, so that a conversion rounds once, at its end.
+"""Units of mechanics with exact factors (fractions), so that a conversion rounds only once.
 
-A general units package takes 0.4 s to import, which is more than all the rest of validating a job.
+A general units package takes 0.4 s to import, more than the whole validation of a job.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Dimension(NamedTuple):
     temperature: int = 0
 
     def __str__(self) -> str:
-        """Such as ``a stress``, for messages."""
+        """Name of the dimension for messages, such as ``a stress``."""
         if name := _names().get(self):
             return name
         powers = zip(("m", "kg", "s", "K"), self, strict=True)
@@ -124,11 +124,11 @@ TEMPERATURES = {
     "degF": (Fraction(5, 9), Fraction("459.67") * Fraction(5, 9)),
     "K": (Fraction(1), Fraction(0)),
 }
-"""Units of temperatures: kelvins of one degree, and of zero."""
+"""Units of temperatures: size of a degree and zero point, in K."""
 
 
 def parse_temperature(text: str) -> float:
-    """An absolute temperature in K from ``<number> <unit>``; ``ValueError`` tells what is wrong with it."""
+    """Absolute temperature in K from ``<number> <unit>``; ``ValueError`` with the reason if it is invalid."""
     match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
     if match is None or match[2] not in TEMPERATURES:
         raise ValueError(f"must be a temperature, such as 400 °C or 673.15 K, not '{text[:60]}'")
@@ -140,20 +140,20 @@ def parse_temperature(text: str) -> float:
 
 
 def parse_quantity(text: str) -> tuple[float, Dimension]:
-    """SI value and dimension of ``<number> <unit>``; ``ValueError`` tells what is wrong with it."""
+    """SI value and dimension of ``<number> <unit>``; ``ValueError`` with the reason if it is invalid."""
     value, dimension = _parse(text)
     return as_float(value), dimension
 
 
 def as_float(number: Fraction | float) -> float:
-    """The nearest float, infinity beyond the largest."""
+    """The nearest float, or infinity beyond the largest float."""
     try:
         return float(number)
     except OverflowError:
         return math.inf if number > 0 else -math.inf
 
 
-@lru_cache(1024)  # sweeps read the same ones again and again
+@lru_cache(1024)  # sweeps read the same quantities repeatedly
 def _parse(text: str) -> tuple[Fraction, Dimension]:
     if len(text) > _LONGEST:
         raise ValueError(f"'{text[:40]}...' is not a number, with or without a unit: it has {len(text):,} characters")
@@ -162,8 +162,8 @@ def _parse(text: str) -> tuple[Fraction, Dimension]:
         raise ValueError(f"'{text}' is not a number, with or without a unit")
     if match[2] in TEMPERATURES and TEMPERATURES[match[2]][1]:
         raise ValueError(
-            f"'{text}' is a temperature, and none is asked for here; a difference of temperatures is given in K (one "
-            "of 1 °C is 1 K), and thermal-expansion takes 'temperature' and 'reference_temperature' in place of one"
+            f"'{text}' is an absolute temperature, which is not valid here; write a temperature difference in K (1 °C "
+            "is 1 K), or 'temperature' and 'reference_temperature' of thermal-expansion"
         )
     factor, dimension = parse_unit(match[2])
     return Fraction(match[1]) * factor, dimension
@@ -171,7 +171,7 @@ def _parse(text: str) -> tuple[Fraction, Dimension]:
 
 @cache
 def parse_unit(text: str) -> tuple[Fraction, Dimension]:
-    """SI factor and dimension of a unit such as ``kg/m^3`` or ``N mm``; of empty text, one and that of a number."""
+    """SI factor and dimension of a unit such as ``kg/m^3`` or ``N mm``; empty text is the dimensionless unit 1."""
     if len(text) > _LONGEST:
         raise ValueError(f"'{text[:40]}...' is not a unit; write one such as mm, kg/m^3 or m/s^2")
     total, exponents = Fraction(1), Dimension()
@@ -189,14 +189,14 @@ def parse_unit(text: str) -> tuple[Fraction, Dimension]:
 
 
 def readable(value: float, unit: str) -> str:
-    """A value with a prefix that makes it readable, such as ``182 mm`` or ``10.3 ml`` (units m, m^3, kg, N and Pa)."""
+    """A value (in m, m^3, kg, N or Pa) with a suitable prefix, such as ``182 mm``."""
     value, units = float(f"{value:.3g}"), _READABLE[unit]
     size, name = next(((s, n) for s, n in reversed(units) if abs(value) >= s), units[0])
     return f"{value / size:.3g} {name}" if value else f"0 {unit}"
 
 
 def length_symbol(unit: float) -> str:
-    """Symbol of a length unit (m), such as ``mm``, or its size where none is known, such as ``0.3 m``."""
+    """Symbol of a length unit (m), such as ``mm``, or its size, such as ``0.3 m``, if it has no symbol."""
     return next((symbol for symbol in LENGTH_UNITS if parse_quantity(f"1 {symbol}")[0] == unit), f"{unit!r} m")
 
 

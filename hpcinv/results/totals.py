@@ -18,8 +18,8 @@ from dolfinx import fem
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import jacobians
 from hpcinv.model.field_checks import young_moduli
-from hpcinv.quantity.quantity import Dimension, quantities_of
-from hpcinv.quantity.units import length_symbol, readable
+from hpcinv.quantity.quantity import quantities_of
+from hpcinv.quantity.units import Dimension, length_symbol, readable
 
 if TYPE_CHECKING:
     from hpcinv.effects import Direction, Effect

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.parallel.malloc import give_back_memory
+from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.direct import Direct
 from hpcinv.solver.linear.iterative import Iterative
@@ -128,7 +128,7 @@ class LinearSolver:
         if not self.configuration.exact:
             self.ksp.reset()
             self._factorized = -1
-            give_back_memory()
+            release_freed_memory()
 
     def forget_factors(self) -> None:
         """Discard the factors after a failed factorization, with which MUMPS cannot continue."""

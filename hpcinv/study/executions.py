@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, status
 from hpcinv.errors import JobError
-from hpcinv.job.content_key import content_key
+from hpcinv.job.fingerprint import content_key
 from hpcinv.quantity.keys import look_up
 
 if TYPE_CHECKING:

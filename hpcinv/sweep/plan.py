@@ -12,8 +12,7 @@ from hpcinv.batch.expand import combined, sections_first
 from hpcinv.batch.specification import Faults, read_base, read_spec, text_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
-from hpcinv.job.content_key import content_key
-from hpcinv.job.fingerprint import file_digest
+from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.job import UNNAMED, Job, parse
 from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.job.yaml_reader import read_yaml

@@ -281,18 +281,18 @@ def test_damaged_and_foreign_meshes_are_refused_on_all_ranks(
     refused("the array 'points' is damaged")
     if comm.rank == 0:
         (path / "data.0").write_bytes(content[:100])
-    refused("data.0 in it is not what was written")
+    refused("data.0 in it is damaged")
     if comm.rank == 0:
         (path / "data.0").unlink()
-    refused("not whole")
+    refused("incomplete")
     if comm.rank == 0:
         (path / "data.0").write_bytes(content)
     header = json.loads((path / HEADER).read_text())
     comm.Barrier()
     for text, message in (
         (json.dumps(header | {"format": 99}), "has format 99"),
-        ("{}", "not whole"),
-        ("[", "not whole"),
+        ("{}", "incomplete"),
+        ("[", "incomplete"),
     ):
         if comm.rank == 0:
             (path / HEADER).write_text(text)
@@ -320,13 +320,13 @@ def test_what_a_partitioned_mesh_cannot_is_said_when_the_job_is_read(meshes: Pat
     other = {"file": str(meshes / "box.py")}
     cases = (
         ({"mesh": mesh | {"geometry_degree": 2}}, "mesh.geometry_degree: is that of the partitioned mesh"),
-        ({"mesh": mesh | {"unit": "mm"}}, "mesh.unit: has no use with a partitioned mesh"),
+        ({"mesh": mesh | {"unit": "mm"}}, "mesh.unit: is not valid with a partitioned mesh"),
         ({"mesh": mesh | {"parameters": {"nx": 2}}}, "mesh.parameters: only generators have parameters"),
         ({"mesh": mesh, "output": {"mesh": ["msh"]}}, "output.mesh: of a partitioned mesh must be bp"),
         ({"mesh": mesh, "expected_shape": other}, "expected_shape.file: must be a partitioned mesh"),
         ({"mesh": mesh, "accuracy": {"top": "1 mm"}}, "accuracy: needs a mesh that can be refined"),
-        ({"mesh": {"file": "."}}, "mesh.file: '.' is no mesh"),
-        ({"mesh": {"file": "empty.bp"}}, "is not what its ending says"),
+        ({"mesh": {"file": "."}}, "mesh.file: '.' is not a readable mesh"),
+        ({"mesh": {"file": "empty.bp"}}, "is not of the kind of its suffix"),
     )
     (tmp_path / "empty.bp").mkdir()
     for changes, message in cases:

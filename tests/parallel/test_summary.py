@@ -23,7 +23,7 @@ from hpcinv.mesh import build_body
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.output.summary import statistics, write_summary
-from hpcinv.parallel.malloc import give_back_memory
+from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.memory_use import peak, resident
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -158,7 +158,7 @@ def test_a_summary_is_finite_the_same_in_both_files_and_documented(comm: MPI.Int
 
 
 def test_the_memory_of_a_phase_is_what_it_holds_or_the_peak_that_it_makes() -> None:
-    give_back_memory()
+    release_freed_memory()
     timings, block = Timings(), 200_000_000
     with timings("before"):
         beyond = peak() - resident() + 2 * block
@@ -166,7 +166,7 @@ def test_the_memory_of_a_phase_is_what_it_holds_or_the_peak_that_it_makes() -> N
         held = np.ones(block // 8)
         with timings("inner"):
             del held
-            give_back_memory()
+            release_freed_memory()
         with timings("peak"):  # of the process, but gone when the phase ends
             assert np.ones(beyond // 8).sum() > 0
     sizes = timings.memory.phases

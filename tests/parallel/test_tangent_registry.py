@@ -134,7 +134,7 @@ from typing import Any, Literal
 
 import ufl
 from hpcinv.effects import Effect
-from hpcinv.quantity.quantity import Stress
+from hpcinv.quantity import Stress
 
 
 class SecondGradient(Effect):

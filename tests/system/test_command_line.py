@@ -147,7 +147,9 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
 
 
 def test_another_number_of_ranks_than_asked_for_is_told(cube: Path, tmp_path: Path) -> None:
-    refused(hpcinv(2, "run", cube, "--ranks", 3, cwd=tmp_path), 2, "--ranks 3 was asked for, but the launcher gave 2")
+    refused(
+        hpcinv(2, "run", cube, "--ranks", 3, cwd=tmp_path), 2, "--ranks 3 was requested, but the launcher started 2"
+    )
     assert not (tmp_path / "results").exists()
 
 

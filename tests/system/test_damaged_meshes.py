@@ -170,8 +170,8 @@ def test_a_changed_byte_of_a_partitioned_mesh_is_told_before_adios2_meets_it(tmp
         done = run("mesh", "gather", whole, tmp_path / "b.vtu")
         (whole / name).write_bytes(original)
         assert done.returncode == 2
-        assert done.stderr.startswith(f"{whole}: {name} in it is not what was written")
+        assert done.stderr.startswith(f"{whole}: {name} in it is damaged")
     header = json.loads((whole / "mesh.json").read_text())
     (whole / "mesh.json").write_text(json.dumps(header | {"nodes": header["nodes"] + 1}))
     done = run("mesh", "gather", whole, tmp_path / "b.vtu")
-    assert done.stderr.startswith(f"{whole}: mesh.json in it is not what was written")
+    assert done.stderr.startswith(f"{whole}: mesh.json in it is damaged")

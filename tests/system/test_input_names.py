@@ -134,7 +134,7 @@ def test_names_that_are_no_text_are_told(tmp_path: Path) -> None:
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
     assert b"\\udcff.yaml: the name of the file is not UTF-8; rename it" in errors
-    assert b"/dev/zero: cannot be read: it is no regular file" in errors
+    assert b"/dev/zero: cannot be read: it is a device or a pipe" in errors
     assert b"Traceback" not in errors
 
 
@@ -153,8 +153,8 @@ def energy(formula: str) -> dict[str, Any]:
         ({"material": energy("mu*(I1_bar - 3)**-1e308")}, "raises a strain to the power -1e+308"),
         ({"material": energy("mu*(I1_bar - 3)**(2**1000)")}, "and the largest is 1000"),
         ({"material": energy("(I1_bar - 3)*mu*2**2**2**2**2**2")}, "no finite value near F = I"),
-        ({"regions": {"r": "-" * 900 + "x < 1"}}, "has more than 200 operations inside each other"),
-        ({"regions": {"r": "not " * 240 + "x < 1"}}, "has more than 200 operations inside each other"),
+        ({"regions": {"r": "-" * 900 + "x < 1"}}, "has more than 200 nested operations"),
+        ({"regions": {"r": "not " * 240 + "x < 1"}}, "has more than 200 nested operations"),
         ({"regions": {"r": "x < " + "(" * 300 + "1" + ")" * 300}}, "is not a formula"),
         ({"regions": {"r": "x < 1" + "0" * 900}}, "holds a number that is too large"),
         ({"material": {"law": "neo-hookean", "mu": "9" * 5000, "lam": 1}}, "is not a number, with or without a unit"),

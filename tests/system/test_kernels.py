@@ -289,4 +289,4 @@ def test_directories_of_kernels_are_made_for_their_user_alone_to_write(tmp_path:
     finally:
         os.umask(before)
     for path in (tmp_path / "new", tmp_path / "new" / "kernels"):
-        assert not ownership.foreign_hand(path.stat())
+        assert not ownership.foreign_writer(path.stat())

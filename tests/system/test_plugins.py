@@ -17,9 +17,7 @@ from typing import Any, ClassVar, Literal
 
 from hpcinv.effects import Effect
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity.quantity import Acceleration
-from hpcinv.quantity.schema import Triple
-from hpcinv.quantity.spatial_fields import DensityField, ModulusField
+from hpcinv.quantity import Acceleration, DensityField, ModulusField, Triple
 
 
 class Gel(IsochoricLaw):
@@ -169,7 +167,7 @@ def test_what_is_wrong_in_a_file_is_reported_with_its_line(project: Path) -> Non
         expected.append((job, rf"'{re.escape(str(plugin))}' cannot be imported: {told}"))
     for name, plugin_file, told in (
         ("gone", "../laws/gell.py", "there is no file '"),
-        ("yaml", "gel.yaml", "'gel.yaml' is no Python file"),
+        ("yaml", "gel.yaml", "'gel.yaml' is not a Python file"),
     ):
         expected.append((write_job(project / "jobs" / f"{name}.yaml", BUILT_IN, plugins=[plugin_file]), told))
     done = hpcinv(1, "validate", *(job for job, _ in expected), cwd=project)

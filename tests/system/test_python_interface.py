@@ -50,10 +50,13 @@ def test_a_changed_job_is_a_new_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"effects[3].density": 1}, r"block\.yaml: cannot set effects\[3\]\.density: \[3\] is taken of a list of 1"),
+        (
+            {"effects[3].density": 1},
+            r"block\.yaml: cannot set effects\[3\]\.density: \[3\] is not an entry of a list of 1",
+        ),
         ({"effects[].density": 1}, r"block\.yaml: "),
         ({DENSITY: "1 m"}, r"block\.yaml: effects\[0\]\.density: must be a density"),
-        ({"x y": 1}, r"block\.yaml: .*is no key"),
+        ({"x y": 1}, r"block\.yaml: .*is not a key"),
     ],
 )
 def test_a_change_that_cannot_be_is_told(changes: dict[str, Any], told: str, tmp_path: Path) -> None:

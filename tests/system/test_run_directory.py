@@ -139,7 +139,7 @@ def test_a_directory_belongs_to_one_process_at_a_time(
     assert lock is not None
     assert lock.is_in_place
     for refused in (directory.lock, lambda: directory.create(job, overwrite=True)):
-        with pytest.raises(OutputError, match=f"a run is at work in this directory: process {os.getpid()} on"):
+        with pytest.raises(OutputError, match=f"this directory is in use by another run: process {os.getpid()} on"):
             refused()
     assert directory.holds(job)
     lock.release()
@@ -172,7 +172,7 @@ os.kill(os.getpid(), signal.SIGKILL)
         content["holder"]["machine"] = "another"
         alive = written.read_text()
         written.write_text(json.dumps(content))
-        with pytest.raises(OutputError, match=r"cannot be found out from here, remove .*\.lock"):
+        with pytest.raises(OutputError, match=r"cannot be checked from here, remove .*\.lock"):
             directory.lock()
         written.write_text(alive)
     lock = directory.lock()
@@ -206,7 +206,7 @@ def test_a_second_resume_or_run_in_the_same_directory_is_refused(tmp_path: Path)
         for arguments in (("resume", "run"), ("run", job, "--output", "run", "--overwrite")):
             second = hpcinv(2 if arguments[0] == "resume" else 1, *arguments, cwd=tmp_path)
             assert second.returncode == 2, second.stdout + second.stderr
-            assert second.stderr.count("a run is at work in this directory: process ") == 1
+            assert second.stderr.count("this directory is in use by another run: process ") == 1
             assert first.mpirun.poll() is None
         first.kill()  # whose lock ends with it
     with Started(2, "resume", "run", cwd=tmp_path) as resumed:

@@ -31,7 +31,7 @@ from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.task import Pause
 from hpcinv.cli.study import conclude
 from hpcinv.errors import JobError, OutputError, SolveError
-from hpcinv.job.content_key import content_key
+from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import parse
 from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.jit import JIT_OPTIONS

@@ -61,7 +61,7 @@ def series(**changes: Any) -> list[dict[str, Any]]:
         ({"mesure": ["length"]}, "mesure: unknown key. Did you mean 'measure'?"),
         ({"series": []}, "series: must hold at least one series"),
         ({"series": series(very={})}, "series[0].very: unknown key. Did you mean 'vary'?"),
-        ({"series": series(set={"solver..x": 1})}, "series[0].set.solver..x: 'solver..x' is no key"),
+        ({"series": series(set={"solver..x": 1})}, "series[0].set.solver..x: 'solver..x' is not a key"),
         ({"series": series(set={"effects[].density": 1})}, "put a number between the brackets"),
         (
             {"series": series(vary={"a.b": [1, 2], "c": [1]})},
@@ -141,11 +141,11 @@ def test_what_is_wrong_with_the_study_is_told(changes: dict[str, Any], expected:
         ),
         (
             {"series": series(set={"effects[1].density": 1})},
-            "cannot set effects[1].density: [1] is taken of a list of 1",
+            "cannot set effects[1].density: [1] is not an entry of a list of 1",
         ),
         (
             {"series": series(set={"analysis.x": 1})},
-            "cannot set analysis.x: what comes before 'x'",
+            "cannot set analysis.x: 'x' cannot be set in",
         ),
         (
             {"cases": [{"grid": {"mesh.parameters.nz": [1]}}]},

@@ -63,9 +63,9 @@ def test_a_script_called_a_mesh_is_refused_before_gmsh_sees_it(name: str, marker
     for section in ({"mesh": {"file": "mesh.msh"}}, {"expected_shape": {"file": "mesh.msh"}}):
         job = write_job(tmp_path / "job.yaml", CUBE, **section)
         (key,) = section
-        with pytest.raises(JobError, match=rf"{key}.file: '.*mesh.msh' is no mesh in the MSH format, whose first line"):
+        with pytest.raises(JobError, match=rf"{key}.file: '.*mesh.msh' is not in the MSH format, whose first line"):
             load(job)
-    with pytest.raises(MeshError, match="is no mesh in the MSH format"):  # where the file has changed meanwhile
+    with pytest.raises(MeshError, match="is not in the MSH format"):  # where the file has changed meanwhile
         FILES[".msh"](mesh)
     assert not marker.exists()
 
@@ -76,7 +76,7 @@ def test_the_command_line_executes_no_mesh(marker: Path, tmp_path: Path) -> None
     for arguments in (("run", job), ("mesh", "partition", "mesh.msh", "parts.bp", "--parts", 1)):
         done = hpcinv(1, *arguments, cwd=tmp_path)
         assert done.returncode == 2
-        assert "is no mesh in the MSH format" in done.stderr
+        assert "is not in the MSH format" in done.stderr
     assert not marker.exists()
 
 
@@ -165,7 +165,7 @@ DOORS: dict[str, tuple[dict[str, Any], str, str]] = {
     "viewer": (
         {"solver": {"petsc": {"snes_view": "ascii:{marker}"}}},
         "solver.petsc.snes_view",
-        "is refused with --untrusted, as all PETSc options that are not known to do no harm",
+        "is refused with --untrusted, as all PETSc options that are not known to be harmless",
     ),
 }
 """What a job can execute or write: sections, where they are refused, and as what."""

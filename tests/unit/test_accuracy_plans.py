@@ -58,7 +58,10 @@ def test_demands_are_read_in_the_units_of_their_quantities() -> None:
         ({"accuracy": {"tip": [1]}}, "accuracy.tip: must be a number or a quantity"),
         ({"accuracy": 1e-3}, "accuracy: must be a mapping of names of quantities to their largest errors, not 0.001"),
         ({"accuracy": {"tip": 1}, "method": "sellier"}, "accuracy: needs 'method: direct'"),
-        ({"accuracy": {"tip": 1}, "expected_shape": {"file": "../meshes/box.py"}}, "cannot go with 'expected_shape'"),
+        (
+            {"accuracy": {"tip": 1}, "expected_shape": {"file": "../meshes/box.py"}},
+            "cannot be combined with 'expected_shape'",
+        ),
         ({"solver": {"maximum_unknowns": 10}}, "accuracy: is needed if solver.maximum_unknowns is given"),
     ],
 )

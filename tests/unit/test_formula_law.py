@@ -19,8 +19,8 @@ from hpcinv.materials import laws
 from hpcinv.materials.formula import Formula
 from hpcinv.model.scene import LABEL
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.quantity import Dimension
 from hpcinv.quantity.schema import at, problems_in
+from hpcinv.quantity.units import Dimension
 
 STRESS = Dimension(-1, 1, -2)
 
@@ -138,7 +138,7 @@ def test_parameters_must_have_names_and_values_of_their_own() -> None:
     words = dict.fromkeys(("lambda", "c-1", "_a", "if"), 1)
     found = problems(energy="(1 Pa)*(I1_bar - 3)", kappa=1.0, parameters=words)
     assert found == [
-        f"parameters.{n}: cannot be a name in a formula; take another, of letters, digits and _" for n in words
+        f"parameters.{n}: cannot be a name in a formula; choose a name of letters, digits and _" for n in words
     ]
     found = problems(energy="c*(I1_bar - 3)", kappa=1.0, parameters={"c": "2 kPascal", "d": True, "e": None})
     assert [re.match(r"parameters\.(\w): .*(unknown unit|not (True|None))", p) is not None for p in found] == 3 * [True]

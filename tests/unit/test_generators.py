@@ -13,7 +13,7 @@ from hpcinv.job.mesh_generators import in_unit, parameters_of, read_parameters, 
 
 PYTHON = """
 from hpcinv.quantity import quantity
-from hpcinv.quantity.quantity import Dimensionless, Length
+from hpcinv.quantity import Dimensionless, Length
 raise SystemExit("a generator must not be run to be checked")
 def build(gmsh, origin: float = 0.0, *, length: Length, size: "Length" = 2e-3, taper: Dimensionless = 0,
           cells: int = 3, curved: bool = True, shape: str = "round", angle=0.0, area: quantity.Area = 1) -> None:
@@ -147,7 +147,7 @@ def test_a_quantity_for_a_parameter_of_unknown_unit_is_refused(
     values, [(where, what)] = read_parameters(path, {"size": "6 mm"}, unit)
     assert values == {}
     assert where == ("size",)
-    assert what.startswith("is given as '6 mm', but build() does not say that size is a length, nor in which unit; ")
+    assert what.startswith("is given as '6 mm', but build() does not define that size is a length, nor its unit; ")
     assert remedy in what
     path.write_text(f"def build(gmsh, *, {parameter}, angle=0): ...")
     assert read_parameters(path, {"size": 6, "angle": "180 deg"}, unit) == ({"size": 6, "angle": np.pi}, [])
@@ -157,7 +157,7 @@ def test_a_quantity_without_a_name_of_its_own_is_refused_without_a_type_for_it(t
     path = tmp_path / "m.py"
     path.write_text("def build(gmsh, *, eta=1): ...")
     _, [(_, what)] = read_parameters(path, {"eta": "1 Pa s"})
-    assert what.endswith("eta is a viscosity, nor in which unit; give a plain number, which reaches it as it stands")
+    assert what.endswith("eta is a viscosity, nor its unit; give a plain number, which is passed unchanged")
 
 
 def test_a_gmsh_script_takes_quantities_in_si(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from hpcinv.study.plan import is_study, load_study
 from hpcinv.sweep.plan import is_sweep, load_sweep
 
 GENERATOR = """
-from hpcinv.quantity.quantity import Length
+from hpcinv.quantity import Length
 def build(gmsh, *, length: Length = 0.182, size: Length = 2e-3) -> None: ...
 """
 BEAM = """
@@ -141,21 +141,21 @@ def test_the_form_that_a_job_states_is_taken(load: Loader) -> None:
 
 CASES: list[tuple[dict[str, Any], str]] = [
     ({"analysis": "invers"}, "analysis: must be 'inverse', 'forward' or 'round_trip', not 'invers'. Did you mean"),
-    ({"first": "forward"}, "first: has a use only with 'analysis: round_trip'"),
+    ({"first": "forward"}, "first: is valid only with 'analysis: round_trip'"),
     ({"job": "my arm"}, "job: 'my arm' is not allowed: up to 100 letters, digits, dots"),
     ({"otput": {}}, "otput: unknown key. Did you mean 'output'?"),
     ({"mesh": None}, "mesh: must be a mapping of keys to values, not nothing"),
     ({"mesh": {}}, "mesh.file: is needed: path from the job file"),
     ({"mesh": {"file": "../meshes/baem.py"}}, "mesh.file: there is no file"),
     ({"mesh": {"file": "../meshes/baem.py"}}, "Did you mean 'beam.py'?"),
-    ({"mesh": {"file": "../meshes/beam.stl"}}, "mesh.file: '../meshes/beam.stl' is no mesh that can be read"),
+    ({"mesh": {"file": "../meshes/beam.stl"}}, "mesh.file: '../meshes/beam.stl' is not a readable mesh"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"sise": 1}}}, "mesh.parameters.sise: beam.py has no such"),
     ({"mesh": {"file": "../meshes/beam.py", "parameters": {"size": "1 kg"}}}, "mesh.parameters.size: must be a length"),
-    ({"mesh": {"file": "../meshes/beam.geo", "unit": "mm"}}, "mesh.unit: has no use with a .geo script"),
+    ({"mesh": {"file": "../meshes/beam.geo", "unit": "mm"}}, "mesh.unit: is not valid with a .geo script"),
     ({"mesh": {"file": "../meshes/beam.msh", "unit": "kg"}}, "mesh.unit: must be a length"),
     ({"mesh": {"file": "../meshes/beam.msh", "parameters": {"a": 1}}}, "mesh.parameters: only generators have"),
     ({"mesh": {"file": "../meshes/beam.msh", "geometry_degree": 3}}, "mesh.geometry_degree: must be 1 or 2, not 3"),
-    ({"regions": {"a b": "x < 1"}}, "regions.a b: 'a b' is no name: use letters"),
+    ({"regions": {"a b": "x < 1"}}, "regions.a b: 'a b' is not a name: use letters"),
     ({"regions": {"boundary": "x < 1"}}, "regions.boundary: is already the name"),
     ({"regions": {"a": "x"}}, "regions.a: must be a condition, such as x < 1 mm, but 'x' is a length"),
     ({"regions": {"a": "x < 1 kg"}}, "regions.a: 'x < 1 kg' adds or compares a length and a mass"),
@@ -188,7 +188,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"supports": [{"region": "a"}]}, "supports[0]: needs exactly one of 'fix'"),
     ({"supports": [{"region": "a", "fix": ["x"], "displacement": [0, 0, 0]}]}, "supports[0]: needs exactly one of"),
     ({"supports": [{"region": "a", "displacement": [0, 0]}]}, "supports[0].displacement[2]: is needed"),
-    ({"supports": [{"region": "a", "displacement": [None] * 3}]}, "supports[0]: holds no component"),
+    ({"supports": [{"region": "a", "displacement": [None] * 3}]}, "supports[0]: prescribes no component"),
     ({"supports": [{"region": "a", "displacement": ["k*y", 0, 0]}]}, "supports[0].displacement[0]: unknown name 'k'"),
     ({"supports": [{"region": "a", "displacement": ["x < 1", 0, 0]}]}, "must be a length, but 'x < 1' is a condition"),
     ({"supports": [{"region": "a", "displacement": ["x*y", 0, 0]}]}, "must be a length, but 'x*y' is an area"),
@@ -196,15 +196,18 @@ CASES: list[tuple[dict[str, Any], str]] = [
         {"supports": [{"region": "a", "displacement": [0, 0, 0], "constants": {"x": 1}}]},
         "supports[0].constants.x: is already the name of something else",
     ),
-    ({"supports": [{"region": "a", "fix": ["x"], "constants": {"k": 1}}]}, "supports[0].constants: have no use"),
+    ({"supports": [{"region": "a", "fix": ["x"], "constants": {"k": 1}}]}, "supports[0].constants: are not valid"),
     ({"supports": [{"region": "a", "fix": ["x", "y", "z"]}] * 2}, "supports[1]: prescribes x on 'a' a second time"),
     ({"discretisation": {"displacement": 5}}, "discretisation.displacement: must be at most 4, not 5"),
     ({"discretisation": {"pressure": 2}}, "discretisation.pressure: must be below the displacement's degree 2"),
     ({"discretisation": {"displacement": 1}}, "discretisation.displacement: must be 2 or more: the material is nearly"),
     ({"discretisation": {"formulation": "mixed", "displacement": 1}}, "discretisation.displacement: must be 2 or more"),
-    ({"discretisation": {"formulation": "displacement", "pressure": 1}}, "discretisation.pressure: has no use"),
-    ({"solver": {"steps": 4}}, "solver.steps: has no use with 'strategy: adaptive'; remove it, or take"),
-    ({"solver": {"strategy": "fixed", "initial_step": 0.1}}, "solver.initial_step: has no use with 'strategy: fixed'"),
+    ({"discretisation": {"formulation": "displacement", "pressure": 1}}, "discretisation.pressure: is not valid"),
+    ({"solver": {"steps": 4}}, "solver.steps: is not valid with 'strategy: adaptive'; remove it, or choose"),
+    (
+        {"solver": {"strategy": "fixed", "initial_step": 0.1}},
+        "solver.initial_step: is not valid with 'strategy: fixed'",
+    ),
     ({"solver": {"initial_step": 1e-4}}, "solver.minimum_step: must not exceed initial_step, which is 0.0001"),
     ({"solver": {"tolerance": "1e-8"}}, "solver.tolerance: must be a number, not '1e-8'"),
     ({"solver": {"maximum_iterations": True}}, "solver.maximum_iterations: must be a whole number, not True"),
@@ -215,28 +218,34 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"output": {"mesh": ["stl"]}}, "output.mesh[0]: must be 'bp', 'msh' or 'vtu', not 'stl'"),
     ({"quantities": [{"name": "a", "of": "x"}]}, "quantities[0]: needs exactly one of 'at'"),
     ({"quantities": [{"name": "a", "of": "x", "on": "side"}]}, "quantities[0].reduce: is needed on a region"),
-    ({"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0], "reduce": "max"}]}, "quantities[0].reduce: has no use"),
+    (
+        {"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0], "reduce": "max"}]},
+        "quantities[0].reduce: is not valid",
+    ),
     (
         {"quantities": [{"name": "a", "of": "displacement", "on": "s", "reduce": "max"}]},
         "quantities[0].of: is a vector",
     ),
     ({"quantities": [{"name": "a", "of": "reaction"}]}, "quantities[0].on: is needed for a reaction"),
-    ({"quantities": [{"name": "a", "of": "reaction", "on": "s", "reduce": "max"}]}, "quantities[0].reduce: has no use"),
+    (
+        {"quantities": [{"name": "a", "of": "reaction", "on": "s", "reduce": "max"}]},
+        "quantities[0].reduce: is not valid",
+    ),
     (
         {"quantities": [{"name": "a", "of": "reaction", "on": "clam"}]},
         "quantities[0].on: 'clam' is not the region of a support: those with supports are clamp",
     ),
     (
         {"quantities": [{"name": "a", "of": "reaction", "on": "clamp", "about": [0, 0, 0]}]},
-        "quantities[0].about: has a use only with 'of: reaction_moment'",
+        "quantities[0].about: is valid only with 'of: reaction_moment'",
     ),
     (
         {"quantities": [{"name": "a", "of": "x", "at": [0, 0, 0], "about": [0, 0, 0]}]},
-        "quantities[0].about: has a use only with 'of: reaction_moment'",
+        "quantities[0].about: is valid only with 'of: reaction_moment'",
     ),
     (
         {"quantities": [{"name": "a", "of": "reaction", "on": "clamp"}], "accuracy": {"a": "1 N"}},
-        "accuracy.a: is a reaction, which has no error estimate",
+        "accuracy.a: is a reaction, for which there is no error estimate",
     ),
     ({"quantities": [{"name": "a", "of": "x < 1", "at": [0, 0, 0]}]}, "quantities[0].of: must be a number, but"),
     ({"quantities": [{"name": "a", "of": "x + w", "at": [0, 0, 0]}]}, "quantities[0].of: unknown name 'w'"),
@@ -320,7 +329,9 @@ def test_an_effect_is_refused_in_a_direction_that_it_cannot_serve(
 
     assert isinstance(load(edit("forward")).effects[0], OnlyForward)
     for analysis in ("inverse", "round_trip"):
-        assert problems(edit(analysis)) == [f"effects[0]: cannot serve 'analysis: {analysis}'; it knows forward only"]
+        assert problems(edit(analysis)) == [
+            f"effects[0]: is not possible with 'analysis: {analysis}', only with forward"
+        ]
 
 
 def test_a_unit_of_a_ready_made_mesh_is_a_length(load: Loader) -> None:
@@ -431,7 +442,7 @@ def test_infinite_moduli_do_not_leak_into_json(load: Loader) -> None:
 
 def test_long_lists_are_refused_before_anything_in_them_is_checked(problems: Callable[[Edit], list[str]]) -> None:
     assert problems(lambda j: j.update(quantities=[{}] * 10_001)) == [
-        "quantities: has 10,001 entries, and may have 10,000"
+        "quantities: has 10,001 entries, but may have 10,000"
     ]
 
 

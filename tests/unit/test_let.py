@@ -14,8 +14,7 @@ import hpcinv as package
 from hpcinv.__main__ import main
 from hpcinv.cli.formula_guide import PLACES
 from hpcinv.errors import JobError
-from hpcinv.job.content_key import content_key
-from hpcinv.job.fingerprint import fingerprint
+from hpcinv.job.fingerprint import content_key, fingerprint
 from hpcinv.job.job import Job
 from hpcinv.job.reuse_key import reuse_group_of
 from hpcinv.parallel.runtime import MPI
@@ -66,7 +65,7 @@ def test_definitions_may_stand_in_any_order_and_have_units() -> None:
         ({"two-words": "1"}, "let.two-words: cannot be a name in a formula"),
         ({"and": "1"}, "let.and: cannot be a name in a formula"),
         ({"r": "norm(x, y"}, "let.r: 'norm(x, y' is not a formula"),
-        ({f"a{i}": f"sin(a{i + 1})" if i < 300 else "1" for i in range(301)}, "operations inside each other"),
+        ({f"a{i}": f"sin(a{i + 1})" if i < 300 else "1" for i in range(301)}, "nested operations"),
     ],
 )
 def test_definitions_without_sense_are_refused(let: dict[str, Any], message: str) -> None:

@@ -60,18 +60,18 @@ def test_keys_are_text_whatever_they_look_like(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: 1\nb:\n  c: 1\n  c: 2\n", "job.yaml:4: 'c' stands twice"),
-        ("a: 1\na: 2\n", "job.yaml:2: 'a' stands twice"),
+        ("a: 1\nb:\n  c: 1\n  c: 2\n", "job.yaml:4: duplicate key 'c'"),
+        ("a: 1\na: 2\n", "job.yaml:2: duplicate key 'a'"),
         ("a: [1, 2\nb: 3\n", "job.yaml:2: "),
         ("a: 1\n\tb: 2\n", "job.yaml:2: "),
         ("a: !!python/object:os.system x\n", "job.yaml:1: the tag '!!python/object:os.system' is not allowed"),
         ("[x, y]: 1\n", "job.yaml:1: a key must be text"),
-        ("a: *unknown\n", "job.yaml:1: the alias '*unknown' is of no anchor"),
-        ("- a\n- b\n", "job.yaml: must hold keys and values"),
-        ("", "job.yaml: must hold keys and values"),
+        ("a: *unknown\n", "job.yaml:1: the alias '*unknown' has no anchor"),
+        ("- a\n- b\n", "job.yaml: must contain keys and values"),
+        ("", "job.yaml: must contain keys and values"),
         ("a: 1\n---\nb: 2\n", "job.yaml:2: "),
-        ("a: \x01\n", "job.yaml: is no YAML"),
-        ("[" * 5000, "job.yaml:1: more than 64 levels"),
+        ("a: \x01\n", "job.yaml: is not valid YAML"),
+        ("[" * 5000, "job.yaml:1: more than 64 nested levels"),
         ("a: ['\\ud800']\nb: \"\\uD800\"", "job.yaml:2: "),
     ],
 )
@@ -119,11 +119,11 @@ def test_tags_of_the_core_schema_are_known(tmp_path: Path, text: str, value: obj
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("!!int abc", "'abc' is no !!int"),
-        ("!!int 1.5", "'1.5' is no !!int"),
-        ("!!float abc", "'abc' is no !!float"),
-        ("!!bool 1", "'1' is no !!bool"),
-        ("!!null 1", "'1' is no !!null"),
+        ("!!int abc", "'abc' is not a valid !!int"),
+        ("!!int 1.5", "'1.5' is not a valid !!int"),
+        ("!!float abc", "'abc' is not a valid !!float"),
+        ("!!bool 1", "'1' is not a valid !!bool"),
+        ("!!null 1", "'1' is not a valid !!null"),
         ("!!timestamp 2001-99-99", "the tag '!!timestamp' is not allowed"),
         ("!!binary '===='", "the tag '!!binary' is not allowed"),
         ("!!map [1, 2]", "the tag '!!map' is not allowed"),
@@ -135,7 +135,7 @@ def test_tags_of_the_core_schema_are_known(tmp_path: Path, text: str, value: obj
         ("!local 1", "the tag '!local' is not allowed"),
         ("{? [b] : 1}", "a key must be text"),
         ("{? {b: 1} : 1}", "a key must be text"),
-        ("&b {c: *b}", "the alias '*b' stands within what it stands for"),
+        ("&b {c: *b}", "the alias '*b' is inside its own anchor (&)"),
         ("[&b 1, {*b : 1}]", "a key must be text"),
     ],
 )
@@ -160,7 +160,7 @@ def bomb(levels: int) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (bomb(30), f":6: more than {MOST_VALUES:,} values, which is the most that a file may have, each alias"),
+        (bomb(30), f":6: more than {MOST_VALUES:,} values, the limit for a file, each alias"),
         ("a: [" + "1," * MOST_VALUES + "]", f":1: more than {MOST_VALUES:,} values"),
         (f"a: &a {'x' * 90_000}\nb: [" + "*a," * 5000 + "]", f":2: more than {MOST_VALUES:,} values"),
         ("a: 1\nb: " + "9" * 5000, ":2: a number of 5,000 characters; it may have 400"),
@@ -168,8 +168,8 @@ def bomb(levels: int) -> str:
         ("b: 0x" + "f" * 5000, ":1: a number of 5,002 characters"),
         ("a: " + "x" * 100_001, ":1: a text of 100,001 characters; it may have 100,000"),
         ("a" * 100_001 + ": 1", ":1: "),
-        ("a: " + "{b: " * 65 + "1" + "}" * 65, ":1: more than 64 levels"),
-        ("- " * 65 + "a", ":1: more than 64 levels"),
+        ("a: " + "{b: " * 65 + "1" + "}" * 65, ":1: more than 64 nested levels"),
+        ("- " * 65 + "a", ":1: more than 64 nested levels"),
         ("\n".join(f"k{i}: 1" for i in range(10_001)), ":10001: more than 10,000 keys in one section"),
         ("a: 1\n" + "#" * MOST_BYTES, f": has {MOST_BYTES + 5:,} bytes, and may have {MOST_BYTES:,}"),
     ],
@@ -189,7 +189,7 @@ def test_a_large_table_is_read(tmp_path: Path) -> None:
 def test_devices_and_pipes_are_refused_without_reading_them(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.yaml")
     for path in (Path("/dev/zero"), tmp_path / "pipe.yaml"):
-        with pytest.raises(JobError, match=f"{path}: cannot be read: it is no regular file"):
+        with pytest.raises(JobError, match=f"{path}: cannot be read: it is a device or a pipe"):
             read_yaml(path)
 
 

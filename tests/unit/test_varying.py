@@ -137,7 +137,7 @@ def test_bounds_hold_in_each_region_and_above_the_one_law() -> None:
 
 def test_no_region_of_a_law_is_incompressible_alone() -> None:
     [found] = problems(material=SOFT | {"kappa": {"core": "incompressible", "skin": "5 kPa"}})
-    assert found == ("material.kappa: in region 'core': cannot be 'incompressible'; give that region a law of its own")
+    assert found == ("material.kappa: in region 'core': cannot be 'incompressible'; give that region a separate law")
 
 
 def test_moduli_that_vary_leave_the_form_to_the_job_unless_the_law_is_incompressible() -> None:

@@ -501,10 +501,10 @@ def test_load_cases_and_prescribed_displacements(comm: MPI.Intracomm) -> None:
     [
         (
             {"limit_points": 1},
-            "solver.limit_points: has no use with 'strategy: adaptive'; remove it, or take 'strategy: arc-length'",
+            "solver.limit_points: is not valid with 'strategy: adaptive'; remove it, or choose 'strategy: arc-length'",
         ),
-        ({"strategy": "fixed", "rescue": []}, "solver.rescue: has no use with 'strategy: fixed'"),
-        ({"strategy": "arc-length", "steps": 3}, "solver.steps: has no use with 'strategy: arc-length'"),
+        ({"strategy": "fixed", "rescue": []}, "solver.rescue: is not valid with 'strategy: fixed'"),
+        ({"strategy": "arc-length", "steps": 3}, "solver.steps: is not valid with 'strategy: arc-length'"),
         ({"strategy": "arc-length", "limit_points": -1}, "solver.limit_points: "),
         ({"rescue": ["prayer"]}, "solver.rescue"),
     ],

@@ -74,7 +74,10 @@ NEEDS_ONE = "fibres.fibre: needs exactly one of 'direction' (three formulas) and
         (without(direction=["X", 0, "atan(Z)"]), "fibres.fibre.direction[2]: 'atan(Z)' needs a pure number where"),
         (without(direction=["X > 0", 0, 0]), "fibres.fibre.direction[0]: must be a number, but 'X > 0' is a condition"),
         (without(constants={"X": 1}), "fibres.fibre.constants.X: is already the name of something else"),
-        (without("direction", data="grain", constants={"k": 1}), "fibres.fibre.constants: have no use without 'direct"),
+        (
+            without("direction", data="grain", constants={"k": 1}),
+            "fibres.fibre.constants: are not valid without 'direct",
+        ),
         (without(diretion=[1, 0, 0]), "fibres.fibre.diretion: unknown key. Did you mean 'direction'?"),
     ],
 )

@@ -307,13 +307,13 @@ def test_of_a_round_trip_it_is_the_first_solution(comm: MPI.Intracomm) -> None:
 
 
 FAULTS = {
-    "material.nu": "material.nu is no number of a law, an effect, fibres or a support in this job. Did you mean",
+    "material.nu": "material.nu is not a number of a law, an effect, fibres or a support in this job. Did you mean",
     "effects[7].pressure": "Did you mean 'effects",
-    "effects[0].region": "no number of a law, an effect, fibres or a support",
-    "mesh.file": "Such are material.mu, material.lam, material.young, material.poisson, …",
-    "material": "is not one number; take material.mu or material.lam or",
+    "effects[0].region": "not a number of a law, an effect, fibres or a support",
+    "mesh.file": "Possible keys are material.mu, material.lam, material.young, material.poisson, …",
+    "material": "is not one number; choose material.mu or material.lam or",
     "effects[]": "no number",
-    "x y": "'x y' is no key",
+    "x y": "'x y' is not a key",
 }
 
 
@@ -333,7 +333,7 @@ def test_what_is_no_number_is_refused(key: str, told: str) -> None:
         (
             {"law": "neo-hookean", "mu": {"block": 1e3}, "lam": 1},
             "material.mu",
-            "not one number; take material.mu.block",
+            "not one number; choose material.mu.block",
         ),
         ({"law": "neo-hookean", "mu": 1, "lam": "incompressible"}, "material.lam", "is infinite"),
         ({"law": "neo-hookean", "young": 1, "poisson": 0.5}, "material.poisson", "end of its range"),

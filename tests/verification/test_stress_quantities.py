@@ -217,8 +217,8 @@ def test_stresses_in_a_thick_sphere_at_a_point_and_on_its_boundary(comm: MPI.Int
 WRONG = [
     ({"of": "sxx", "on": "side"}, "reduce: is needed on a region: max, min, mean, max_abs, rms or integral"),
     ({"of": "1", "on": "side", "reduce": "integral"}, "over: is needed for an integral"),
-    ({"of": "sxx", "on": "side", "reduce": "max", "over": "current"}, "over: has a use only with an integral"),
-    ({"of": "sxx", "at": [0, 0, 0], "over": "current"}, "over: has a use only with an integral"),
+    ({"of": "sxx", "on": "side", "reduce": "max", "over": "current"}, "over: is valid only with an integral"),
+    ({"of": "sxx", "at": [0, 0, 0], "over": "current"}, "over: is valid only with an integral"),
     ({"of": "sxx + X", "at": [0, 0, 0]}, "of: 'sxx + X' adds or compares a stress and a length"),
     ({"of": "energy + J", "at": [0, 0, 0]}, "of: 'energy + J' adds or compares"),
     ({"of": "sxx > 1 kPa", "at": [0, 0, 0]}, "of: must be a number"),

@@ -40,35 +40,11 @@ def by_parts(source: MeshSource, part: Ints, count: int) -> MeshSource:
     nodes = np.argsort(first, kind="stable")
     facets = np.argsort(first[source.facets].max(axis=1, initial=0), kind="stable")
     parts = np.concatenate([[0], np.cumsum(np.bincount(part, minlength=count))])
-    return dataclasses.replace(_ordered(source, nodes, cells, facets), parts=tuple(parts.tolist()))
+    return dataclasses.replace(source.select(nodes, cells, facets), parts=tuple(parts.tolist()))
 
 
 def by_tags(source: MeshSource) -> MeshSource:
     """A whole mesh without parts, its nodes and cells sorted by their tags, and facets by their nodes."""
-    ordered = _ordered(
-        source, np.argsort(source.node_tags), np.argsort(source.cell_tags), np.arange(len(source.facets))
-    )
-    facets = np.lexsort(ordered.facets.T[::-1])
-    return dataclasses.replace(
-        _ordered(ordered, np.arange(len(source.points)), np.arange(len(source.cells)), facets), parts=()
-    )
-
-
-def _ordered(source: MeshSource, nodes: Ints, cells: Ints, facets: Ints) -> MeshSource:
-    """The mesh with its nodes, cells and facets reordered by the given permutations."""
-    new = np.empty_like(nodes)
-    new[nodes] = np.arange(len(nodes))
-    labels = {dim: source.labels(dim)[order] for dim, order in ((3, cells), (2, facets))}
-    rows = {"nodes": nodes, "cells": cells}
-    return dataclasses.replace(
-        source,
-        points=source.points[nodes],
-        node_tags=source.node_tags[nodes],
-        cells=new[source.cells[cells]],
-        cell_tags=source.cell_tags[cells],
-        facets=new[source.facets[facets]],
-        groups=tuple(
-            dataclasses.replace(g, members=np.flatnonzero(labels[g.dim] == i)) for i, g in enumerate(source.groups)
-        ),
-        data={name: dataclasses.replace(a, values=a.values[rows[a.on]]) for name, a in source.data.items()},
-    )
+    tagged = source.select(np.argsort(source.node_tags), np.argsort(source.cell_tags), np.arange(len(source.facets)))
+    nodes, cells = np.arange(len(source.points)), np.arange(len(source.cells))
+    return dataclasses.replace(tagged.select(nodes, cells, np.lexsort(tagged.facets.T[::-1])), parts=())

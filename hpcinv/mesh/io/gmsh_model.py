@@ -1,4 +1,4 @@
-"""Interface to gmsh models: sessions, extraction of the mesh, export to MSH, and METIS."""
+"""Interface to gmsh models: sessions, meshes, views (data of MSH files), and METIS."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ import numpy as np
 
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.cells import DEGREES, FACET_KIND, degree_of, node_order
-from hpcinv.mesh.io.gmsh_views import write_views
 from hpcinv.mesh.io.length_unit import store_unit
-from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays
 from hpcinv.parallel.signals import ended_by_signals, handlers_kept
 
 DIMENSION_NAMES = {0: "point", 1: "curve", 2: "surface", 3: "volume"}
@@ -26,6 +25,8 @@ GMSH_NAMES = {
     "triangle": "Triangle",
     "quadrilateral": "Quadrangle",
 }
+
+PLACES: dict[str, Place] = {"NodeData": "nodes", "ElementData": "cells"}  # of views ($NodeData, $ElementData)
 
 
 def _load() -> Any:
@@ -217,6 +218,49 @@ def _add_mesh(gmsh: Any, source: MeshSource, points: Floats) -> None:
             model.mesh.addElementsByType(entity, element.code, tags[group.members], on.ravel())
             if group.tag:
                 model.addPhysicalGroup(dim, [entity], group.tag, group.name)
+
+
+def read_views(gmsh: Any, source: MeshSource) -> dict[str, DataArray]:
+    """Values of gmsh's views at the nodes or in the cells of ``source``, at their last time step.
+
+    Missing values are NaN; views on surfaces only are ignored.
+    """
+    return data_arrays(_matched(gmsh, source))
+
+
+def _matched(gmsh: Any, source: MeshSource) -> Iterator[tuple[str, Place, Floats]]:
+    known = {"nodes": source.node_tags, "cells": source.cell_tags}  # in ascending order
+    for view in gmsh.view.getTags():
+        last = int(gmsh.view.option.getNumber(view, "NbTimeStep")) - 1
+        kind, tags, values, _, components = gmsh.view.getHomogeneousModelData(view, last)
+        if kind not in PLACES:
+            continue
+        on = PLACES[kind]
+        rows = np.searchsorted(known[on], tags.astype(np.int64)).clip(max=len(known[on]) - 1)
+        found = known[on][rows] == tags
+        if found.any():
+            result = np.full((len(known[on]), components), np.nan)
+            result[rows[found]] = values.reshape(-1, components)[found]
+            yield gmsh.view.option.getString(view, "Name"), on, result
+
+
+def write_views(gmsh: Any, path: Path, source: MeshSource) -> None:
+    """Append the data of ``source``, whose mesh is gmsh's current model, to the MSH file at ``path``."""
+    gmsh.option.setNumber("PostProcessing.SaveMesh", 0)
+    tags = {"nodes": source.node_tags, "cells": source.cell_tags}
+    kinds = {on: kind for kind, on in PLACES.items()}
+    for name, array in source.data.items():
+        view = gmsh.view.add(name)
+        gmsh.view.addHomogeneousModelData(
+            view,
+            0,
+            gmsh.model.getCurrent(),
+            kinds[array.on],
+            tags[array.on],
+            array.values.ravel(),
+            numComponents=array.values.shape[1],
+        )
+        gmsh.view.write(view, str(path), append=True)
 
 
 def metis(corners: Ints, kind: str, parts: int) -> Ints:

@@ -62,23 +62,20 @@ def read_xdmf(path: Path) -> MeshSource:
         else:
             rows = np.arange(len(entities)) + sum(map(len, facets))
             facets.append(entities)
-        tags = _data(path, values).ravel()
+        tags, name = _data(path, values).ravel(), grid.get("Name", "tags")
         if not np.isfinite(tags.astype(np.float64)).all() or np.abs(tags.astype(np.float64)).max(initial=0.0) > 2.0**53:
             raise MeshError(
-                f"{path}: '{grid.get('Name', 'tags')}' has tags that are not finite numbers below 2^53",
+                f"{path}: '{name}' has tags that are not finite numbers below 2^53",
                 "Correct the tags.",
             )
         if len(tags) != len(entities):
-            name = grid.get("Name", "tags")
             raise MeshError(
                 f"{path}: '{name}' has {len(tags)} tags for {len(entities)} entities", "Is the file complete?"
             )
         if on == kind and (rows < 0).any():
-            name = grid.get("Name", "tags")
             raise MeshError(f"{path}: '{name}' has cells that are not in the mesh", "Write the tags with this mesh.")
         for value in np.unique(tags):
-            name = f"{grid.get('Name', 'tags')}-{int(value)}"
-            groups.append(Group(name, 3 if on == kind else 2, len(groups) + 1, rows[tags == value]))
+            groups.append(Group(f"{name}-{int(value)}", 3 if on == kind else 2, len(groups) + 1, rows[tags == value]))
     cell_tags, node_tags = np.arange(1, len(cells) + 1), np.arange(1, len(points) + 1)
     of_functions = [g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None]
     attributes = [a for g in (mesh, *of_functions) for a in g.findall("Attribute") if a is not whole]
@@ -130,7 +127,7 @@ def _topology(path: Path, grid: ET.Element) -> tuple[str, Ints]:
 
 
 def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
-    """Values of a data item, inline or in an HDF5 file beside the XDMF file."""
+    """Values of a data item, inline or in an HDF5 file next to the XDMF file."""
     text = "" if item is None else (item.text or "").strip()
     form = "" if item is None else item.get("Format", "XML")
     if form == "XML" and item is not None:

@@ -10,6 +10,8 @@ from hpcinv.mesh.cells import FACET_KIND, scalar_element, sub_entities, vertex_c
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.topology import find_rows, unique_rows, vertex_sets
 
+CHUNK = 50_000
+
 
 def of_degree(source: MeshSource, degree: int) -> MeshSource:
     """The same mesh with a geometry of another degree; remaining nodes keep their tags, new ones follow."""
@@ -30,39 +32,87 @@ def raised(source: MeshSource) -> MeshSource:
 
     Nodal data arrays have the mean of the vertices there.
     """
-    between: list[Ints] = []
-    cells = with_room(source.kind, source.cells)
-    facet_kind = FACET_KIND[source.kind]
-    facets = with_room(facet_kind, source.facets)
-    count = len(source.points)
+    vertices: Floats = scalar_element(source.kind, 1).points
+    cells = np.arange(len(source.cells))
+    return with_inner_nodes(source, source, cells, np.broadcast_to(vertices, (len(cells), *vertices.shape)))
+
+
+def with_inner_nodes(mesh: MeshSource, parents: MeshSource, parent: Ints, at: Floats) -> MeshSource:
+    """``mesh``, which has vertices only, with degree 2; its new nodes are mapped by the geometry of ``parents``.
+
+    Args:
+        mesh: pieces of the cells of ``parents``, with the nodes of ``parents``.
+        parents: its nodes in the middle of entities of ``mesh``, if it has any, are used again.
+        parent: parent (m,) of each cell.
+        at: reference coordinates (m, k, 3) of the vertices of each cell in its parent.
+    """
+    kind, facet_kind = mesh.kind, FACET_KIND[mesh.kind]
+    cells, facets = with_room(kind, mesh.cells), with_room(facet_kind, mesh.facets)
+    count = len(parents.points)
+    found_in, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for dim in (1, 2, 3):
-        dofs = inner_dofs(source.kind, dim)
+        dofs, local = inner_dofs(kind, dim), sub_entities(kind, dim)
         if not len(dofs):
             continue
-        sets, place = unique_rows(vertex_sets(source.cells, sub_entities(source.kind, dim)))
-        cells[:, dofs] = count + place.reshape(-1, len(dofs))
-        if dim < 3 and len(source.facets):
+        sets, place = unique_rows(vertex_sets(mesh.cells, local))
+        middle = _middles(parents, dim, sets)
+        new = middle < 0
+        middle[new] = count + np.arange(np.count_nonzero(new))
+        count += int(np.count_nonzero(new))
+        cells[:, dofs] = middle[place].reshape(-1, len(dofs))
+        if dim < 3 and len(facets):
             on_facet = inner_dofs(facet_kind, dim)
-            found = find_rows(vertex_sets(source.facets, sub_entities(facet_kind, dim)), sets)
+            found = find_rows(vertex_sets(mesh.facets, sub_entities(facet_kind, dim)), sets)
             # -1 for an edge of no cell: the check of facets reports it.
-            facets[:, on_facet] = np.where(found < 0, -1, count + found).reshape(-1, len(on_facet))
-        between.append(sets)
-        count += len(sets)
+            facets[:, on_facet] = np.where(found < 0, -1, middle[found]).reshape(-1, len(on_facet))
+        one = np.empty(len(sets), dtype=np.int64)
+        one[place] = np.arange(len(place))  # any one of the cells that share it
+        cell, entity = np.divmod(one[new], len(local))
+        found_in.append(parent[cell])
+        places.append(at[cell[:, None], local[entity]].mean(axis=1))
+    of_new, at_new = np.concatenate(found_in), np.concatenate(places)
 
     def filled(values: Floats) -> Floats:
-        return np.concatenate([values, *(values[sets].mean(axis=1) for sets in between)])
+        return np.concatenate([values, mapped(parents, values, of_new, at_new)])
 
-    new = count - len(source.points)
-    tags = np.concatenate([source.node_tags, source.node_tags.max() + 1 + np.arange(new)])
     return dataclasses.replace(
-        source,
+        mesh,
         degree=2,
-        points=filled(source.points),
-        node_tags=tags,
+        points=filled(parents.points),
+        node_tags=np.concatenate([parents.node_tags, parents.node_tags.max() + 1 + np.arange(len(of_new))]),
         cells=cells,
         facets=facets,
-        data=source.nodal_data(filled),
+        data=mesh.nodal_data(filled),
     )
+
+
+def _middles(fine: MeshSource, dim: int, sets: Ints) -> Ints:
+    """Node in the middle of each entity (given by sorted vertices) of ``fine``, -1 for other entities."""
+    if fine.degree == 1:
+        return np.full(len(sets), -1, dtype=np.int64)
+    local = sub_entities(fine.kind, dim)
+    old, place = unique_rows(vertex_sets(fine.cells[:, : vertex_count(fine.kind)], local))
+    middle = np.full(len(old) + 1, -1, dtype=np.int64)
+    middle[place] = fine.cells[:, inner_dofs(fine.kind, dim)].ravel()
+    return middle[find_rows(sets, old)]
+
+
+def mapped(source: MeshSource, values: Floats, cell: Ints, at: Floats) -> Floats:
+    """Nodal ``values`` (n, c) at reference coordinates ``at`` (m, 3) of the cells ``cell`` (m,).
+
+    If all nodes of an edge or a face have the same value, its points have exactly that value too, so that conditions
+    such as ``x >= 1 m`` remain true on a plane end of the body.
+    """
+    element = scalar_element(source.kind, source.degree)
+    result = np.empty((len(cell), values.shape[1]))
+    for start in range(0, len(cell), CHUNK):
+        part = slice(start, start + CHUNK)
+        shapes: Floats = element.tabulate(0, at[part])[0, :, :, 0]
+        shapes[np.abs(shapes) < 1e-14] = 0.0
+        nodal = values[source.cells[cell[part]]]
+        first = nodal[np.arange(len(shapes)), np.abs(shapes).argmax(axis=1)]
+        result[part] = first + (shapes[:, None] @ (nodal - first[:, None]))[:, 0]
+    return result
 
 
 def inner_dofs(kind: str, dim: int) -> Ints:

@@ -10,14 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hpcinv.mesh.cells import FACET_KIND, scalar_element, sub_entities, vertex_count
+from hpcinv.mesh.cells import FACET_KIND
 from hpcinv.mesh.refine.bisection import bisected, edges_to_cut
-from hpcinv.mesh.refine.degree import inner_dofs, of_degree, with_room
+from hpcinv.mesh.refine.degree import inner_dofs, of_degree, with_inner_nodes
 from hpcinv.mesh.refine.subdivision import Pieces, eighths, quarters
-from hpcinv.mesh.source import Floats, Ints, MeshSource
-from hpcinv.mesh.topology import find_rows, unique_rows, vertex_sets
-
-CHUNK = 50_000
+from hpcinv.mesh.source import Ints, MeshSource
 
 
 @dataclass(frozen=True)
@@ -61,7 +58,7 @@ def refine(source: MeshSource, marked: Ints | None = None) -> Refined:
         },
     )
     if source.degree == 2:
-        refined = _curved(refined, fine, cells)
+        refined = with_inner_nodes(refined, fine, cells.of, cells.at)
     return Refined(refined.without_unused_nodes(), cells.of)
 
 
@@ -78,71 +75,3 @@ def _cell_tags(source: MeshSource, parent: Ints) -> Ints:
     """Old tags for cells that were not cut, new ones for pieces."""
     is_piece = np.bincount(parent, minlength=len(source.cells))[parent] > 1
     return np.where(is_piece, source.cell_tags.max() + np.cumsum(is_piece), source.cell_tags[parent])
-
-
-def _curved(refined: MeshSource, fine: MeshSource, pieces: Pieces) -> MeshSource:
-    """The ``refined`` mesh with degree 2, its nodes mapped by the geometry of the cells of ``fine``."""
-    kind, facet_kind = refined.kind, FACET_KIND[refined.kind]
-    cells, facets = with_room(kind, refined.cells), with_room(facet_kind, refined.facets)
-    count = len(fine.points)
-    parents, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
-    for dim in (1, 2, 3):
-        dofs, local = inner_dofs(kind, dim), sub_entities(kind, dim)
-        if not len(dofs):
-            continue
-        sets, place = unique_rows(vertex_sets(refined.cells, local))
-        middle = _middles(fine, dim, sets)
-        new = middle < 0
-        middle[new] = count + np.arange(np.count_nonzero(new))
-        count += int(np.count_nonzero(new))
-        cells[:, dofs] = middle[place].reshape(-1, len(dofs))
-        if dim < 3 and len(facets):
-            on_facet = inner_dofs(facet_kind, dim)
-            found = find_rows(vertex_sets(refined.facets, sub_entities(facet_kind, dim)), sets)
-            facets[:, on_facet] = middle[found].reshape(-1, len(on_facet))
-        one = np.empty(len(sets), dtype=np.int64)
-        one[place] = np.arange(len(place))  # any one of the cells that share it
-        cell, entity = np.divmod(one[new], len(local))
-        parents.append(pieces.of[cell])
-        places.append(pieces.at[cell[:, None], local[entity]].mean(axis=1))
-    parent, at = np.concatenate(parents), np.concatenate(places)
-
-    def filled(values: Floats) -> Floats:
-        return np.concatenate([values, mapped(fine, values, parent, at)])
-
-    return dataclasses.replace(
-        refined,
-        degree=2,
-        points=filled(fine.points),
-        node_tags=np.concatenate([fine.node_tags, fine.node_tags.max() + 1 + np.arange(len(parent))]),
-        cells=cells,
-        facets=facets,
-        data=refined.nodal_data(filled),
-    )
-
-
-def _middles(fine: MeshSource, dim: int, sets: Ints) -> Ints:
-    """Node in the middle of each entity (given by sorted vertices) of ``fine``, -1 for other entities."""
-    local = sub_entities(fine.kind, dim)
-    old, place = unique_rows(vertex_sets(fine.cells[:, : vertex_count(fine.kind)], local))
-    middle = np.full(len(old) + 1, -1, dtype=np.int64)
-    middle[place] = fine.cells[:, inner_dofs(fine.kind, dim)].ravel()
-    return middle[find_rows(sets, old)]
-
-
-def mapped(source: MeshSource, values: Floats, cell: Ints, at: Floats) -> Floats:
-    """Nodal ``values`` (n, c) at reference coordinates ``at`` (m, 3) of the cells ``cell`` (m,).
-
-    If all nodes of an edge or a face have the same value, its points have exactly that value too, so that conditions
-    such as ``x >= 1 m`` remain true on a plane end of the body.
-    """
-    element = scalar_element(source.kind, source.degree)
-    result = np.empty((len(cell), values.shape[1]))
-    for start in range(0, len(cell), CHUNK):
-        part = slice(start, start + CHUNK)
-        shapes: Floats = element.tabulate(0, at[part])[0, :, :, 0]
-        shapes[np.abs(shapes) < 1e-14] = 0.0
-        nodal = values[source.cells[cell[part]]]
-        first = nodal[np.arange(len(shapes)), np.abs(shapes).argmax(axis=1)]
-        result[part] = first + (shapes[:, None] @ (nodal - first[:, None]))[:, 0]
-    return result

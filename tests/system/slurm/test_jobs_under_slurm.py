@@ -87,5 +87,5 @@ def test_a_launcher_that_starts_single_ranks_is_refused(batch: Batch) -> None:
     job = batch.sbatch("--ntasks=2", JOB, "cube.yaml", HPCINV_LAUNCHER="srun --mpi=none")
     (facts,) = batch.wait(job)
     assert (facts["JobState"], facts["ExitCode"]) == ("FAILED", "2:0")
-    assert "--ranks 2 was asked for, but the launcher gave 1" in batch.outputs()
+    assert "--ranks 2 was requested, but the launcher started 1" in batch.outputs()
     assert not list(batch.place.glob("results/*"))

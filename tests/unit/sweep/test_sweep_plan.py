@@ -194,7 +194,7 @@ def test_what_is_wrong_with_the_file_is_told(axes: list[dict[str, Any]], expecte
 
 def test_everything_wrong_is_told_at_once_with_the_number_of_cases(tmp_path: Path) -> None:
     assert problems(tmp_path, {"grid": {"effects[1].density": [1, 2]}}) == [
-        "case 0, density 1 (and 1 more case): cannot set effects[1].density: [1] is taken of a list of 1"
+        "case 0, density 1 (and 1 more case): cannot set effects[1].density: [1] is not an entry of a list of 1"
     ]
     found = problems(
         tmp_path,

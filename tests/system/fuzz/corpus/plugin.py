@@ -3,7 +3,7 @@
 from typing import Any, ClassVar, Literal
 
 from hpcinv.effects.base import Effect
-from hpcinv.quantity.quantity import Force
+from hpcinv.quantity import Force
 
 
 class Push(Effect):
