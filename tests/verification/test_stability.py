@@ -319,9 +319,9 @@ def test_not_decided_on_screen_in_the_summary_and_in_the_exit_code(tmp_path: Pat
     path, kernels = write_job(tmp_path / "block.yaml", data), tmp_path / "kernels"
     assert command(1, "compile", path, "--cache", kernels, cwd=tmp_path).returncode == 0
     before = {found.name for found in kernels.glob("*.so")}
-    for options, code in (((), 0), (("--strict", "--overwrite"), 7)):
+    for ranks, options, code in ((1, (), 0), (2, ("--strict", "--overwrite"), 7)):
         ended = command(
-            2, "run", path, "--output", tmp_path / "out", *options, cwd=tmp_path, HPCINV_KERNELS=str(kernels)
+            ranks, "run", path, "--output", tmp_path / "out", *options, cwd=tmp_path, HPCINV_KERNELS=str(kernels)
         )
         assert ended.returncode == code, ended.stdout + ended.stderr
         assert "certificate: not decided" in ended.stdout
