@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -34,9 +33,7 @@ class MovableMesh:
         geometry = self.mesh.geometry
         self.given: Floats = geometry.x.copy()
         self._owned = slice(geometry.index_map().size_local)
-        degree = self.mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree
-        lagrange = basix.ufl.element("Lagrange", self.mesh.basix_cell(), degree, shape=(3,))
-        self._nodal = fem.Function(fem.functionspace(self.mesh, lagrange))
+        self._nodal = fem.Function(unknowns.nodal_space)
         self._dof_of_node = np.empty(len(self.given), dtype=np.int32)
         self._dof_of_node[geometry.dofmaps[0]] = self._nodal.function_space.dofmap.list
         self._jacobian = QuadratureValues(ufl.JacobianDeterminant(self.mesh), self.mesh, quadrature_degree)
@@ -48,10 +45,7 @@ class MovableMesh:
 
     def displacement(self) -> Floats:
         """Return the displacement of the present state at the nodes, the same on all ranks that share a node."""
-        self._nodal.interpolate(self.unknowns.displacement())
-        self._nodal.x.scatter_forward()
-        values: Floats = self._nodal.x.array.reshape(-1, 3)[self._dof_of_node]
-        return values
+        return self.unknowns.at_nodes(self.unknowns.displacement())
 
     def correct_displacement(self, change: Floats) -> None:
         """Add a field of the geometry's degree, given at the nodes, to the displacement of the present state."""

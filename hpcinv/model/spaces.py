@@ -129,15 +129,17 @@ class Unknowns:
     def at_nodes(self, u: fem.Function) -> npt.NDArray[np.float64]:
         """Return values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3)."""
         x = self.mesh.geometry
-        nodal = fem.Function(self._nodal_space)
+        nodal = fem.Function(self.nodal_space)
         nodal.interpolate(u)
+        nodal.x.scatter_forward()  # the same on all ranks that share a node
         values = np.empty((x.x.shape[0], 3))
         dofmap = nodal.function_space.dofmap.list
         values[x.dofmaps[0]] = nodal.x.array.reshape(-1, 3)[dofmap]
         return values
 
     @cached_property
-    def _nodal_space(self) -> fem.FunctionSpace:
+    def nodal_space(self) -> fem.FunctionSpace:
+        """Vector fields of the degree of the geometry."""
         # The element of the coordinates: from degree 3 on nodes of the default Lagrange element lie elsewhere.
         return fem.functionspace(self.mesh, self.mesh.ufl_domain().ufl_coordinate_element())
 
