@@ -77,7 +77,7 @@ def run_study(
     if interrupted:
         done, total = on_root(comm, lambda: known().count())
         raise Interrupted(
-            f"stopped by a signal; {done} of {total} runs are done and kept", "The same command goes on from there."
+            f"stopped by a signal; {done} of {total} runs are done and kept", "The same command continues."
         )
     on_root(comm, lambda: conclude(known(), StudyDirectory(directory, plan.study.study)))
 
