@@ -66,7 +66,7 @@ NEEDS_ONE = "fibres.fibre: needs exactly one of 'direction' (three formulas) and
     [
         (without("direction"), NEEDS_ONE),
         (without(data="grain"), NEEDS_ONE),
-        (without("given_on"), "fibres.fibre.given_on: is needed: body on which the direction lies"),
+        (without("given_on"), "fibres.fibre.given_on: is needed: body on which the direction is given"),
         (without(given_on="deformed"), "fibres.fibre.given_on: must be 'reference' or 'current', not 'deformed'"),
         (without(direction=[0, "0", "k"], constants={"k": 0}), "fibres.fibre.direction: must not be zero"),
         (without(direction=[1, 0]), "fibres.fibre.direction[2]: is needed"),

@@ -312,7 +312,7 @@ FAULTS = {
     "effects[0].region": "not a number of a law, an effect, fibres or a support",
     "mesh.file": "Possible keys are material.mu, material.lam, material.young, material.poisson, …",
     "material": "is not one number; choose material.mu or material.lam or",
-    "effects[]": "no number",
+    "effects[]": "is not a number",
     "x y": "'x y' is not a key",
 }
 
