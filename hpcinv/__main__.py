@@ -18,6 +18,7 @@ from hpcinv.cli.explain import add_explain
 from hpcinv.cli.laws import add_laws
 from hpcinv.cli.mesh import add_mesh
 from hpcinv.cli.run import add_run
+from hpcinv.cli.study import add_study, with_action
 from hpcinv.cli.sweep import add_sweep
 from hpcinv.cli.validate import add_validate
 from hpcinv.errors import HpcinvError, OutputError
@@ -37,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     sys.stdout = sys.stdout or io.StringIO()  # it may be closed
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
-    options = _parser().parse_args(arguments)
+    options = _parser().parse_args(with_action(sys.argv[1:] if arguments is None else arguments))
     end_if_noted()
     try:
         with asked_for(options):
@@ -69,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="command")
-    for add in (add_run, add_sweep, add_validate, add_explain, add_laws, add_mesh, add_compile, add_bench):
+    for add in (add_run, add_study, add_sweep, add_validate, add_explain, add_laws, add_mesh, add_compile, add_bench):
         add(commands)
     return parser
 

@@ -1,4 +1,4 @@
-"""Commands ``run``, ``resume`` and ``study``; under mpirun for more than one rank."""
+"""Commands ``run`` and ``resume``; under mpirun for more than one rank."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 from hpcinv.output.run_directory import RunDirectory, choose
 from hpcinv.parallel.signals import end_on_interrupt
-from hpcinv.study.plan import load_study
 
 
 def add_run(commands: Any) -> None:
-    """Add the three commands."""
+    """Add the two commands."""
     run = commands.add_parser("run", help="solve a job (under mpirun for more than one rank)")
     run.add_argument("job", type=Path, help="job file (YAML)")
     run.add_argument(
@@ -31,16 +30,6 @@ def add_run(commands: Any) -> None:
     resume.add_argument("--job", type=Path, help="a changed job: solver, output and checkpoint settings may differ")
     resume.set_defaults(command=_resume)
 
-    study = commands.add_parser("study", help="accuracy against time: many runs of a job, their errors and costs")
-    study.add_argument(
-        "action", nargs="?", choices=("run", "status"), default="run", help="run it (default), or show its status"
-    )
-    study.add_argument("study", type=Path, help="study file (YAML)")
-    study.add_argument("--output", type=Path, metavar="DIR", help="where it goes, and goes on (default: results/STUDY)")
-    study.add_argument("--retry-failed", action="store_true", help="try runs that have failed before once more")
-    study.add_argument("--follow", action="store_true", help="status: repeat it until all executions are finished")
-    study.set_defaults(command=_study)
-
     for parallel in (run, resume):
         verbosity = parallel.add_mutually_exclusive_group()
         verbosity.add_argument("-v", "--verbose", action="store_true", help="print every iteration of Newton's method")
@@ -52,7 +41,6 @@ def add_run(commands: Any) -> None:
             action="store_true",
             help="end with exit code 7 if the certificate has warnings or is not decided",
         )
-    for parallel in (run, resume, study):
         parallel.add_argument(
             "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
         )
@@ -116,37 +104,3 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
                 stop_asked=stop,
             )
     return result.certificate.verdict.exit_code(strict=options.strict)
-
-
-def _study_status(options: argparse.Namespace) -> int:
-    """Print the status of a study, for the number of ranks with which it was last started, or for --ranks."""
-    from hpcinv.batch.ledger.ledger import ledger_of
-    from hpcinv.batch.status import show
-    from hpcinv.study.directory import check_content, ranks_in, store_in
-    from hpcinv.study.executions import Executions
-
-    plan = load_study(options.study)
-    directory = options.output or Path("results") / plan.study.study
-    check_content(directory, plan.study.study)
-    executions = Executions(plan, ledger_of(store_in(directory)), options.ranks or ranks_in(directory))
-    show(executions.status, followed=options.follow)
-    return 0
-
-
-def _study(options: argparse.Namespace) -> int:
-    misplaced = "--retry-failed" if options.action == "status" else "--follow"
-    if options.retry_failed if options.action == "status" else options.follow:
-        raise OutputError(f"{misplaced}: is not valid with 'study {options.action}'", "Leave it out.")
-    if options.action == "status":
-        return _study_status(options)
-
-    from hpcinv.parallel.launch import launched
-
-    with launched(options.ranks) as (comm, stop):
-        from hpcinv.cli.study import run_study
-        from hpcinv.parallel.runtime import on_root
-
-        plan = on_root(comm, lambda: load_study(options.study))
-        directory = options.output or Path("results") / plan.study.study
-        run_study(plan, comm, directory=directory, retry_failed=options.retry_failed, stop=stop)
-    return 0

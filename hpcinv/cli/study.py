@@ -1,127 +1,72 @@
-"""Run of a study: executions, tables and diagrams."""
+"""``hpcinv study``: run, status."""
 
 from __future__ import annotations
 
-import re
-from functools import partial
+import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+from hpcinv.files.untrusted import add_option
+from hpcinv.study.plan import load_study
 
-# isort: split
-from hpcinv.batch.conduct import conduct
-from hpcinv.batch.ledger.ledger import ledger_of
-from hpcinv.batch.tables import as_csv
-from hpcinv.batch.units import unit_of
-from hpcinv.errors import Interrupted, JobError, SolveError
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.study.diagram import over_cases, work_precision
-from hpcinv.study.directory import StudyDirectory
-from hpcinv.study.execution import StudyBatch
-from hpcinv.study.executions import Executions
-from hpcinv.study.findings import Accuracy, accuracy
-from hpcinv.study.report import show
-from hpcinv.study.rows import StudyRow, rows_of
-from hpcinv.study.tables import as_hdf5, point_columns, point_units, run_columns, run_units
-
-if TYPE_CHECKING:
-    from hpcinv.parallel.signals import StopRequest
-    from hpcinv.study.plan import StudyPlan
-
-SECONDS = {"run": "whole run without compilation", "solver": "Newton's method"}
+_ACTIONS = ("run", "status")
 
 
-def run_study(
-    plan: StudyPlan,
-    comm: MPI.Intracomm,
-    *,
-    directory: Path,
-    retry_failed: bool,
-    stop: StopRequest,
-) -> None:
-    """Run the open executions of the study in ``directory``, then write and show its results; collective.
+def with_action(arguments: list[str]) -> list[str]:
+    """Return the arguments of the command line with ``study FILE`` completed to ``study run FILE``."""
+    if arguments[:1] != ["study"] or {*_ACTIONS, "-h", "--help"}.intersection(arguments):
+        return arguments
+    return ["study", "run", *arguments[1:]]
 
-    Several allocations may do so at the same time; each ends when all runs are done.
 
-    Args:
-        retry_failed: whether runs that have failed before are tried again.
-
-    Raises:
-        OutputError: the directory is not this study's, or cannot be written.
-        Interrupted: a signal asked to stop; what was done is kept.
-        SolveError: not one run converged.
-        JobError: something measured is not there, or has no reference.
-    """
-    batch = StudyBatch(plan, directory)
-    note = partial(print, flush=True)
-
-    def known() -> Executions:
-        return Executions(plan, ledger_of(batch.store), comm.size)
-
-    def begin() -> None:
-        StudyDirectory(directory, plan.study.study).set_ranks(comm.size)
-        executions = known()
-        before = f"; {done} executions were done before" if (done := executions.count()[0]) else ""
-        if retry_failed:
-            before += f", {executions.retry()} of which failed and are open again"
-        ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
-        note(f"{plan.study.study}: {len(plan.runs)} runs, {ranks}; results in {directory}{before}")
-
-    on_root(comm, begin)
-    interrupted = False
-    try:
-        conduct(batch, comm, ranks_per_case=comm.size, isolated=False, note=note, stop=stop)
-    except Interrupted:
-        interrupted = True
-    if interrupted:
-        done, total = on_root(comm, lambda: known().count())
-        raise Interrupted(
-            f"stopped by a signal; {done} of {total} runs are done and kept", "The same command continues."
+def add_study(commands: Any) -> None:
+    """Add the command ``study`` and its subcommands."""
+    study = commands.add_parser(
+        "study",
+        help="accuracy against time: many runs of a job, their errors and costs",
+        epilog="'study FILE' is short for 'study run FILE'.",
+    )
+    actions = study.add_subparsers(required=True, metavar="command")
+    run = actions.add_parser("run", help="execute the runs that are open (under mpirun; several may run at once)")
+    run.add_argument("--retry-failed", action="store_true", help="try runs that have failed before once more")
+    run.add_argument(
+        "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
+    )
+    run.set_defaults(command=_run)
+    status = actions.add_parser("status", help="show how many executions are finished, and the time left")
+    status.add_argument("--follow", action="store_true", help="repeat it until all executions are finished")
+    status.add_argument("--ranks", type=int, help="number of ranks (default: that of the last start)")
+    status.set_defaults(command=_status)
+    for parser in (run, status):
+        parser.add_argument("study", type=Path, help="study file (YAML)")
+        parser.add_argument(
+            "--output", type=Path, metavar="DIR", help="directory of the results (default: results/STUDY)"
         )
-    on_root(comm, lambda: conclude(known(), StudyDirectory(directory, plan.study.study)))
+        add_option(parser)
 
 
-def conclude(executions: Executions, directory: StudyDirectory) -> None:
-    """Write and show the tables and diagrams of a study whose runs are all done.
+def _run(options: argparse.Namespace) -> int:
+    from hpcinv.parallel.launch import launched
 
-    Raises:
-        SolveError: not one run converged.
-        JobError: something measured is not there, or has no reference; all else is written nevertheless.
-    """
-    plan = executions.plan
-    rows = rows_of(executions)
-    units = {name: unit_of(key, plan.runs[0].job) for name, key in plan.measured.items()}
-    found = [accuracy(plan, rows, name, unit) for name, unit in units.items()]
-    for name, content in _files(plan, rows, found, executions.ranks).items():
-        directory.write(name, content)
-    show(plan, rows, found)
-    if not any(row.converged for row in rows):
-        raise SolveError(f"{plan.path}: not one of the {len(rows)} runs converged; the first: {rows[0].status}")
-    problems = []
-    for a in found:
-        if all(row.values[a.name] is None for row in rows):
-            problems.append(f"{plan.path}: measure: the summary has no number at {plan.measured[a.name]}")
-        elif a.refusal is not None:
-            problems.append(f"{plan.path}: reference.{a.name}: {a.refusal}")
-    if problems:
-        raise JobError(problems)
+    with launched(options.ranks) as (comm, stop):
+        from hpcinv.parallel.runtime import on_root
+        from hpcinv.study.run import run_study
+
+        plan = on_root(comm, lambda: load_study(options.study))
+        directory = options.output or Path("results") / plan.study.study
+        run_study(plan, comm, directory=directory, retry_failed=options.retry_failed, stop=stop)
+    return 0
 
 
-def _files(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: int) -> dict[str, str | bytes]:
-    """Return the contents of the files by name."""
-    files: dict[str, str | bytes] = {
-        "table.csv": as_csv(run_columns(plan, rows, found), run_units(found)),
-        "table.h5": as_hdf5(plan, rows, found, ranks),
-    }
-    study = plan.study
-    most = max(len(row.times) for row in rows)
-    seconds = f"{SECONDS[study.time]}, {ranks} rank{'s' if ranks > 1 else ''}, median of {most}"
-    varied = {series.name: ", ".join(key.rpartition(".")[2] for key in series.vary) for series in study.series}
-    for a in found:
-        stem = re.sub(r"[\[\]]+", "-", a.name).strip("-")
-        files |= {f"{stem}.{form}": data for form, data in work_precision(study.study, a, seconds, varied).items()}
-        if plan.cases > 1:
-            files[f"{stem}-statistics.csv"] = as_csv(point_columns(plan, a), point_units(a))
-            files |= {f"{stem}-cases.{form}": data for form, data in over_cases(study.study, a, rows).items()}
-    return files
+def _status(options: argparse.Namespace) -> int:
+    from hpcinv.batch.ledger.ledger import ledger_of
+    from hpcinv.batch.status import show
+    from hpcinv.study.directory import check_content, ranks_in, store_in
+    from hpcinv.study.executions import Executions
+
+    plan = load_study(options.study)
+    directory = options.output or Path("results") / plan.study.study
+    check_content(directory, plan.study.study)
+    executions = Executions(plan, ledger_of(store_in(directory)), options.ranks or ranks_in(directory))
+    show(executions.status, followed=options.follow)
+    return 0

@@ -29,7 +29,6 @@ from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.task import Pause
-from hpcinv.cli.study import conclude
 from hpcinv.errors import JobError, OutputError, SolveError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import parse
@@ -43,6 +42,7 @@ from hpcinv.study.executions import Executions
 from hpcinv.study.findings import accuracy, front
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.rows import rows_of
+from hpcinv.study.run import conclude
 from hpcinv.study.schedule import StudySchedule, StudyTask
 
 # Numbers
@@ -268,7 +268,17 @@ def test_the_status_of_a_study_counts_its_executions(
     ]
     assert main([*command, "--ranks", "1"]) == 0
     assert "0 of 12 executions finished" in capsys.readouterr().out
-    assert main([*command, "--retry-failed"]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main([*command, "--retry-failed"])
+
+
+def test_options_may_come_before_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["--output", str(tmp_path), str(tmp_path / "missing.yaml")]
+    assert main(["study", "status", *command]) == 2
+    for action in ([], ["run"]):
+        with pytest.raises(SystemExit, match="2"):  # all ranks end with this code
+            main(["study", *action, *command])
+    assert capsys.readouterr().err.count("no such file") == 3
 
 
 def test_a_directory_of_something_else_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,127 @@
+"""Run of a study: executions, tables and diagrams."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+from hpcinv.batch.conduct import conduct
+from hpcinv.batch.ledger.ledger import ledger_of
+from hpcinv.batch.tables import as_csv
+from hpcinv.batch.units import unit_of
+from hpcinv.errors import Interrupted, JobError, SolveError
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.study.diagram import over_cases, work_precision
+from hpcinv.study.directory import StudyDirectory
+from hpcinv.study.execution import StudyBatch
+from hpcinv.study.executions import Executions
+from hpcinv.study.findings import Accuracy, accuracy
+from hpcinv.study.report import show
+from hpcinv.study.rows import StudyRow, rows_of
+from hpcinv.study.tables import as_hdf5, point_columns, point_units, run_columns, run_units
+
+if TYPE_CHECKING:
+    from hpcinv.parallel.signals import StopRequest
+    from hpcinv.study.plan import StudyPlan
+
+SECONDS = {"run": "whole run without compilation", "solver": "Newton's method"}
+
+
+def run_study(
+    plan: StudyPlan,
+    comm: MPI.Intracomm,
+    *,
+    directory: Path,
+    retry_failed: bool,
+    stop: StopRequest,
+) -> None:
+    """Run the open executions of the study in ``directory``, then write and show its results; collective.
+
+    Several allocations may do so at the same time; each ends when all runs are done.
+
+    Args:
+        retry_failed: whether runs that have failed before are tried again.
+
+    Raises:
+        OutputError: the directory is not this study's, or cannot be written.
+        Interrupted: a signal asked to stop; what was done is kept.
+        SolveError: not one run converged.
+        JobError: something measured is not there, or has no reference.
+    """
+    batch = StudyBatch(plan, directory)
+    note = partial(print, flush=True)
+
+    def known() -> Executions:
+        return Executions(plan, ledger_of(batch.store), comm.size)
+
+    def begin() -> None:
+        StudyDirectory(directory, plan.study.study).set_ranks(comm.size)
+        executions = known()
+        before = f"; {done} executions were done before" if (done := executions.count()[0]) else ""
+        if retry_failed:
+            before += f", {executions.retry()} of which failed and are open again"
+        ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
+        note(f"{plan.study.study}: {len(plan.runs)} runs, {ranks}; results in {directory}{before}")
+
+    on_root(comm, begin)
+    interrupted = False
+    try:
+        conduct(batch, comm, ranks_per_case=comm.size, isolated=False, note=note, stop=stop)
+    except Interrupted:
+        interrupted = True
+    if interrupted:
+        done, total = on_root(comm, lambda: known().count())
+        raise Interrupted(
+            f"stopped by a signal; {done} of {total} runs are done and kept", "The same command continues."
+        )
+    on_root(comm, lambda: conclude(known(), StudyDirectory(directory, plan.study.study)))
+
+
+def conclude(executions: Executions, directory: StudyDirectory) -> None:
+    """Write and show the tables and diagrams of a study whose runs are all done.
+
+    Raises:
+        SolveError: not one run converged.
+        JobError: something measured is not there, or has no reference; all else is written nevertheless.
+    """
+    plan = executions.plan
+    rows = rows_of(executions)
+    units = {name: unit_of(key, plan.runs[0].job) for name, key in plan.measured.items()}
+    found = [accuracy(plan, rows, name, unit) for name, unit in units.items()]
+    for name, content in _files(plan, rows, found, executions.ranks).items():
+        directory.write(name, content)
+    show(plan, rows, found)
+    if not any(row.converged for row in rows):
+        raise SolveError(f"{plan.path}: not one of the {len(rows)} runs converged; the first: {rows[0].status}")
+    problems = []
+    for a in found:
+        if all(row.values[a.name] is None for row in rows):
+            problems.append(f"{plan.path}: measure: the summary has no number at {plan.measured[a.name]}")
+        elif a.refusal is not None:
+            problems.append(f"{plan.path}: reference.{a.name}: {a.refusal}")
+    if problems:
+        raise JobError(problems)
+
+
+def _files(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: int) -> dict[str, str | bytes]:
+    """Return the contents of the files by name."""
+    files: dict[str, str | bytes] = {
+        "table.csv": as_csv(run_columns(plan, rows, found), run_units(found)),
+        "table.h5": as_hdf5(plan, rows, found, ranks),
+    }
+    study = plan.study
+    most = max(len(row.times) for row in rows)
+    seconds = f"{SECONDS[study.time]}, {ranks} rank{'s' if ranks > 1 else ''}, median of {most}"
+    varied = {series.name: ", ".join(key.rpartition(".")[2] for key in series.vary) for series in study.series}
+    for a in found:
+        stem = re.sub(r"[\[\]]+", "-", a.name).strip("-")
+        files |= {f"{stem}.{form}": data for form, data in work_precision(study.study, a, seconds, varied).items()}
+        if plan.cases > 1:
+            files[f"{stem}-statistics.csv"] = as_csv(point_columns(plan, a), point_units(a))
+            files |= {f"{stem}-cases.{form}": data for form, data in over_cases(study.study, a, rows).items()}
+    return files
