@@ -319,6 +319,9 @@ def test_an_effect_is_refused_in_a_direction_that_it_cannot_serve(
     load: Loader, problems: Callable[[Edit], list[str]]
 ) -> None:
     class OnlyForward(Effect):
+        """Complete, since other tests of this process find it in the registry."""
+
+        example: ClassVar[dict[str, Any]] = {"effect": "only-forward"}
         directions: ClassVar[frozenset[Direction]] = frozenset({"forward"})
         effect: Literal["only-forward"] = "only-forward"
 
