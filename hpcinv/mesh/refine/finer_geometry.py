@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SAME = (
     1e-6  # distance of nodes, relative to the cell size, up to which they count as the same (rounding of the generator)
 )
-NO_CAD = "the mesh file has no more of the body's shape than its cells"
+NO_CAD = "the mesh file contains no geometry beyond its cells"
 EDGE = 0.0025  # smallest ratio of eigenvalues of the sum of n⊗n at an edge: about 0.1 rad between normals
 OTHER_CELLS = "its generator or file gives other cells"
 

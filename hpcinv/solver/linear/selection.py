@@ -93,7 +93,7 @@ class Chooser:
                 budget=self._budget,
             )
         ratio = self.forecast.direct / self.forecast.iterative
-        size = f"at {self.forecast.unknowns} unknowns, {self.forecast.shape.cut:.0f} of them in a cut across"
+        size = f"at {self.forecast.unknowns} unknowns, {self.forecast.shape.cut:.0f} of them in a cross-section"
         if ratio > _WORTH:
             why = f"{size}, factorizations would take about {ratio:.2g} times as long as multigrid"
             return Choice("iterative", why, fallback, budget=self._budget)

@@ -102,7 +102,7 @@ def test_the_reason_that_is_told_is_the_one_that_decided(
     monkeypatch.setattr(Forecast, "direct", property(lambda forecast: ratio * forecast.iterative))
     chosen = chooser.choose(job(**SOFT, mesh=box()).solver)
     assert chosen.configuration == configuration
-    assert chosen.why.split(" of them in a cut across, ")[1].startswith(why)
+    assert chosen.why.split(" of them in a cross-section, ")[1].startswith(why)
     assert ("it is taken" in chosen.why) == (configuration == "direct" and ratio > 1)
 
 
