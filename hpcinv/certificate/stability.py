@@ -39,15 +39,15 @@ def stability(model: Model, solution: Solution) -> Iterator[Line]:
         with model.timings("factorization"):
             found = inertia(equilibrium.system.matrix)
         model.release(equilibrium)
-        pressures = model.unknowns.pressure_size
-        # Zeros count: a singular tangent is not stable. Each pressure contributes one that is negative or zero.
-        unstable = None if found is None else found.negative + found.zero - pressures
-        if found is None or unstable is None or unstable < 0:
-            line = skipped(STABILITY, "the tangent could not be factorized")
-        elif unstable == 0:
-            line = _stable(found.asymmetry)
-        else:
-            line = _unstable(unstable, confirm(model, solution), is_mixed=pressures > 0)
+    pressures = model.unknowns.pressure_size
+    # Zeros count: a singular tangent is not stable. Each pressure contributes one that is negative or zero.
+    unstable = None if found is None else found.negative + found.zero - pressures
+    if found is None or unstable is None or unstable < 0:
+        line = skipped(STABILITY, "the tangent could not be factorized")
+    elif unstable == 0:
+        line = _stable(found.asymmetry)
+    else:
+        line = _unstable(unstable, confirm(model, solution), is_mixed=pressures > 0)
     yield line
     yield _limit_points(solution, has_spurious_modes=pressures > 0 and line.verdict is Verdict.UNDECIDED)
 

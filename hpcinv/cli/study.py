@@ -14,7 +14,7 @@ _ACTIONS = ("run", "status")
 
 def with_action(arguments: list[str]) -> list[str]:
     """Return the arguments of the command line with ``study FILE`` completed to ``study run FILE``."""
-    if arguments[:1] != ["study"] or {*_ACTIONS, "-h", "--help"}.intersection(arguments):
+    if arguments[:1] != ["study"] or {*_ACTIONS, "-h", "--help"}.intersection(arguments[1:2]):
         return arguments
     return ["study", "run", *arguments[1:]]
 

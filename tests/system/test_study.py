@@ -275,10 +275,10 @@ def test_the_status_of_a_study_counts_its_executions(
 def test_options_may_come_before_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["--output", str(tmp_path), str(tmp_path / "missing.yaml")]
     assert main(["study", "status", *command]) == 2
-    for action in ([], ["run"]):
+    for words in (command, ["run", *command], [command[-1], "--output", "run"]):
         with pytest.raises(SystemExit, match="2"):  # all ranks end with this code
-            main(["study", *action, *command])
-    assert capsys.readouterr().err.count("no such file") == 3
+            main(["study", *words])
+    assert capsys.readouterr().err.count("no such file") == 4
 
 
 def test_a_directory_of_something_else_is_refused(tmp_path: Path) -> None:
