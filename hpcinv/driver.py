@@ -6,41 +6,32 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
-from hpcinv.accuracy import Search
-from hpcinv.certificate import certify
+from hpcinv.accuracy import AccuracyRecord, Search
+from hpcinv.certificate import Estimate, certify
+from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.mesh.moved import placed
+from hpcinv.mesh.source import Floats
+from hpcinv.methods.initial_guess import Guess
 from hpcinv.methods.method import Start
 from hpcinv.methods.solve_direction import solve_direction
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
+from hpcinv.output.result import Result
+from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import check_points, evaluate
 from hpcinv.results.shape_distance import differences, read_expected
-from hpcinv.results.solution import solution_of
+from hpcinv.results.solution import Solution, solution_of
 from hpcinv.results.totals import totals_of
 from hpcinv.sensitivity.analysis import sensitivities
 from hpcinv.solver.observer import Observer, Observers, StopSignal
+from hpcinv.solver.problem import Model
 from hpcinv.solver.problem_cache import Workspace
-
-if TYPE_CHECKING:
-    from hpcinv.accuracy import AccuracyRecord
-    from hpcinv.certificate import Estimate
-    from hpcinv.job.job import Job
-    from hpcinv.mesh.source import Floats
-    from hpcinv.methods.initial_guess import Guess
-    from hpcinv.output.result import Result
-    from hpcinv.output.run_directory import RunDirectory
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
 
 
 def run(

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 
 from hpcinv.accuracy.forecast import TARGET, RefinementChoice, RefinementForecast, cautious, choose
 from hpcinv.accuracy.marking import MarkingPlan, plan
+from hpcinv.accuracy.meshes import Meshes, Variant
+from hpcinv.accuracy.trial import Trial
 from hpcinv.parallel.runtime import on_root
-
-if TYPE_CHECKING:
-    from hpcinv.accuracy.meshes import Meshes, Variant
-    from hpcinv.accuracy.trial import Trial
 
 DEEPEST = 2  # largest number of halvings of a marked cell in one step
 SECOND_MESH = 1.5  # smallest factor between the sizes of two meshes whose comparison gives the error

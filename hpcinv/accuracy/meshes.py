@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import Resolution, is_generator, resolution_of
 from hpcinv.mesh.body import Body, build_body, read_source
 from hpcinv.mesh.cells import sub_entities
@@ -16,9 +16,6 @@ from hpcinv.mesh.refine.degree import inner_dofs
 from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
 
 MOST = 16  # largest refinement factor
 FLAT = 1e-6  # rounding error of a generator: distance of a node from the middle of its edge, relative to the edge

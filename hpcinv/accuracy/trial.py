@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -14,25 +13,20 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.accuracy.forecast import Work
+from hpcinv.accuracy.meshes import Variant
 from hpcinv.certificate.estimate import Estimate, estimate
+from hpcinv.job.job import Job
+from hpcinv.mesh import Body
 from hpcinv.mesh.moved import placed
-from hpcinv.methods import method_for
+from hpcinv.methods import Method, method_for
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import Value, check_points, evaluate
-from hpcinv.results.solution import solution_of
+from hpcinv.results.solution import Solution, solution_of
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.observer import Observer
 from hpcinv.solver.problem import Model
-
-if TYPE_CHECKING:
-    from hpcinv.accuracy.meshes import Variant
-    from hpcinv.job.job import Job
-    from hpcinv.mesh import Body
-    from hpcinv.methods import Method
-    from hpcinv.parallel.timings import Timings
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.newton import Solve
-    from hpcinv.solver.observer import Observer
-
 
 _PHASES = ("tangent", "factorization", "compile")
 # A curved surface of one mesh lies outside the straight cells of another, by a share of the larger cell.

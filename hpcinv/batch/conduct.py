@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from hpcinv.batch.isolation import can_isolate, supervise
 from hpcinv.batch.ledger.liveness import LEASE
+from hpcinv.batch.task import Batch
 from hpcinv.errors import HpcinvError, Interrupted, OutputError
 from hpcinv.parallel.ranks import MPI, agree
-
-if TYPE_CHECKING:
-    from hpcinv.batch.task import Batch
-    from hpcinv.parallel.signals import StopRequest
+from hpcinv.parallel.signals import StopRequest
 
 
 def conduct(

@@ -6,10 +6,8 @@ import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.record import CaseRecord
 
 
 def remaining_seconds(

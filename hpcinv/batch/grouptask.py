@@ -6,13 +6,11 @@ import pickle
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 from hpcinv.batch.ledger.ledger import Claim
+from hpcinv.batch.task import Batch, BatchTask
 from hpcinv.errors import HpcinvError
-
-if TYPE_CHECKING:
-    from hpcinv.batch.task import Batch, BatchTask
 
 _TASK, _EVENTS = "task", "events"
 

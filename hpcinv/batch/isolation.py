@@ -21,17 +21,15 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from hpcinv.batch.grouptask import Ended, EventReader, GroupTask, Held
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.batch.task import Batch
 from hpcinv.errors import Interrupted, SystemPartMissing
 from hpcinv.parallel.processes import Identity
 from hpcinv.parallel.ranks import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.batch.task import Batch
-    from hpcinv.parallel.signals import StopRequest
+from hpcinv.parallel.signals import StopRequest
 
 _PAUSE = 0.05  # seconds between checks of a group
 _FRUITLESS = 3  # largest number of consecutive starts that end before a case is begun

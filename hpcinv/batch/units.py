@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from hpcinv.job.job import Job
 from hpcinv.job.sections import FIELDS, POSITIONS, REACTIONS
 from hpcinv.quantity.units import NAMES, parse_unit
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
 
 COSTS = {"time": "s", "run": "s", "solver": "s", "compile": "s", "memory": "B"}
 _IN_SUMMARY = {"max": "m", "rms": "m", "strain_energy": "J", "total": "s"}

@@ -8,24 +8,17 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST, Ledger
+from hpcinv.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST, Claim, Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.ledger.store import open_store
-from hpcinv.batch.task import Pause
+from hpcinv.batch.task import Batch, BatchTask, Pause, Schedule
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError
 from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
 from hpcinv.solver.problem_cache import collect_garbage
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.ledger import Claim
-    from hpcinv.batch.task import Batch, BatchTask, Schedule
 
 _PAUSE = 1.0  # seconds between checks of cases that other groups hold
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 import yaml
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from rich.table import Table
 
@@ -21,9 +22,6 @@ from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import metadata_in
 from hpcinv.quantity.spatial_fields import VaryingQuantity
 from hpcinv.quantity.suggestions import did_you_mean
-
-if TYPE_CHECKING:
-    from pydantic.fields import FieldInfo
 
 
 def overview(members: Mapping[str, type[Ingredient]]) -> None:

@@ -6,17 +6,14 @@ import argparse
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.errors import HpcinvError, Interrupted
 from hpcinv.files.untrusted import add_option
-from hpcinv.job.job import load
+from hpcinv.job.job import Job, load
 from hpcinv.job.reuse_key import reuse_group_of
 from hpcinv.study.plan import is_study, load_study
 from hpcinv.sweep.plan import is_sweep, load_sweep
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
 
 _COMPUTED = {"method", "certificate", "quantities", "sensitivities"}
 """Sections of a job that need kernels, besides its reuse group."""

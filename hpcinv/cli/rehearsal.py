@@ -7,31 +7,23 @@ held by itself. What asks for a kernel in a run does so here, whatever it is.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 import numpy as np
 
 from hpcinv.assembly.tangent import as_for
 from hpcinv.certificate import certify
 from hpcinv.certificate.confirmation import known_displacement, second_variation
+from hpcinv.job.job import Job
 from hpcinv.job.sections import Support
 from hpcinv.mesh.body import read_anywhere, read_finer_geometry
 from hpcinv.mesh.sample_mesh import HELD, sample_body
+from hpcinv.mesh.source import MeshSource
 from hpcinv.methods import method_for
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import evaluate
-from hpcinv.results.solution import solution_of
+from hpcinv.results.solution import Solution, solution_of
 from hpcinv.sensitivity.analysis import sensitivities
 from hpcinv.solver.problem import Model
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.mesh.source import MeshSource
-    from hpcinv.results.solution import Solution
 
 
 def rehearse(job: Job) -> None:

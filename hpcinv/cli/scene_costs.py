@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -22,15 +22,13 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.assembly.tangent import tangent_of
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.problem import Model
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.model.scene import Scene
 
 _ROUNDS = 7  # the fastest counts, since disturbances only lengthen a measurement
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
-from hpcinv.job.sections import FIELDS, LENGTH, POSITIONS
+from hpcinv.job.sections import FIELDS, LENGTH, POSITIONS, QuantityOfInterest
 from hpcinv.quantity.quantity import positive
 from hpcinv.quantity.schema import Location, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
-
-if TYPE_CHECKING:
-    from hpcinv.job.sections import QuantityOfInterest
 
 
 def read_demands(

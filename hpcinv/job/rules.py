@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import TYPE_CHECKING
 
+from hpcinv.job.settings import Discretisation
+from hpcinv.materials import MaterialLaw
+from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.schema import Location
 from hpcinv.quantity.suggestions import did_you_mean
-
-if TYPE_CHECKING:
-    from hpcinv.job.settings import Discretisation
-    from hpcinv.materials import MaterialLaw
-    from hpcinv.quantity.component import Ingredient
 
 type Faults = Iterator[tuple[Location, str]]
 

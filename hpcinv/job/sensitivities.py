@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from hpcinv.job.sections import Support
+from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.keys import parse_key
 from hpcinv.quantity.quantity import positive
 from hpcinv.quantity.schema import Location, at, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
-
-if TYPE_CHECKING:
-    from hpcinv.job.sections import Support
-    from hpcinv.quantity.component import Ingredient
 
 type Owner = Ingredient | Support
 

@@ -19,12 +19,11 @@ from __future__ import annotations
 
 from functools import cached_property
 from math import factorial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import ufl
 
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
+from hpcinv.kinematics.kinematics import Deformation
 
 # Second derivatives of the closed forms lose digits by rounding as stretches coincide: about 1e-14/√J2 where all do.
 # Below these bounds series are used, whose truncation errors are up to |α| = 30 below 1e-17 and 5e-15.

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from pydantic import ValidationError
+from pydantic import GetJsonSchemaHandler, ValidationError
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import core_schema
 
 from hpcinv.materials.base import MaterialLaw
 from hpcinv.quantity.plugins import load_installed
 from hpcinv.quantity.schema import Location, OneOf, Problems, import_modules, members_of, problems_in, raise_if_any
-
-if TYPE_CHECKING:
-    from pydantic import GetJsonSchemaHandler
-    from pydantic.json_schema import JsonSchemaValue
-    from pydantic_core import core_schema
 
 import_modules(__name__, __path__)
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import dolfinx
 import numpy as np
@@ -18,6 +17,7 @@ from hpcinv.errors import MeshError
 from hpcinv.files.names import exists
 from hpcinv.job.mesh_generators import in_unit
 from hpcinv.job.mesh_header import SUFFIX
+from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cell_count import MeshingMonitor, no_report
 from hpcinv.mesh.cells import coordinate_element
@@ -32,11 +32,8 @@ from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, of_file, of
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import power_of_two
-
-if TYPE_CHECKING:
-    from hpcinv.job.sections import MeshSpec
-    from hpcinv.quantity.expressions import Expression
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import basix.ufl
 import numpy as np
 from dolfinx import fem
 
 from hpcinv.errors import MeshError
+from hpcinv.mesh.body import Body
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.source import DataArray
 from hpcinv.quantity.suggestions import did_you_mean
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.body import Body
 
 SHAPES: dict[int, tuple[int, ...]] = {1: (), 3: (3,), 9: (3, 3)}  # by the number of components
 

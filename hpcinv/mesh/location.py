@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from dolfinx import geometry
 
-if TYPE_CHECKING:
-    from hpcinv.mesh.body import Body
-    from hpcinv.mesh.source import Floats
+from hpcinv.mesh.body import Body
+from hpcinv.mesh.source import Floats
 
 # Distance outside a cell, relative to its size, up to which a point still counts as inside: points on a curved surface
 # lie outside straight cells, by about h/6R of their size where the radius is R, and coarse cells are as large as R.

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from hpcinv.mesh.regions import Mesh
-    from hpcinv.mesh.source import Floats
+from hpcinv.mesh.regions import Mesh
+from hpcinv.mesh.source import Floats
 
 
 @contextmanager

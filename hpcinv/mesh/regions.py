@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import dolfinx
 import numpy as np
@@ -15,10 +14,8 @@ from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.source import MeshSource
 from hpcinv.parallel.runtime import MPI, agree
+from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.suggestions import did_you_mean
-
-if TYPE_CHECKING:
-    from hpcinv.quantity.expressions import Expression
 
 BOUNDARY = "boundary"
 type LocalIndices = npt.NDArray[np.int32]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import dolfinx
 import numpy as np
@@ -18,10 +17,8 @@ from hpcinv.mesh.regions import Region, build_regions, evaluate
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import power_of_two
-
-if TYPE_CHECKING:
-    from hpcinv.quantity.expressions import Expression
 
 HELD = "one facet of each cell"
 """A region of every sample body."""

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from hpcinv.effects import Direction
 from hpcinv.methods.direct import DirectMethod
 from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.methods.method import Method
 from hpcinv.methods.updates import UPDATES
 from hpcinv.solver.observer import SILENT, Observer
-
-if TYPE_CHECKING:
-    from hpcinv.effects import Direction
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.problem import Model
 
 
 def method_for(model: Model, direction: Direction, observer: Observer = SILENT) -> Method:

@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from hpcinv.job.rules import NEARLY_INCOMPRESSIBLE
+from hpcinv.materials import MaterialLaw
 from hpcinv.model.outcome import Outcome
 from hpcinv.quantity.quantity import quantity_of
 from hpcinv.quantity.spatial_fields import is_uniform
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, follow
-
-if TYPE_CHECKING:
-    from hpcinv.materials import MaterialLaw
-    from hpcinv.solver.equilibrium import Equilibrium
-    from hpcinv.solver.newton import Solve
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.problem import Model
 
 
 class BulkModulus:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from hpcinv.effects import Direction
 from hpcinv.methods.fallbacks import Problem, reach
 from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.load_stepping import AdaptiveSteps
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
-
-if TYPE_CHECKING:
-    from hpcinv.effects import Direction
-    from hpcinv.solver.newton import Solve
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.problem import Model
 
 
 class DirectMethod(Method):

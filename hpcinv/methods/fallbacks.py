@@ -21,20 +21,17 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import TYPE_CHECKING
 
+from hpcinv.effects import Direction
 from hpcinv.methods.bulk_modulus import BulkModulus
 from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps, follow
 from hpcinv.solver.newton import Solve
-
-if TYPE_CHECKING:
-    from hpcinv.effects import Direction
-    from hpcinv.solver.equilibrium import Equilibrium
-    from hpcinv.solver.observer import Observer
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.observer import Observer
+from hpcinv.solver.problem import Model
 
 EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
 

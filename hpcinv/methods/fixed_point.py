@@ -8,19 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.methods.moving_mesh import MovableMesh
-from hpcinv.methods.updates import UPDATES
+from hpcinv.methods.updates import UPDATES, Floats
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
-
-if TYPE_CHECKING:
-    from hpcinv.methods.updates import Floats
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.problem import Model
 
 
 class FixedPointMethod(Method):

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
+from hpcinv.mesh.source import Floats
 from hpcinv.model.outcome import Outcome
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Floats
-    from hpcinv.solver.equilibrium import Equilibrium
-    from hpcinv.solver.newton import Solve
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.problem import Model
 
 
 @dataclass(frozen=True)

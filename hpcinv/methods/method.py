@@ -5,14 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from dolfinx.fem import Function
+from dolfinx.fem import Function
 
-    from hpcinv.methods.initial_guess import Guess
-    from hpcinv.solver.equilibrium import Equilibrium
-    from hpcinv.solver.newton import Solve
+from hpcinv.methods.initial_guess import Guess
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.newton import Solve
 
 
 @dataclass(frozen=True)

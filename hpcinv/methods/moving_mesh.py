@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -11,12 +10,10 @@ from dolfinx import fem
 
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.moved import placed
+from hpcinv.methods.updates import Floats
 from hpcinv.model.quadrature_values import QuadratureValues
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.methods.updates import Floats
-    from hpcinv.model.spaces import Unknowns
 
 
 class MovableMesh:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from hpcinv.effects import Direction
 from hpcinv.methods import method_for
+from hpcinv.methods.method import Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.observer import Observer, SolvedDirection, SolveEvent
-
-if TYPE_CHECKING:
-    from hpcinv.effects import Direction
-    from hpcinv.methods.method import Start
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.problem import Model
 
 
 def solve_direction(model: Model, direction: Direction, start: Start, observer: Observer) -> SolvedDirection:

@@ -5,21 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hpcinv.errors import MeshError, naming_field
-from hpcinv.model.fields import law_cells
+from hpcinv.job.job import Job
+from hpcinv.materials import MaterialLaw
+from hpcinv.model.fields import BodyFields, Floats, law_cells
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import quantities_of, quantity_of
 from hpcinv.quantity.spatial_fields import is_uniform
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.materials import MaterialLaw
-    from hpcinv.model.fields import BodyFields, Floats
-    from hpcinv.quantity.component import Ingredient
 
 
 def check_fields(job: Job, fields: BodyFields) -> None:

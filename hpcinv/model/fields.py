@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
 from hpcinv.errors import MeshError, naming_field
+from hpcinv.mesh import Body
 from hpcinv.mesh.data import as_function, distribute
+from hpcinv.mesh.source import DataArray
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.source import DataArray
-    from hpcinv.quantity.spatial_fields import Varying
+from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion, Varying
 
 type Floats = npt.NDArray[np.float64]
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-if TYPE_CHECKING:
-    from hpcinv.mesh import Body
+from hpcinv.mesh import Body
 
 
 class Integration:

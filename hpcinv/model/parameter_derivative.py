@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import basix.ufl
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 import ufl
 from dolfinx import fem
+from petsc4py import PETSc
 
+from hpcinv.mesh.regions import Mesh
+from hpcinv.model.parameters import Direction, Parameters
 from hpcinv.parallel.jit import JIT_OPTIONS
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from hpcinv.mesh.regions import Mesh
-    from hpcinv.model.parameters import Direction, Parameters
 
 
 class ParameterDerivative:

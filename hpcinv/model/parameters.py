@@ -12,23 +12,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from hpcinv.kinematics.kinematics import Kinematics
 from hpcinv.kinematics.ufl_formulas import at_position
+from hpcinv.model.fields import BodyFields
+from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.expressions import Expression
+from hpcinv.quantity.nondimensional import Scales
 from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Kinematics
-    from hpcinv.model.fields import BodyFields
-    from hpcinv.quantity.component import Ingredient
-    from hpcinv.quantity.expressions import Expression
-    from hpcinv.quantity.nondimensional import Scales
-    from hpcinv.quantity.units import Dimension
+from hpcinv.quantity.units import Dimension
 
 
 class Parameters:

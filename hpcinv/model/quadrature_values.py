@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import basix
 import numpy as np
@@ -12,11 +12,9 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.mesh.regions import Mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.regions import Mesh
 
 type Cells = npt.NDArray[np.int32]
 

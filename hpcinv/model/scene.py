@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,23 +27,20 @@ from dolfinx import fem
 from ufl.classes import Label, Variable
 
 from hpcinv.effects import Effect
+from hpcinv.job.job import Job
 from hpcinv.kinematics.kinematics import Deformation, Kinematics
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
-from hpcinv.model.fields import law_cells
+from hpcinv.materials import MaterialLaw
+from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.parameter_derivative import ParameterDerivative
 from hpcinv.model.parameters import Parameters
 from hpcinv.model.quadrature_values import CellMeans, QuadratureValues
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.materials import MaterialLaw
-    from hpcinv.model.fields import BodyFields
-    from hpcinv.model.spaces import Unknowns
-    from hpcinv.quantity.component import Ingredient
-    from hpcinv.quantity.nondimensional import Scales
+from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.nondimensional import Scales
 
 LABEL = Label(1_000_000)
 """Label of ``H``, by which laws are differentiated. UFL's running number would change the kernels of each scene, and a

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
 from hpcinv.errors import MeshError, naming_field
-from hpcinv.job.sections import AXES
+from hpcinv.job.job import Job
+from hpcinv.job.sections import AXES, Support
+from hpcinv.mesh import Body
 from hpcinv.model.parameters import load_factor
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.parameter_paths import POINTS, central_difference, step_at
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.job.sections import Support
-    from hpcinv.mesh import Body
-    from hpcinv.model.spaces import Unknowns
-    from hpcinv.quantity.expressions import Expression
 
 
 @dataclass(frozen=True)

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from hpcinv.errors import CheckpointError
-from hpcinv.output.checkpoint import Position, named
-from hpcinv.solver.observer import Observer
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hpcinv.output.checkpoint import Checkpoints
-    from hpcinv.output.run_store import RunStore
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.newton import Solve
-    from hpcinv.solver.observer import SolvedDirection, SolveEvent
-    from hpcinv.solver.problem import Model
+from hpcinv.output.checkpoint import Checkpoints, Position, named
+from hpcinv.output.run_store import RunStore
+from hpcinv.results.solution import Solution
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.observer import Observer, SolvedDirection, SolveEvent
+from hpcinv.solver.problem import Model
 
 
 class CheckpointWriter(Observer):

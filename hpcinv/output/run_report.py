@@ -4,27 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from hpcinv.certificate import Certificate, Line, Verdict
+from hpcinv.accuracy import AccuracyRecord
+from hpcinv.certificate import Certificate, Estimate, Line, Verdict
 from hpcinv.errors import Interrupted, SolveError
+from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.output.run_directory import relative
+from hpcinv.output.run_store import RunStore
 from hpcinv.output.summary import statistics, write_summary
+from hpcinv.results.quantities_of_interest import Value
+from hpcinv.results.solution import Solution
+from hpcinv.results.totals import Totals
+from hpcinv.sensitivity.analysis import Sensitivities
 from hpcinv.solver.diagnosis import diagnose
-from hpcinv.solver.observer import Observer
-
-if TYPE_CHECKING:
-    from hpcinv.accuracy import AccuracyRecord
-    from hpcinv.certificate import Estimate
-    from hpcinv.output.progress import Progress
-    from hpcinv.output.run_store import RunStore
-    from hpcinv.results.quantities_of_interest import Value
-    from hpcinv.results.solution import Solution
-    from hpcinv.results.totals import Totals
-    from hpcinv.sensitivity.analysis import Sensitivities
-    from hpcinv.solver.observer import SolvedDirection
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.observer import Observer, SolvedDirection
+from hpcinv.solver.problem import Model
 
 
 class RunReport(Observer):

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
+from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.mesh import write_mesh
 from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest
+from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import versions
 from hpcinv.output.vtk import write_fields
 from hpcinv.parallel.runtime import MPI, on_root
-
-if TYPE_CHECKING:
-    from hpcinv.files.directory_lock import DirectoryLock
-    from hpcinv.output.progress import Progress
-    from hpcinv.results.solution import Solution
-    from hpcinv.sensitivity.analysis import Sensitivities
-    from hpcinv.solver.problem import Model
+from hpcinv.results.solution import Solution
+from hpcinv.sensitivity.analysis import Sensitivities
+from hpcinv.solver.problem import Model
 
 
 class RunStore:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -15,12 +15,10 @@ from dolfinx import fem
 from dolfinx.io import VTKFile
 
 from hpcinv.errors import HpcinvError, OutputError
+from hpcinv.mesh import Body
 from hpcinv.mesh.moved import placed
 from hpcinv.parallel.runtime import agree, on_root
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import Body
-    from hpcinv.results.solution import Solution
+from hpcinv.results.solution import Solution
 
 
 def write_fields(directory: Path, body: Body, solution: Solution, more: Sequence[fem.Function] = ()) -> None:

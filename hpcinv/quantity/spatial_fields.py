@@ -10,18 +10,16 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo, ValidationInfo
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.quantity.expressions import Expression, definitions_in, with_definitions
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.units import Dimension, as_float, parse_unit
-
-if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo, ValidationInfo
-    from pydantic.json_schema import JsonSchemaValue
 
 ELSEWHERE = "elsewhere"
 POSITIONS: dict[str, Dimension | None] = dict.fromkeys("XYZxyz", Dimension(length=1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import basix
 import numpy as np
@@ -14,18 +14,16 @@ from dolfinx import fem
 from ufl.classes import FacetJacobianDeterminant
 
 from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.mesh import Body
 from hpcinv.mesh.cells import FACET_KIND
+from hpcinv.mesh.location import Location
+from hpcinv.mesh.regions import LocalIndices
+from hpcinv.mesh.source import Floats
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.nondimensional import Scales
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.location import Location
-    from hpcinv.mesh.regions import LocalIndices
-    from hpcinv.mesh.source import Floats
-    from hpcinv.model.scene import Scene
-    from hpcinv.quantity.nondimensional import Scales
 
 _POSITIONS = ("X", "Y", "Z", "x", "y", "z", "ux", "uy", "uz")
 # FFCx takes shape functions within 1e-6 of 0 and ±1 for these numbers, which points of a user may happen to have.

@@ -7,7 +7,7 @@ integrals of any, at quadrature points in its cells, or on its facets if it has 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,22 +15,20 @@ from dolfinx import la
 from dolfinx.mesh import entities_to_geometry
 
 from hpcinv.errors import JobError, MeshError, naming_field
+from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.location import Location, locate
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.regions import find
+from hpcinv.mesh.source import Floats
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.nondimensional import Scales
 from hpcinv.results.point_fields import SceneFields
 from hpcinv.results.reactions import reactions
-
-if TYPE_CHECKING:
-    from hpcinv.job.sections import QuantityOfInterest
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.source import Floats
-    from hpcinv.model.scene import Scene
-    from hpcinv.quantity.nondimensional import Scales
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
+from hpcinv.results.solution import Solution
+from hpcinv.solver.problem import Model
 
 type Value = float | list[float]
 

@@ -8,16 +8,13 @@ current body: R are forces in space, and the arms of their moments are current p
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.job.sections import QuantityOfInterest
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.problem import Model
+from hpcinv.results.solution import Solution
+from hpcinv.solver.problem import Model
 
 
 def reactions(quantities: Iterable[QuantityOfInterest], solution: Solution, model: Model) -> dict[str, list[float]]:

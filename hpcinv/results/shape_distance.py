@@ -7,23 +7,20 @@ diagonal of the body's bounding box.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import Body, at_local_nodes
 from hpcinv.mesh.body import read_anywhere
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.regions import Mesh
+from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.mesh.regions import Mesh
-    from hpcinv.mesh.source import Floats
-    from hpcinv.results.solution import Solution
+from hpcinv.results.solution import Solution
 
 
 def read_expected(job: Job, body: Body) -> Floats | None:

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx.fem import Function
 
+from hpcinv.effects import Direction
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from dolfinx.fem import Function
-
-    from hpcinv.effects import Direction
-    from hpcinv.model.scene import Scene
-    from hpcinv.solver.linear.selection import Used
-    from hpcinv.solver.newton import Solve
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.linear.selection import Used
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.problem import Model
 
 type Floats = npt.NDArray[np.float64]
 

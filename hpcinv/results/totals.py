@@ -9,23 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import basix
 import numpy as np
 from dolfinx import fem
 
+from hpcinv.effects import Direction, Effect
+from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import jacobians
+from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import young_moduli
 from hpcinv.quantity.quantity import quantities_of
 from hpcinv.quantity.units import Dimension, length_symbol, readable
-
-if TYPE_CHECKING:
-    from hpcinv.effects import Direction, Effect
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.source import Floats
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.problem import Model
 
 LENGTHS = 1e-3, 10.0
 """Plausible lengths (m) of specimens, organs and parts; a file in mm that is read in m is outside, and vice versa."""

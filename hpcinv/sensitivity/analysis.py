@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
@@ -23,15 +23,13 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.errors import SolveError
+from hpcinv.job.sensitivities import Parameter
+from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
+from hpcinv.results.quantities_of_interest import Value
+from hpcinv.results.solution import Floats, Solution
 from hpcinv.sensitivity.slopes import Change, slopes
-
-if TYPE_CHECKING:
-    from hpcinv.job.sensitivities import Parameter
-    from hpcinv.parallel.runtime import MPI
-    from hpcinv.results.quantities_of_interest import Value
-    from hpcinv.results.solution import Floats, Solution
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.problem import Model
 
 
 @dataclass(frozen=True)

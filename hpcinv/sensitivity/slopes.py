@@ -10,22 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from dolfinx import fem
 
+from hpcinv.job.sensitivities import Parameter
+from hpcinv.model.parameters import Direction
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
-from hpcinv.results.quantities_of_interest import fields_for, values_of
-
-if TYPE_CHECKING:
-    from dolfinx import fem
-
-    from hpcinv.job.sensitivities import Parameter
-    from hpcinv.model.parameters import Direction
-    from hpcinv.results.quantities_of_interest import Value
-    from hpcinv.results.solution import Floats, Solution
-    from hpcinv.solver.problem import Model
+from hpcinv.results.quantities_of_interest import Value, fields_for, values_of
+from hpcinv.results.solution import Floats, Solution
+from hpcinv.solver.problem import Model
 
 _STEP = 2.0**-10
 _SMALL = 1e-3  # displacement of an unloaded body that counts as much, relative to the body

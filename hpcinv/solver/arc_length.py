@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
+
+from petsc4py import PETSc
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.bordering import Bordering, Corrected, Equations, Tangent, tangent_along
 from hpcinv.solver.limit_points import Sample, locate
 from hpcinv.solver.newton import Solve
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
 
 type Moves = Generator[Solve, None, _Point | None]
 

@@ -22,14 +22,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
+
+from petsc4py import PETSc
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
 
 
 class ParametrisedSystem(Protocol):

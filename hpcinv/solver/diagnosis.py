@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from hpcinv.effects import Direction
 from hpcinv.model.outcome import Outcome
-
-if TYPE_CHECKING:
-    from hpcinv.effects import Direction
-    from hpcinv.solver.newton import Solve
+from hpcinv.solver.newton import Solve
 
 
 class Diagnosis(enum.Enum):

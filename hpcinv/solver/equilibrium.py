@@ -5,24 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.assembly.system import System
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_log import logged_seconds
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.mip_newton import ExtrapolatedStress
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
 from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.petsc_options import SolverOptions
-
-if TYPE_CHECKING:
-    from hpcinv.assembly.system import System
-    from hpcinv.solver.linear_solver import LinearSolver
-    from hpcinv.solver.predictor import Increment, Prediction, Predictor
+from hpcinv.solver.predictor import Increment, Prediction, Predictor
 
 _GIVEN_UP = -7  # SNES_DIVERGED_INNER, returned to PETSc when NewtonMonitor ends a solve without convergence
 _DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE

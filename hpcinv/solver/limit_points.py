@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+
+from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import dot, norm
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from hpcinv.solver.bordering import Bordering, Corrected, Tangent
+from hpcinv.solver.bordering import Bordering, Corrected, Tangent
 
 
 @dataclass(frozen=True)

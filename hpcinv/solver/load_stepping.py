@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
-
-if TYPE_CHECKING:
-    from hpcinv.solver.equilibrium import Equilibrium
-    from hpcinv.solver.newton import Solve
-    from hpcinv.solver.predictor import Increment
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.predictor import Increment
 
 
 @dataclass(frozen=True)

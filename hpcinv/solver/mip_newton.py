@@ -23,22 +23,19 @@ doi:10.1016/j.cma.2016.10.023.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
 import ufl
 from dolfinx import fem
+from petsc4py import PETSc
 from ufl.classes import Zero
 
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
+from hpcinv.model.scene import Scene
+from hpcinv.model.supports import Supports
 from hpcinv.parallel.jit import JIT_OPTIONS
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from hpcinv.model.scene import Scene
-    from hpcinv.model.supports import Supports
-    from hpcinv.solver.predictor import Increment
+from hpcinv.solver.predictor import Increment
 
 
 class ExtrapolatedStress:

@@ -11,12 +11,9 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from hpcinv.model.outcome import Outcome
-
-if TYPE_CHECKING:
-    from hpcinv.solver.predictor import Increment
+from hpcinv.solver.predictor import Increment
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from hpcinv.effects import Direction
-    from hpcinv.solver.linear.selection import Used
-    from hpcinv.solver.newton import NewtonIteration, Solve
+from hpcinv.effects import Direction
+from hpcinv.solver.linear.selection import Used
+from hpcinv.solver.newton import NewtonIteration, Solve
 
 
 @dataclass(frozen=True)

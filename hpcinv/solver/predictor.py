@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
 from dolfinx import fem
+from petsc4py import PETSc
 
+from hpcinv.assembly.system import System
 from hpcinv.model.quadrature_values import QuadratureValues
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from hpcinv.assembly.system import System
-    from hpcinv.model.scene import Scene
-    from hpcinv.solver.linear_solver import LinearSolver
+from hpcinv.solver.linear_solver import LinearSolver
 
 
 @dataclass(frozen=True)

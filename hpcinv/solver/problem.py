@@ -5,18 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from typing import TYPE_CHECKING
+
+from dolfinx.fem import Function
 
 from hpcinv.assembly.system import System
+from hpcinv.effects import Direction
 from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
 from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
+from hpcinv.mesh import Body
 from hpcinv.mesh.moved import placed
+from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.supports import Supports
 from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.nondimensional import Scales, power_of_two
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equilibrium import Equilibrium
@@ -26,15 +32,6 @@ from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps
 from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.predictor import Predictor
 from hpcinv.solver.rigid_motion_check import check_agreement, check_held
-
-if TYPE_CHECKING:
-    from dolfinx.fem import Function
-
-    from hpcinv.effects import Direction
-    from hpcinv.job.job import Job
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.source import Floats
-    from hpcinv.parallel.timings import Timings
 
 KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
 

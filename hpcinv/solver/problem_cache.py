@@ -9,22 +9,19 @@ from __future__ import annotations
 import gc
 import json
 from collections.abc import Callable
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from petsc4py import PETSc
 
 from hpcinv.errors import HpcinvError
 from hpcinv.job.fingerprint import file_digest
+from hpcinv.job.job import Job
 from hpcinv.job.reuse_key import reuse_group_of
-from hpcinv.mesh import build_body
+from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cell_count import no_report
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.parallel.timings import Timings
 from hpcinv.solver.problem import Model
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.mesh import Body
-    from hpcinv.parallel.timings import Timings
 
 
 class Workspace:

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
 
+from hpcinv.assembly.system import System
 from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
+from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.topology import connected
 from hpcinv.model.rigid_motions import Floats, Frame, free_motions, names
+from hpcinv.model.supports import Prescribed, Supports
 from hpcinv.parallel.runtime import MPI, agree, on_root
-
-if TYPE_CHECKING:
-    from hpcinv.assembly.system import System
-    from hpcinv.job.job import Job
-    from hpcinv.mesh import Body
-    from hpcinv.model.supports import Prescribed, Supports
 
 type Ints = npt.NDArray[np.int64]
 

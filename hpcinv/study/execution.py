@@ -6,12 +6,15 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.task import Batch, Runner
 from hpcinv.driver import run
 from hpcinv.errors import HpcinvError
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
+from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.jit import NOT_FOUND
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.problem_cache import collect_garbage
@@ -19,11 +22,6 @@ from hpcinv.study.directory import store_in
 from hpcinv.study.executions import RETRY, Executions
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.schedule import StudySchedule, StudyTask
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.ledger import Ledger
-    from hpcinv.job.job import Job
-    from hpcinv.output.progress import SilentProgress
 
 
 class StudyRunner(Runner[StudyTask]):

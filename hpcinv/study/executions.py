@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, status
 from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import content_key
+from hpcinv.job.job import Job
 from hpcinv.quantity.keys import look_up
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.ledger import Ledger
-    from hpcinv.job.job import Job
-    from hpcinv.study.plan import StudyPlan
-
+from hpcinv.study.plan import StudyPlan
 
 RETRY = "study --retry-failed"
 

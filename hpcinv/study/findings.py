@@ -6,14 +6,11 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from hpcinv.study.convergence import fitted_order, orders
+from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue, find_reference
-
-if TYPE_CHECKING:
-    from hpcinv.study.plan import StudyPlan
-    from hpcinv.study.rows import StudyRow
+from hpcinv.study.rows import StudyRow
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from hpcinv.study.convergence import richardson
-
-if TYPE_CHECKING:
-    from hpcinv.study.rows import StudyRow
-    from hpcinv.study.spec import Reference
+from hpcinv.study.rows import StudyRow
+from hpcinv.study.spec import Reference
 
 
 @dataclass(frozen=True)

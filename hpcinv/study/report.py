@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from hpcinv.output.console import Console
+from hpcinv.study.findings import Accuracy
+from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue
+from hpcinv.study.rows import StudyRow
 from hpcinv.study.spec import STATISTICS
 from hpcinv.study.tables import relative
-
-if TYPE_CHECKING:
-    from hpcinv.study.findings import Accuracy
-    from hpcinv.study.plan import StudyPlan
-    from hpcinv.study.rows import StudyRow
 
 
 def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> None:

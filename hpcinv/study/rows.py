@@ -6,15 +6,13 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.job.mesh_generators import resolution_of
 from hpcinv.quantity.keys import look_up
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.study.executions import Executions
-    from hpcinv.study.plan import Place, Run, StudyPlan
+from hpcinv.study.executions import Executions
+from hpcinv.study.plan import Place, Run, StudyPlan
 
 APART = ("compile", "certificate")
 """phases that do not count in the time of a run"""

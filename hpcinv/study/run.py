@@ -5,29 +5,23 @@ from __future__ import annotations
 import re
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from hpcinv.batch.conduct import conduct
 from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.tables import as_csv
 from hpcinv.batch.units import unit_of
 from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.parallel.signals import StopRequest
 from hpcinv.study.diagram import over_cases, work_precision
 from hpcinv.study.directory import StudyDirectory
 from hpcinv.study.execution import StudyBatch
 from hpcinv.study.executions import Executions
 from hpcinv.study.findings import Accuracy, accuracy
+from hpcinv.study.plan import StudyPlan
 from hpcinv.study.report import show
 from hpcinv.study.rows import StudyRow, rows_of
 from hpcinv.study.tables import as_hdf5, point_columns, point_units, run_columns, run_units
-
-if TYPE_CHECKING:
-    from hpcinv.parallel.signals import StopRequest
-    from hpcinv.study.plan import StudyPlan
 
 SECONDS = {"run": "whole run without compilation", "solver": "Newton's method"}
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.task import BatchTask, Pause
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.study.executions import Executions
+from hpcinv.study.executions import Executions
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -13,13 +12,11 @@ import numpy as np
 from hpcinv.batch.specification import text_of
 from hpcinv.batch.tables import Columns, fill
 from hpcinv.batch.units import COSTS
+from hpcinv.study.findings import Accuracy
+from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue
+from hpcinv.study.rows import StudyRow
 from hpcinv.study.spec import STATISTICS
-
-if TYPE_CHECKING:
-    from hpcinv.study.findings import Accuracy
-    from hpcinv.study.plan import StudyPlan
-    from hpcinv.study.rows import StudyRow
 
 
 def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> Columns:

@@ -6,9 +6,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from hpcinv.batch.conduct import conduct
 from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.parallel.runtime import MPI, on_root

@@ -6,25 +6,18 @@ import json
 from collections import Counter
 from collections.abc import Mapping
 from itertools import islice
-from typing import TYPE_CHECKING
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-
-# isort: split
 from hpcinv.batch.forecast import in_words, remaining_seconds
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import fingerprint
+from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
+from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.results import results
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.ledger import Ledger
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.job.job import Job
-    from hpcinv.sweep.plan import SweepPlan
-
 
 MOST_MEASURED = 32
 """largest number of reuse groups whose mesh is made"""

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.batch.axes import Axis
 from hpcinv.batch.specification import text_of
 from hpcinv.quantity.units import NAMES, Dimension, as_float, parse_quantity, parse_unit
-
-if TYPE_CHECKING:
-    from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.plan import SweepPlan
 
 
 def parameter_columns(plan: SweepPlan) -> dict[str, list[Any]]:

@@ -8,20 +8,18 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.batch.diagram import as_files, new_figure
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.specification import text_of
+from hpcinv.batch.tables import Columns
 from hpcinv.errors import JobError
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.sweep.panels import Scale, Series, draw_lines, draw_maps, draw_outcomes
 from hpcinv.sweep.parameters import log_uniform, parameter_columns, sampled
+from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.table import TEXT, columns, parameter_name, units
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.batch.tables import Columns
-    from hpcinv.sweep.plan import SweepPlan
 
 FAILURES = "failures"
 """name of the map of outcomes, in place of a quantity"""

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.batch.ledger.ledger import Claim, Ledger
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.task import BatchTask, Pause
 from hpcinv.output.run_directory import RunDirectory, as_yaml
 from hpcinv.sweep.neighbours import Floats, ParameterSpace
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.ledger import Claim, Ledger
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.sweep.plan import Case, SweepPlan
+from hpcinv.sweep.plan import Case, SweepPlan
 
 _REFUSALS = 20  # failed claims after which all states are read again, since other groups work on these cases
 

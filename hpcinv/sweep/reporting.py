@@ -7,17 +7,14 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.batch.ledger.ledger import ledger_of
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, show
 from hpcinv.files.atomic import output_errors, replace
-from hpcinv.sweep.plan import load_sweep
+from hpcinv.sweep.plan import SweepPlan, load_sweep
 from hpcinv.sweep.results import provenance, results, status_of
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.sweep.plan import SweepPlan
 
 
 def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:

@@ -8,24 +8,22 @@ import shutil
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.ledger.store import as_output_error
 from hpcinv.batch.task import Runner
 from hpcinv.certificate import Verdict
 from hpcinv.driver import run
 from hpcinv.errors import CheckpointError
 from hpcinv.methods.initial_guess import Guess
+from hpcinv.output.progress import SilentProgress
+from hpcinv.output.result import Result
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.problem_cache import Workspace
 from hpcinv.sweep.neighbours import Neighbour, Neighbours
 from hpcinv.sweep.queue import SweepTask
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.output.progress import SilentProgress
-    from hpcinv.output.result import Result
 
 _KEPT = ("shape.*", "fields")  # patterns in a run's directory; the summary is in the record
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.tables import Columns
+from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.table import columns, quantity_columns, units
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.sweep.plan import SweepPlan
 
 QUANTILES = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "maximum": 1.0}
 

@@ -10,17 +10,14 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.batch.ledger.store import open_store
 from hpcinv.errors import SubmitError
 from hpcinv.files.atomic import output_errors
 from hpcinv.files.untrusted import VARIABLE, is_asked
-from hpcinv.sweep.plan import load_sweep
+from hpcinv.sweep.plan import SweepPlan, load_sweep
 from hpcinv.sweep.templates import TEMPLATES
-
-if TYPE_CHECKING:
-    from hpcinv.sweep.plan import SweepPlan
 
 
 def add_submit(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:

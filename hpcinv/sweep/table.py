@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.tables import Columns, fill
 from hpcinv.batch.units import unit_of
 from hpcinv.sweep.parameters import parameter_columns, parameter_units, unit_of_dimension
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.plan import SweepPlan
 
 OUTCOME: Mapping[str, Callable[[CaseRecord], Any]] = {
     "status": lambda record: record.status,

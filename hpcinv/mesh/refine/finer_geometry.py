@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import basix
 import basix.cell
@@ -19,11 +18,9 @@ from dolfinx import fem
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import jacobians, scalar_element, vertex_count
 from hpcinv.mesh.checks import CHUNK, determinants
+from hpcinv.mesh.regions import Mesh
+from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.regions import Mesh
-    from hpcinv.mesh.source import Floats, Ints, MeshSource
 
 SAME = (
     1e-6  # distance of nodes, relative to the cell size, up to which they count as the same (rounding of the generator)

@@ -7,7 +7,7 @@ import platform
 from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -17,17 +17,14 @@ from petsc4py import PETSc
 
 from hpcinv.files.json_data import json_data
 from hpcinv.job.fingerprint import fingerprint
+from hpcinv.mesh import Body
+from hpcinv.output.result import Result
 from hpcinv.parallel.memory_use import Memory, peak
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.parallel.timings import WORK
+from hpcinv.parallel.timings import WORK, Timings
+from hpcinv.results.solution import Solution
+from hpcinv.solver.newton import Solve
 from hpcinv.version import __version__
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import Body
-    from hpcinv.output.result import Result
-    from hpcinv.parallel.timings import Timings
-    from hpcinv.results.solution import Solution
-    from hpcinv.solver.newton import Solve
 
 
 def statistics(
