@@ -41,7 +41,7 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.problem import Model
 
 ROOT = Path(__file__).parents[1]
-NO_CERTIFICATE = {"round_trip": "off", "stability": False, "estimate": False, "overlap": False}
+NO_CERTIFICATE = "off"
 PENALTIES = (0.0, 1.0, 5.0, 10.0, 20.0, 100.0)
 """Of which the certificate's is one."""
 

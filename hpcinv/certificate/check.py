@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +38,8 @@ class Line:
         value: the result, in ``unit`` (SI; empty for ratios and counts); ``None`` if there is none.
         rule: the thresholds in words.
         note: an explanation, or a remedy.
+        seconds: time of the check (largest over the ranks). A check may have several lines: its time is with the first
+            one, and the others have ``None``, so that the sum over all lines is the time of all checks.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Line:
     rule: str
     verdict: Verdict
     note: str = ""
+    seconds: float | None = None
 
 
 def at_most(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
@@ -74,8 +76,9 @@ class Certificate:
 
     @property
     def verdict(self) -> Verdict:
-        """The most severe verdict of the lines."""
-        return worst(line.verdict for line in self.lines)
+        """The most severe verdict of the lines; `Verdict.SKIPPED` counts only if nothing was checked."""
+        found = {line.verdict for line in self.lines}
+        return max(found - {Verdict.SKIPPED}, key=_SEVERITY.__getitem__, default=Verdict.SKIPPED)
 
     def as_data(self) -> dict[str, Any]:
         """The certificate as JSON data."""
@@ -87,13 +90,8 @@ class Certificate:
                 "rule": line.rule,
                 "verdict": line.verdict.value,
                 "note": line.note,
+                "seconds": line.seconds,
             }
             for line in self.lines
         ]
         return {"verdict": self.verdict.value, "lines": lines}
-
-
-def worst(verdicts: Iterable[Verdict]) -> Verdict:
-    """Return the most severe verdict; `Verdict.SKIPPED` does not count."""
-    found = max(verdicts, key=_SEVERITY.__getitem__, default=Verdict.PASS)
-    return Verdict.PASS if found is Verdict.SKIPPED else found

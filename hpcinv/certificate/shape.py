@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 OVERLAP = "boundary facets that cross each other"
 
 
-def shape(model: Model, solution: Solution) -> Iterator[Line]:
-    """Check the body that a solution found; collective."""
+def cells(model: Model, solution: Solution) -> Iterator[Line]:
+    """Check the cells of the body that a solution found, and its planes of symmetry; collective."""
     body, given, moved = model.body, solution.mesh_nodes, solution.other_nodes
     for worst in worst_cells(body, given, moved, model.quadrature_degree):
         # The moved mesh need not be better than the given one.
@@ -30,13 +30,18 @@ def shape(model: Model, solution: Solution) -> Iterator[Line]:
         name = f"depth beyond the plane of symmetry '{plane.region}', relative to the body"
         note = f"{plane.crossed:.3g} m inside of its mirror image" if plane.crossed else ""
         yield at_most(name, plane.crossed / body.length_scale, warn=1e-9, fail=1e-3, note=note)
+
+
+def self_overlap(model: Model, solution: Solution) -> Iterator[Line]:
+    """Check that the body that a solution found does not pass through itself; collective."""
+    body = model.body
     if not model.job.certificate.overlap:
         yield skipped(OVERLAP, "switched off: certificate.overlap")
         return
     if (facets := body.regions[BOUNDARY].facet_count) > MOST_FACETS:
         yield skipped(OVERLAP, f"there are {facets} of them, and one rank searches no more than {MOST_FACETS}")
         return
-    found = overlap(body, moved)
+    found = overlap(body, solution.other_nodes)
     rule = "number of pairs; fail above 0"
     if found.at is None:
         yield Line(OVERLAP, 0.0, "", rule, Verdict.PASS, "the body does not pass through itself")

@@ -1,9 +1,8 @@
-"""Stability of the loaded body, and limit points of the path to it."""
+"""Stability of the loaded body."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Line, Verdict, skipped
@@ -14,12 +13,12 @@ if TYPE_CHECKING:
     from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
-STABILITY, LIMIT_POINTS = "stability", "limit points of the path"
+STABILITY = "stability"
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
 
 
 def stability(model: Model, solution: Solution) -> Iterator[Line]:
-    """Yield the lines on unstable directions of the loaded body and on limit points; collective.
+    """Yield the line on unstable directions of the loaded body; collective.
 
     A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
     pressure as an unknown, if it has one negative eigenvalue for each pressure, and no more. Further ones are
@@ -27,11 +26,9 @@ def stability(model: Model, solution: Solution) -> Iterator[Line]:
     """
     if not model.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
-        yield skipped(LIMIT_POINTS, "switched off: certificate.stability")
         return
     if not model.chooser.can_factorize_symmetric:
         yield skipped(STABILITY, f"there is no memory for factors of {model.chooser.forecast.factors / 2e9:.2g} GB")
-        yield _limit_points(solution)
         return
     with model.at(solution.reference_nodes, *solution.fields):
         equilibrium = model.equilibrium(model.scene("forward", known_displacement(model)))
@@ -43,13 +40,11 @@ def stability(model: Model, solution: Solution) -> Iterator[Line]:
     # Zeros count: a singular tangent is not stable. Each pressure contributes one that is negative or zero.
     unstable = None if found is None else found.negative + found.zero - pressures
     if found is None or unstable is None or unstable < 0:
-        line = skipped(STABILITY, "the tangent could not be factorized")
+        yield skipped(STABILITY, "the tangent could not be factorized")
     elif unstable == 0:
-        line = _stable(found.asymmetry)
+        yield _stable(found.asymmetry)
     else:
-        line = _unstable(unstable, confirm(model, solution), is_mixed=pressures > 0)
-    yield line
-    yield _limit_points(solution, has_spurious_modes=pressures > 0 and line.verdict is Verdict.UNDECIDED)
+        yield _unstable(unstable, confirm(model, solution), is_mixed=pressures > 0)
 
 
 def _stable(asymmetry: float) -> Line:
@@ -91,37 +86,3 @@ def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Lin
 
 def _without_potential(asymmetry: float) -> str:
     return "" if asymmetry < 1e-8 else f"loads without a potential (asymmetry {asymmetry:.1g}): of the symmetric part"
-
-
-def _limit_points(solution: Solution, *, has_spurious_modes: bool = False) -> Line:
-    """Return the line on limit points, from the signs of the determinant, which spurious modes change too."""
-    rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
-    turned = sum(s.limit_point for s in solution.solves)
-    if turned:
-        note = "another shape may carry the same load: compare with smaller steps"
-        if passed := _earlier_passes([s.load for s in solution.solves if s.outcome.accepted]):
-            times = "once" if passed == 1 else f"{passed} times"
-            note = (
-                f"{turned} limit {'point' if turned == 1 else 'points'} of the load; the path reaches the full load"
-                f" {times} before, where other shapes carry it: the first is found with 'limit_points: 0'"
-            )
-        return Line(LIMIT_POINTS, float(turned), "", rule, Verdict.WARN, note)
-    if not any(s.factorizations for s in solution.solves):
-        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
-    signs = [s.signs for s in solution.solves if s.outcome.accepted and s.signs]
-    if not signs:
-        return skipped(LIMIT_POINTS, "an iterative solver does not provide the sign of the tangent's determinant")
-    changes = len({signs[0][0], *(of_solve[-1] for of_solve in signs)}) - 1
-    if not changes:
-        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "no limit point on the way")
-    note = "another shape may carry the same load: compare with smaller steps"
-    if has_spurious_modes:
-        note = f"a mode that may be spurious (see the line on stability), or {note}"
-        return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.UNDECIDED, note)
-    return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.WARN, note)
-
-
-def _earlier_passes(loads: list[float]) -> int:
-    """Return how often a path from the unloaded body passes the full load before it ends there."""
-    path = [load - 1 for load in (0.0, *loads)]
-    return sum(before * after < 0 for before, after in pairwise(path))

@@ -31,7 +31,7 @@ type JobData = Mapping[str, Any]
 
 SOLVER = ("residual", "tangent", "factorization", "linear solve", "newton", "admissibility check")
 """Phases from the first assembly to the solution."""
-WITHOUT_CERTIFICATE = {"round_trip": "off", "stability": False, "estimate": False, "overlap": False}
+WITHOUT_CERTIFICATE = "off"
 _LOGGED = ("Count", "Num Messages", "Message Length", "Num Reductions")
 _STREAM_LENGTH, _STREAM_REPEATS = 10_000_000, 10  # larger than any cache
 

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
+from hpcinv.job.settings import LEVELS
 from hpcinv.output.run_directory import RunDirectory, choose
 from hpcinv.parallel.signals import end_on_interrupt
 
@@ -23,6 +24,9 @@ def add_run(commands: Any) -> None:
         "--output", type=Path, metavar="DIR", help="where results go (default: results/JOB, then JOB-2, …)"
     )
     run.add_argument("--overwrite", action="store_true", help="replace the results of the run in --output")
+    run.add_argument(
+        "--certificate", choices=LEVELS, help="level of the certificate, in place of the job's section of that name"
+    )
     run.set_defaults(command=_run)
 
     resume = commands.add_parser("resume", help="go on with a run from its last checkpoint, on any number of ranks")
@@ -50,6 +54,8 @@ def add_run(commands: Any) -> None:
 def _run(options: argparse.Namespace) -> int:
     def read() -> tuple[Job, RunDirectory]:
         job = load(options.job)
+        if options.certificate is not None:
+            job = job.with_({"certificate": options.certificate})
         directory = choose(options.output, job)
         directory.check_free(overwrite=options.overwrite)
         return job, directory

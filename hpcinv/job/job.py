@@ -89,7 +89,7 @@ class Job(Spec):
     fixed_point: FixedPoint = FixedPoint()
     """iteration of the methods other than direct"""
     certificate: CertificateSettings = CertificateSettings()
-    """checks at the end of a run"""
+    """checks at the end of a run: quick, standard, full, off, or single switches such as {estimate: false}"""
     checkpoint: Checkpoint = Checkpoint()
     """saving of converged states"""
     output: Output = Output()

@@ -8,12 +8,15 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import (
     BeforeValidator,
     Field,
+    GetJsonSchemaHandler,
     PlainValidator,
     ValidationInfo,
     WithJsonSchema,
     field_validator,
     model_validator,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import core_schema
 
 from hpcinv.files.untrusted import applies, option_fault
 from hpcinv.quantity.schema import ListOf, Problems, Spec, raise_if_any, shown
@@ -139,17 +142,47 @@ class FixedPoint(Spec):
     """start each forward solve from the last displacement at full load; otherwise from the unloaded state"""
 
 
-class CertificateSettings(Spec):
-    """Checks at the end of a run. Each of them takes at least one factorization and can be switched off."""
+_LEVELS: Mapping[str, Mapping[str, Any]] = {
+    "off": {"round_trip": "off", "stability": False, "estimate": False, "overlap": False},
+    "quick": {"round_trip": "off", "stability": False, "estimate": False, "overlap": True},
+    "standard": {"round_trip": "near", "stability": True, "estimate": True, "overlap": True},
+    "full": {"round_trip": "path", "stability": True, "estimate": True, "overlap": True},
+}
+"""Switches of each level of the certificate."""
 
+LEVELS = tuple(_LEVELS)
+
+
+class CertificateSettings(Spec):
+    """Checks at the end of a run: a level, such as ``certificate: quick``, or a level with other switches."""
+
+    level: Literal["off", "quick", "standard", "full"] = "standard"
+    """quick: without factorizations; standard: all checks; full: round trip from the unloaded body; off: none"""
     round_trip: Literal["near", "path", "off"] = "near"
-    """inverse of the solve, from the recovered body: starting near the known displacement (near), or unloaded (path)"""
+    """inverse of the solve, from the recovered body: near the known displacement (near), or unloaded (path)"""
     stability: bool = True
-    """check that the loaded body is in stable equilibrium, and that the path to it passed no limit point"""
+    """check that the loaded body is in stable equilibrium"""
     estimate: bool = True
     """estimate of the discretisation error of quantities and shape, by a correction in spaces of the next degree"""
     overlap: bool = True
     """check that the recovered body does not intersect itself"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_level(cls, data: Any) -> Any:
+        """Replace the name of a level by a mapping, and add the switches of the level."""
+        if isinstance(data, str):
+            data = {"level": data}
+        if not isinstance(data, Mapping):
+            return data
+        level = data.get("level", "standard")
+        return {**(_LEVELS.get(level, {}) if isinstance(level, str) else {}), **data}
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return {"anyOf": [{"enum": list(LEVELS)}, super().__get_pydantic_json_schema__(schema, handler)]}
 
 
 class Checkpoint(Spec):

@@ -40,6 +40,9 @@ _ERRORS = {
 }
 
 
+_SHOWN = 0.05  # s, from which the time of a check is printed
+
+
 class Level(IntEnum):
     """Level of the messages that are printed; the log has all of them."""
 
@@ -310,7 +313,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     total = sum(solution["factorizations"] for solution in solutions)
     lines = [f"{statistics['status']}, {_count(total, 'factorization')}, {timings['total']:.1f} s"]
     slowest = sorted(((p["max"], phase) for phase, p in timings["phases"].items()), reverse=True)
-    lines.append("  seconds: " + ", ".join(f"{phase} {seconds:.1f}" for seconds, phase in slowest if seconds >= 0.05))
+    lines.append("  seconds: " + ", ".join(f"{phase} {seconds:.1f}" for seconds, phase in slowest if seconds >= _SHOWN))
     lines.append(f"  outside kernels, PETSc and MPI: {100 * timings['overhead']:.0f} %")
     memory = statistics["peak_memory"]
     most = max(memory["phases"], key=lambda phase: memory["phases"][phase]["max"])
@@ -358,7 +361,8 @@ def _certificate(certificate: Mapping[str, Any]) -> list[str]:
     for line in certificate["lines"]:
         found = "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"
         note = f" ({line['note']})" if line["note"] else ""
-        lines.append(f"  {line['verdict']}: {line['name']}{found}{note}")
+        seconds = f", {line['seconds']:.1f} s" if (line["seconds"] or 0.0) >= _SHOWN else ""
+        lines.append(f"  {line['verdict']}: {line['name']}{found}{note}{seconds}")
     return lines
 
 

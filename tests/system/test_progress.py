@@ -43,9 +43,16 @@ STATISTICS: dict[str, Any] = {
     "certificate": {
         "verdict": "warning",
         "lines": [
-            {"name": "residual", "value": 1.234e-9, "unit": "", "verdict": "pass", "note": ""},
-            {"name": "overlap", "value": None, "unit": "", "verdict": "not checked", "note": "switched off"},
-            {"name": "sag", "value": 0.5, "unit": "m", "verdict": "warning", "note": "much"},
+            {"name": "residual", "value": 1.234e-9, "unit": "", "verdict": "pass", "note": "", "seconds": 1.26},
+            {
+                "name": "overlap",
+                "value": None,
+                "unit": "",
+                "verdict": "not checked",
+                "note": "switched off",
+                "seconds": 0.0,
+            },
+            {"name": "sag", "value": 0.5, "unit": "m", "verdict": "warning", "note": "much", "seconds": None},
         ],
         "estimate": {"quantities": {"tip": [1e-3, 0.0, 0.0]}},
     },
@@ -102,7 +109,7 @@ def test_rank_0_tells_each_step_in_a_line_and_the_error_last() -> None:
     assert "  inverse: J from 0.9 to not finite, strain energy 0.002 J" in lines
     at = lines.index("certificate: warning")
     assert lines[at + 1 : at + 4] == [
-        "  pass: residual 1.23e-09",
+        "  pass: residual 1.23e-09, 1.3 s",
         "  not checked: overlap (switched off)",
         "  warning: sag 0.5 m (much)",
     ]
@@ -243,7 +250,7 @@ def test_the_log_has_all_that_a_quiet_run_does_not_say_and_its_error(tmp_path: P
         "compiling: ",
         "iteration: correction 0.5 of 2",
         "hpcinv 1.2.3; 1 rank on ",
-        "  pass: residual 1.23e-09\n",
+        "  pass: residual 1.23e-09, 1.3 s\n",
         "warning: look at this\n",
         "RuntimeError: out of luck\n",
     ):
@@ -269,7 +276,9 @@ def test_a_run_under_mpirun_tells_its_phases_and_logs_them(tmp_path: Path) -> No
     wanted = ["meshing", "compiling", "load", "solving", "writing", "checking", "converged"]
     assert [phase.rstrip(",") for phase in phases] == wanted
     assert re.search(r"^meshing .*box.py: about \d+ cells expected, 48 cells; \d+\.\d s$", done.stdout, re.MULTILINE)
-    assert re.search(r"^checking: equilibrium, .*stability, ineffective loads; \d+\.\d s$", done.stdout, re.MULTILINE)
+    assert re.search(
+        r"^checking: equilibrium, .*stability, limit points, ineffective loads; \d+\.\d s$", done.stdout, re.MULTILINE
+    )
     assert "\x1b" not in done.stdout
     log = (tmp_path / "run" / "run.log").read_text()
     assert "python -m hpcinv run " in log

@@ -421,6 +421,30 @@ def test_the_fingerprint_of_an_xdmf_mesh_covers_its_hdf5_file(load: Loader, tmp_
     assert old != fingerprint(load(lambda j: j.update(mesh={"file": "../meshes/m.xdmf"})))
 
 
+# Levels of the certificate
+
+
+@pytest.mark.parametrize(
+    ("given", "switches"),
+    [
+        ("quick", ("off", False, False, True)),
+        ({"level": "quick", "stability": True}, ("off", True, False, True)),
+        ("standard", ("near", True, True, True)),
+        ({"estimate": False}, ("near", True, False, True)),
+        ("full", ("path", True, True, True)),
+        ("off", ("off", False, False, False)),
+    ],
+)
+def test_levels_of_the_certificate(load: Loader, given: Any, switches: tuple[Any, ...]) -> None:
+    found = load(lambda j: j.update(certificate=given)).certificate
+    assert (found.round_trip, found.stability, found.estimate, found.overlap) == switches
+
+
+def test_a_misspelt_level_of_the_certificate(problems: Callable[[Edit], list[str]]) -> None:
+    [text] = problems(lambda j: j.update(certificate="quik"))
+    assert text.startswith("certificate.level: must be 'off', 'quick', 'standard' or 'full', not 'quik'")
+
+
 # JSON Schema
 
 
@@ -430,6 +454,7 @@ def test_the_json_schema_describes_every_key_of_a_job() -> None:
     assert set(schema["properties"]) == set(Job.model_fields)
     assert schema["required"] == ["mesh", "material"]
     assert all("description" in p for p in schema["properties"].values())
+    assert {"enum": ["off", "quick", "standard", "full"]} in schema["$defs"]["CertificateSettings"]["anyOf"]
     known = {choice["properties"]["law"]["const"]: choice for choice in schema["properties"]["material"]["oneOf"][:-1]}
     assert schema["properties"]["material"]["oneOf"][-1]["additionalProperties"]["oneOf"] == [*known.values()]
     assert known["guccione"]["required"] == ["law", "kappa", "c", "b_f", "b_t", "b_fs"]

@@ -36,13 +36,13 @@ def line(result: Result, name: str) -> Line:
 
 
 def column(divisions: int, **changes: Any) -> Any:
+    mesh = box((1, 1, divisions), lx="0.2 m", ly="0.2 m")
     return job(
-        mesh=box((1, 1, divisions), lx="0.2 m", ly="0.2 m"),
         material={"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
         effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000, "density_in": "current"}],
         supports=[{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
         quantities=[{"name": "length", "of": "Z", "on": "z1", "reduce": "mean"}],
-        **{"certificate": ESTIMATE, **changes},
+        **{"mesh": mesh, "certificate": ESTIMATE, **changes},
     )
 
 
@@ -211,7 +211,7 @@ def test_verdicts() -> None:
     assert [at_least("", v, 2, 1).verdict.value for v in (2, 1.5, 1, nan)] == ["pass", "warning", "fail", "fail"]
     lines = [Line("", None, "", "", verdict) for verdict in Verdict]
     assert [Certificate(tuple(lines[:n])).verdict.value for n in (0, 1, 2, 3, 4, 5)] == [
-        "pass",
+        "not checked",
         "pass",
         "pass",
         "not decided",
@@ -262,7 +262,48 @@ def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
     assert ended.returncode == code, ended.stdout + ended.stderr
     assert found["verdict"] == verdict
     assert f"certificate: {verdict}" in ended.stdout
-    assert found["lines"][0].keys() == {"name", "value", "unit", "rule", "verdict", "note"}
+    assert found["lines"][0].keys() == {"name", "value", "unit", "rule", "verdict", "note", "seconds"}
+
+
+@pytest.mark.parametrize(
+    ("certificate", "checked", "not_checked"),
+    [
+        ("off", set(), {"discretisation error", "boundary facets", "round trip", "stability"}),
+        (
+            "quick",
+            {"equilibrium residual", "worst cell", "boundary facets", "limit points"},
+            {"discretisation error", "round trip", "stability"},
+        ),
+        (
+            {"level": "quick", "stability": True},
+            {"equilibrium residual", "stability", "limit points"},
+            {"discretisation error", "round trip"},
+        ),
+        ({}, {"equilibrium residual", "discretisation error", "round trip", "stability", "limit points"}, set()),
+        ("full", {"equilibrium residual", "discretisation error", "round trip", "stability", "limit points"}, set()),
+    ],
+)
+def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm: MPI.Intracomm) -> None:
+    mesh = box((1, 1, 2), lx="0.2 m", ly="0.2 m") | {"geometry_degree": 2}
+    result = hpcinv.run(column(2, mesh=mesh, certificate=certificate), comm)
+    verdicts = {one.name: one.verdict for one in result.certificate.lines}
+    skipped = {name for name, verdict in verdicts.items() if verdict is Verdict.SKIPPED}
+    assert {name for part in not_checked for name in skipped if name.startswith(part)} == skipped
+    assert len(skipped) == len(not_checked)
+    assert all(any(name.startswith(part) for name in verdicts.keys() - skipped) for part in checked)
+    assert (len(verdicts) == len(skipped)) is (certificate == "off")
+    assert result.certificate.verdict is (Verdict.SKIPPED if certificate == "off" else Verdict.PASS)
+
+
+@pytest.mark.parallel([2])
+def test_seconds_of_the_lines_are_those_of_the_certificate(comm: MPI.Intracomm) -> None:
+    result = hpcinv.run(column(2, certificate={}), comm)
+    seconds = [one.seconds for one in result.certificate.lines]
+    assert comm.allgather(seconds) == [seconds] * comm.size
+    by_name = {one.name: one.seconds for one in result.certificate.lines}
+    assert by_name["largest volume ratio J"] is None  # with the smallest one
+    total = sum(value for value in seconds if value is not None)
+    assert 0 < total <= result.statistics["timings"]["phases"]["certificate"]["max"] + 0.1
 
 
 def test_what_a_certificate_costs_stands_apart() -> None:

@@ -1,0 +1,59 @@
+"""Limit points of the path to a solution, from the reports of its solves."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from hpcinv.certificate.check import Line, Verdict, skipped
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from hpcinv.results.solution import Solution
+    from hpcinv.solver.problem import Model
+
+LIMIT_POINTS = "limit points of the path"
+
+
+def limit_points(model: Model, solution: Solution, stability: Line) -> Iterator[Line]:
+    """Yield the line on limit points of the path to a solution.
+
+    A spurious mode changes the sign of the determinant too: where the line on ``stability`` did not exclude that, a
+    change of sign in the mixed form is not decided.
+    """
+    is_stability_known = stability.verdict not in (Verdict.UNDECIDED, Verdict.SKIPPED)
+    yield _line(solution, may_be_spurious=model.unknowns.p is not None and not is_stability_known)
+
+
+def _line(solution: Solution, *, may_be_spurious: bool) -> Line:
+    rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
+    turned = sum(s.limit_point for s in solution.solves)
+    if turned:
+        note = "another shape may carry the same load: compare with smaller steps"
+        if passed := _earlier_passes([s.load for s in solution.solves if s.outcome.accepted]):
+            times = "once" if passed == 1 else f"{passed} times"
+            note = (
+                f"{turned} limit {'point' if turned == 1 else 'points'} of the load; the path reaches the full load"
+                f" {times} before, where other shapes carry it: the first is found with 'limit_points: 0'"
+            )
+        return Line(LIMIT_POINTS, float(turned), "", rule, Verdict.WARN, note)
+    if not any(s.factorizations for s in solution.solves):
+        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "nothing moves the body")
+    signs = [s.signs for s in solution.solves if s.outcome.accepted and s.signs]
+    if not signs:
+        return skipped(LIMIT_POINTS, "an iterative solver does not provide the sign of the tangent's determinant")
+    changes = len({signs[0][0], *(of_solve[-1] for of_solve in signs)}) - 1
+    if not changes:
+        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "no limit point on the way")
+    note = "another shape may carry the same load: compare with smaller steps"
+    if may_be_spurious:
+        note = f"a mode that may be spurious (see the line on stability), or {note}"
+        return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.UNDECIDED, note)
+    return Line(LIMIT_POINTS, 1.0, "", rule, Verdict.WARN, note)
+
+
+def _earlier_passes(loads: list[float]) -> int:
+    """Return how often a path from the unloaded body passes the full load before it ends there."""
+    path = [load - 1 for load in (0.0, *loads)]
+    return sum(before * after < 0 for before, after in pairwise(path))
