@@ -221,7 +221,7 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
     nodes = body.mesh.geometry.x * length
     solution: Any = SimpleNamespace(fields=(found, p), displacement=found, pressure=p, reference_nodes=nodes, solves=())
-    line, _ = stability(model, solution)
+    (line,) = stability(model, solution)
     print(line)
     assert (line.value, line.verdict) == (unstable, Verdict.FAIL if unstable else Verdict.PASS)
     model.destroy()
