@@ -1,7 +1,5 @@
 """Command line: ``python -m hpcinv run | resume | study | sweep | mesh | bench | …``; ``--help`` lists them all."""
 
-from __future__ import annotations
-
 from hpcinv.parallel.signals import end_if_noted, note_while_starting
 
 if __name__ == "__main__":

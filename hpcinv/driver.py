@@ -1,7 +1,5 @@
 """The flow of a run: job → body → model → solution in each direction → certificate → result."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass

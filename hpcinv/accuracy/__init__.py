@@ -1,7 +1,5 @@
 """Search for degree, mesh and tolerance that meet the accuracy demanded by a job at the least cost."""
 
-from __future__ import annotations
-
 from hpcinv.accuracy.record import AccuracyRecord
 from hpcinv.accuracy.search import Search
 

@@ -6,8 +6,6 @@ of the corrected values on two meshes. The estimate itself is tested: that of on
 values of the next one.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

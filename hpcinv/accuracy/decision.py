@@ -1,7 +1,5 @@
 """Choice of the next discretisation: the cheapest one that is predicted to meet the demands, and its mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

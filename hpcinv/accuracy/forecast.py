@@ -5,8 +5,6 @@ to the number of cells and the cube of their nodes. The exponents are fitted to 
 them can be compared; until then ``k`` is one more than the degree.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import statistics

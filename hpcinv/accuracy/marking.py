@@ -4,8 +4,6 @@ Halving the size of a cell divides its share of the error by ``2^k`` and makes e
 smallest if all cells have the same share, as far as halving allows.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes of one body in a search: made by their generator, or refined from another mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

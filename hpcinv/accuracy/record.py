@@ -1,7 +1,5 @@
 """Record of a search for accuracy: its steps, and bounds of the errors."""
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """Trial of one discretisation: solution, quantities of interest and estimated errors in a job's first direction."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Execution of a batch on all ranks of one allocation, by groups of ranks that claim cases in the ledger."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import cast

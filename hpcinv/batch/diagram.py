@@ -1,7 +1,5 @@
 """Style and file formats of all diagrams."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Expansion of axes to the points that they combine to."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple

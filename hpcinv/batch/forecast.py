@@ -1,7 +1,5 @@
 """Time that the open cases of a batch will take, predicted from the times of those that are finished."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence

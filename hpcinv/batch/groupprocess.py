@@ -4,8 +4,6 @@
 directory which case they solve; the supervisor that has started them (`isolation`) reads it, also after a crash.
 """
 
-from __future__ import annotations
-
 from hpcinv.parallel.signals import StopRequest
 
 stop = StopRequest()

@@ -7,8 +7,6 @@ that takes longer than its limit stops at the next Newton iteration; where it do
 returns, the supervisor writes its record and kills its process.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Samples: points of the unit cube, and the distributions that map them to values."""
 
-from __future__ import annotations
-
 import math
 import random
 import statistics

@@ -1,7 +1,5 @@
 """Reading of study and sweep files, with a summary of the faults of their cases, and labels of values."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

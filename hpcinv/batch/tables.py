@@ -1,7 +1,5 @@
 """Tables as files: columns with units as CSV, and as HDF5 datasets."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Mapping

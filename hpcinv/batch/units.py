@@ -1,7 +1,5 @@
 """SI units of costs and of the numbers of a summary."""
 
-from __future__ import annotations
-
 from hpcinv.job.job import Job
 from hpcinv.job.sections import FIELDS, POSITIONS, REACTIONS
 from hpcinv.quantity.units import NAMES, parse_unit

@@ -1,7 +1,5 @@
 """Worker of a group of ranks: claims and solves one case after the other until none is left."""
 
-from __future__ import annotations
-
 import time
 import traceback
 from collections.abc import Callable

@@ -4,8 +4,6 @@
 bytes per second that all ranks together read and write.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import os

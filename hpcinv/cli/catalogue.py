@@ -1,7 +1,5 @@
 """Text on the laws and effects: parameters, sources and examples."""
 
-from __future__ import annotations
-
 import inspect
 import textwrap
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """``hpcinv compile``: compile all kernels of jobs, studies and sweeps before they run."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Text on formulas: functions, and the names that may be used at each place of a job."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

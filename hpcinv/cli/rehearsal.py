@@ -5,8 +5,6 @@ the mesh. So the functions of a run are called as the run calls them, with a bod
 held by itself. What asks for a kernel in a run does so here, whatever it is.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from hpcinv.assembly.tangent import as_for

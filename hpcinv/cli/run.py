@@ -1,7 +1,5 @@
 """Commands ``run`` and ``resume``; under mpirun for more than one rank."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable

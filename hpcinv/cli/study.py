@@ -1,7 +1,5 @@
 """``hpcinv study``: run, status."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """``hpcinv sweep``: plan, run, status, retry, table, statistics, plot, submit."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Commands ``validate`` and ``schema``, which need neither MPI nor DOLFINx."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,7 +1,5 @@
 """Effects: one file each, registered by subclassing `Effect`."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from hpcinv.effects.base import Configuration, Direction, Effect

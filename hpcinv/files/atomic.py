@@ -5,8 +5,6 @@ partial file, flush it to the disk, and make a hard link with the final name, wh
 atomic on local disks, NFS and parallel file systems. Where there are no hard links (FUSE, SMB), see the functions.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -5,8 +5,6 @@ over NFS (as a lock on a range of bytes). It contains the identity of the holder
 locks only this identity is used, and a process of another machine is assumed to be running.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

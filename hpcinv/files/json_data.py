@@ -1,7 +1,5 @@
 """Conversion of data to what JSON can hold."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

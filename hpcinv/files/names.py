@@ -1,7 +1,5 @@
 """Checks of file names from users, without errors for names that no file can have."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from hpcinv.errors import OutputError

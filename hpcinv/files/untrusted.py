@@ -5,8 +5,6 @@ For the risks of jobs without the option see docs/security.md. The checks are ma
 same effect for all commands, also in processes that a command starts.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

@@ -1,7 +1,5 @@
 """The section ``accuracy`` of a job: largest allowed errors of quantities of interest."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from hpcinv.job.sections import FIELDS, LENGTH, POSITIONS, QuantityOfInterest

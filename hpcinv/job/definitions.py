@@ -1,7 +1,5 @@
 """The section 'let' of a job: definitions of names in its formulas."""
 
-from __future__ import annotations
-
 import keyword
 from collections.abc import Mapping
 from graphlib import CycleError, TopologicalSorter

@@ -1,7 +1,5 @@
 """The section 'fibres' of a job: named families of fibres for laws and effects."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 

@@ -3,8 +3,6 @@
 A partitioned mesh is a directory ``NAME.bp`` of ADIOS2, with this header in it as ``mesh.json``.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 gmsh recognizes the format by the first bytes of a file, and executes other files as scripts, which can start programs.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 SUFFIX = ".msh"

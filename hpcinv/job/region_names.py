@@ -4,8 +4,6 @@
 are unknown before these run, and unnamed groups in MSH files have names such as ``surface-3``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import mmap
 import re

@@ -1,7 +1,5 @@
 """Rules between sections of a job; each returns faults with their places in the later section."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 
 from hpcinv.job.settings import Discretisation

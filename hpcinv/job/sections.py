@@ -1,7 +1,5 @@
 """Sections of a job file that describe the body: mesh, supports, and quantities of interest."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self

@@ -1,7 +1,5 @@
 """The section ``sensitivities`` of a job: keys of numbers of laws, effects, …, and their standard deviations."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 

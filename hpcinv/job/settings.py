@@ -1,7 +1,5 @@
 """Sections of a job file for the solution methods, checks and output."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 

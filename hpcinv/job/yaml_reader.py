@@ -5,8 +5,6 @@ implement YAML 1.1, which differs in all of this; only its parser is used. A fil
 two is refused, by its bytes, and by the number of its values, where an alias counts as all values that it represents.
 """
 
-from __future__ import annotations
-
 import re
 import stat
 from collections.abc import Iterator

@@ -15,8 +15,6 @@ The second gives ``cosh η``, and the even function of ``η`` in the first is a 
 ``T_ν(cosh η) = cosh ν η``, just as ``cos(⅓ arccos r)`` is ``T_⅓(r)``. Near 1 it is taken from its series.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from math import factorial
 from typing import Any

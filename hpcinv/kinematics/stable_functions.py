@@ -3,8 +3,6 @@
 Laws use these instead of ``ln(1 + x)`` or ``exp(x) - 1``, which lose their digits at small strain.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 _SERIES_BELOW = 2.0**-3  # |x| below which logarithms are computed from series

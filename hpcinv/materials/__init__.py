@@ -1,7 +1,5 @@
 """Material laws: one file each, registered by subclassing `MaterialLaw`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any
 

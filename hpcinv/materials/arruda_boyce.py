@@ -1,7 +1,5 @@
 """Arruda–Boyce."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Annotated, Any, ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """Gent."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues

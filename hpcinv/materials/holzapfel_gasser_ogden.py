@@ -1,7 +1,5 @@
 """Holzapfel–Gasser–Ogden."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 from pydantic import field_validator

@@ -1,7 +1,5 @@
 """Holzapfel–Ogden."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator

@@ -1,7 +1,5 @@
 """Base class of the laws in Lamé's parameters."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from hpcinv.materials.base import MaterialLaw

@@ -1,7 +1,5 @@
 """Elastic moduli of an isotropic material, of which any two determine the others."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from math import inf, isinf, sqrt
 from typing import Any

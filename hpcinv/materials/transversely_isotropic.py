@@ -1,7 +1,5 @@
 """Transversely isotropic, the standard reinforcing model."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 from hpcinv.materials.isochoric import IsochoricLaw

@@ -1,7 +1,5 @@
 """Veronda–Westmann."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, Literal
 
 from hpcinv.materials.isochoric import IsochoricLaw

@@ -1,7 +1,5 @@
 """Yeoh."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, Literal
 
 from hpcinv.materials.base import StartingValues

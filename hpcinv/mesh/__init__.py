@@ -1,7 +1,5 @@
 """Meshes: read or generated on rank 0, checked and partitioned, or read in parts; distributed as a ``Body``."""
 
-from __future__ import annotations
-
 import hpcinv.parallel.runtime  # noqa: F401  (first: it fixes the import order)
 
 # isort: split

@@ -1,7 +1,5 @@
 """Bounding box of points that are distributed over the ranks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from hpcinv.mesh.source import Floats

@@ -1,7 +1,5 @@
 """Number of cells that gmsh will make, estimated from its mesh of the curves, and a limit on it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager

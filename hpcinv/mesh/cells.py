@@ -1,7 +1,5 @@
 """Cell kinds: reference nodes, sub-entities and node orders, all taken from Basix."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

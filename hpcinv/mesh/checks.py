@@ -1,7 +1,5 @@
 """Checks of a mesh before anything is solved on it; all problems are reported together."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Data arrays of a mesh file on a distributed body: their local values, and functions of these."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import basix.ufl

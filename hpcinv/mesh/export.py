@@ -1,7 +1,5 @@
 """Mesh files of a body at other coordinates, with the topology, tags, groups and data of its source."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path

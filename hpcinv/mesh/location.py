@@ -1,7 +1,5 @@
 """Location of points in a distributed mesh: rank, cell, and reference coordinates."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Temporary coordinates of a mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

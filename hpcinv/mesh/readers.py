@@ -1,7 +1,5 @@
 """A reader for each suffix; all run on one process and return a whole ``MeshSource``."""
 
-from __future__ import annotations
-
 import dataclasses
 import runpy
 import tempfile

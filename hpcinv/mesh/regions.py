@@ -1,7 +1,5 @@
 """Named parts of a body: physical groups of the mesh, geometric conditions of the job, and the whole boundary."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

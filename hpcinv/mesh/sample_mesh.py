@@ -1,7 +1,5 @@
 """Sample of a mesh: one cell of each kind that a job distinguishes, without shared nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 

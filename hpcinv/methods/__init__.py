@@ -1,7 +1,5 @@
 """Solution methods: the direct method, and for inverse problems fixed-point methods with forward solves."""
 
-from __future__ import annotations
-
 from hpcinv.effects import Direction
 from hpcinv.methods.direct import DirectMethod
 from hpcinv.methods.fixed_point import FixedPointMethod

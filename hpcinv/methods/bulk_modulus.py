@@ -1,7 +1,5 @@
 """Continuation in the bulk modulus: the full load on a softer material, whose bulk modulus is then raised."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The direct method: equilibrium is formulated on the given body and solved by one continuation in the load."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -14,8 +14,6 @@ steps. No fallback is tried where none can help: at a limit point of the load, w
 where the discrete equations have a solution that no body can have.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing

@@ -4,8 +4,6 @@ Each iteration solves the forward problem on the mesh at X for u, and moves X by
 ``r = X + u - x``, until the loaded body is the given one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Initial state at full load: the solution of a similar problem, or an extrapolation of several solutions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from hpcinv.mesh.source import Floats

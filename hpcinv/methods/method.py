@@ -1,7 +1,5 @@
 """Interface of the solution methods, and the state from which they start."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass

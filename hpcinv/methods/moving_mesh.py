@@ -1,7 +1,5 @@
 """A mesh whose nodes can be moved to the present estimate of the reference body."""
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager
 
 import numpy as np

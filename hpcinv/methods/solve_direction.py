@@ -1,7 +1,5 @@
 """Solution of a model in one direction, with reports of each solve to an observer."""
 
-from __future__ import annotations
-
 from hpcinv.effects import Direction
 from hpcinv.methods import method_for
 from hpcinv.methods.method import Start

@@ -1,7 +1,5 @@
 """Update rules of the fixed-point method: the part in which plain, relaxed and accelerated methods differ."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Checks that need the mesh: regions exist, parameters are admissible everywhere, directions are not zero."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from types import SimpleNamespace

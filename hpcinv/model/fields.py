@@ -1,7 +1,5 @@
 """Quantities that vary over a body, as functions for forms and as samples for checks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """Measures of integration over the mesh: the whole body, regions of cells, regions of the boundary."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Outcomes of one solve at a fixed load factor."""
 
-from __future__ import annotations
-
 import enum
 
 

@@ -1,7 +1,5 @@
 """Derivative ``∂R/∂θ`` of the residual of a scene by its parameters."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import basix.ufl

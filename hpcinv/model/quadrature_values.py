@@ -1,7 +1,5 @@
 """Values at quadrature points, their means over cells and their range over the body."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

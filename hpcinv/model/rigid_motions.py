@@ -3,8 +3,6 @@
 A small rigid motion is ``u(x) = t + ω × (x - c)/ℓ``, six numbers ``(t, ω)`` in a frame of centre ``c`` and size ``ℓ``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Unknown fields of a scene: displacement, and pressure in the mixed form."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Supports: components of the displacement that are fixed or prescribed on regions of the boundary."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Writer of checkpoints during a run: after a number of steps, and when the run stops early."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Consoles that handle a closed pipe, as in ``hpcinv laws | head``."""
 
-from __future__ import annotations
-
 import rich.console
 
 from hpcinv.parallel.signals import discard_output

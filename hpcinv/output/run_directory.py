@@ -1,7 +1,5 @@
 """Directory of one run: the job as run, checkpoints, and results."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Log of a run, ``run.log`` in its directory: all messages with their times, on rank 0."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 import time

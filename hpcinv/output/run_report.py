@@ -1,7 +1,5 @@
 """Report of a run: its summary, and the error of a run that does not reach its end."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Store of a run: its directory, locked during the run, and checked before each writing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Self
 

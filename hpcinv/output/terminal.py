@@ -1,7 +1,5 @@
 """Terminal of standard output, also through the pipes of a process manager such as mpirun."""
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Fields of a solution as files for ParaView."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Memory that is available to a run, within the limits of the batch system."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Error for code of a job that exits the process with code 0 before the command is done."""
 
-from __future__ import annotations
-
 import os
 import sys
 from typing import NoReturn

@@ -12,8 +12,6 @@ process is killed, all others wait for this kernel until they time out. The func
 not loaded.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import os

@@ -6,8 +6,6 @@ process ends. It only saves work: without locks (on some network file systems), 
 is compiled more than once, and the last file is kept.
 """
 
-from __future__ import annotations
-
 import fcntl
 import os
 import socket

@@ -4,8 +4,6 @@ By default glibc returns every large block to the system and gets the next one p
 ranks of a node at the same time: a fifth of the time of a factorization (docs/linear-solvers.md).
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys

@@ -1,7 +1,5 @@
 """Resident memory of this process, by phase of a run."""
 
-from __future__ import annotations
-
 import os
 import resource
 import sys

@@ -1,7 +1,5 @@
 """Check whether users other than root and the current user could have written a file or directory."""
 
-from __future__ import annotations
-
 import grp
 import os
 import pwd

@@ -1,7 +1,5 @@
 """Times from the log of PETSc."""
 
-from __future__ import annotations
-
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split

@@ -4,8 +4,6 @@ Python calls a handler only after the main thread has returned from a library, w
 mesh. So a thread also waits for signals: it ends runs that have nothing to save yet, and interrupted runs.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

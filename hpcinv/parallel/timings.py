@@ -1,7 +1,5 @@
 """Wall time and memory by phase, on this rank."""
 
-from __future__ import annotations
-
 import time
 from collections import defaultdict
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Base class of material laws, effects and fibres: their quantities, and the regions and fibres that they refer to."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache

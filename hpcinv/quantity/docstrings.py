@@ -4,8 +4,6 @@ Pydantic would read them whenever a class is defined (``use_attribute_docstrings
 system calls at start-up, on every rank.
 """
 
-from __future__ import annotations
-
 import ast
 import inspect
 import textwrap

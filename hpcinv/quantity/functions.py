@@ -1,7 +1,5 @@
 """Functions and constants of formulas in job files."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Dotted keys, such as ``effects[0].density`` in a job and ``solutions[].factorizations`` in a summary."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from functools import cache

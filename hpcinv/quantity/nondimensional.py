@@ -1,7 +1,5 @@
 """Scales of the dimensionless problem, which make results and iteration counts independent of units."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

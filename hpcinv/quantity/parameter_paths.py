@@ -1,7 +1,5 @@
 """Numbers in the quantities of laws and effects: their places, replacement, and derivatives by them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace

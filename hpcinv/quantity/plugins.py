@@ -1,7 +1,5 @@
 """Laws and effects from outside the package: installed packages (entry points) and Python files named by a job."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 import traceback

@@ -4,8 +4,6 @@ Plain numbers are SI. Conversion is exact up to one final rounding, so ``8.5 mm`
 The dimensions of a model's fields (`quantities_of`) define their scaling in the dimensionless problem.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Base classes of the parts of a job file: strict immutable models, families of models, and readable errors."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 import re

@@ -3,8 +3,6 @@
 Formulas can use the reference position ``X, Y, Z`` and the current position ``x, y, z``, in both analyses.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ A measure is a function whose arguments are named after the components that it n
 available in job files, units, tables and ``hpcinv formulas``.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from typing import Any

@@ -3,8 +3,6 @@
 A general units package takes 0.4 s to import, more than the whole validation of a job.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Evaluation of a scene's fields at points of the body: stress, stored energy, volume ratio, position."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ Formulas of position and displacement alone are taken at a region's nodes; those
 integrals of any, at quadrature points in its cells, or on its facets if it has no cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 

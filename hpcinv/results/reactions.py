@@ -5,8 +5,6 @@ is the nodal force that the support exerts on the body. In either direction the 
 current body: R are forces in space, and the arms of their moments are current positions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

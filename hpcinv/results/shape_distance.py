@@ -4,8 +4,6 @@ Every distance is a dict of ``max`` and ``rms`` over the geometry nodes (m), and
 diagonal of the body's bounding box.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The solution in one direction, and its evaluation from the state of the model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

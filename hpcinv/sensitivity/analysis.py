@@ -10,8 +10,6 @@ Source: Tortorelli & Michaleris, "Design sensitivity analysis: overview and revi
 doi:10.1080/174159794088027573; JCGM 100:2008, *Guide to the expression of uncertainty in measurement*, 5.1.2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -6,8 +6,6 @@ about 1e-12 of the slope, and 1e-13 of the quantity over what it changes by as t
 ``min`` has the slope at the node or point that attains it; where another takes over within the step, one in between.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

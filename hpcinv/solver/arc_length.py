@@ -1,7 +1,5 @@
 """Arc-length continuation along the path of equilibria from the unloaded body, through limit points of the load."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace

@@ -18,8 +18,6 @@ Crisfield, Comput. Struct. 13, 55–62, 1981, doi:10.1016/0045-7949(81)90108-5;
 Keller, *Lectures on Numerical Methods in Bifurcation Problems*, 1987 (bordering).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol

@@ -1,7 +1,5 @@
 """Diagnosis of a failure to reach the full load, from the solves of all strategies."""
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Sequence
 

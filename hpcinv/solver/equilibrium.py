@@ -1,7 +1,5 @@
 """Newton's method for the equilibrium of a system at one load factor, by PETSc's SNES."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Location of limit points on a path of equilibria, at which ``dλ/ds`` vanishes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

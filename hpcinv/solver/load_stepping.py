@@ -1,7 +1,5 @@
 """Continuation in the load factor, from the unloaded body to the full load, in few factorizations."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

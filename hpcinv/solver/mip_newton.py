@@ -20,8 +20,6 @@ Source: Magisano, Leonetti & Garcea, Comput. Methods Appl. Mech. Eng. 313, 986â€
 doi:10.1016/j.cma.2016.10.023.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any
 

@@ -6,8 +6,6 @@ already shrink. Corrections also estimate the error: with a contraction ``θ`` o
 doi:10.1007/978-3-642-23899-4).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Observers of the solves of a run: the interface of progress, checkpoints, reports and requests to stop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

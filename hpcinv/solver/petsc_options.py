@@ -1,7 +1,5 @@
 """PETSc options of one solver: defaults, options of the job, and the unused ones among these."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from petsc4py import PETSc

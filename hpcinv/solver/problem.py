@@ -1,7 +1,5 @@
 """The discrete model of a job: spaces, supports and scales on one body, and the equations of either direction."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property

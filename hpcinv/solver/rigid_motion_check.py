@@ -1,7 +1,5 @@
 """Checks that supports do not contradict each other and hold the body, before anything is solved."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Convergence under mesh refinement: observed orders and Richardson's extrapolation."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import statistics

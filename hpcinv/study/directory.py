@@ -1,7 +1,5 @@
 """Directory of a study: its tables and diagrams, and in ``store`` the records of its runs."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 from pathlib import Path

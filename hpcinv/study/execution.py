@@ -1,7 +1,5 @@
 """A study as a batch: each run is executed from the beginning, without reuse of earlier runs, since it is timed."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass

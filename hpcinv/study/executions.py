@@ -4,8 +4,6 @@ Each run is executed several times, to time it. An execution is a case of the le
 content, of the number of ranks, and of its number among the repetitions.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Findings of a study: errors of each measured quantity, statistics over the cases, and the Pareto front."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Plan of a study: every run with its job, all checked before any of them begins."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reference values of a study: a closed form, the finest run, or Richardson's extrapolation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

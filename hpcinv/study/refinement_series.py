@@ -1,7 +1,5 @@
 """Refinement series of a study: runs that differ in one thing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
 

@@ -1,7 +1,5 @@
 """Printed report of a study: a table for each quantity, with published numbers beside those of the study."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from rich.table import Table

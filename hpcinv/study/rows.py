@@ -1,7 +1,5 @@
 """Rows of a study's table: values and costs of each run."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Mapping, Sequence

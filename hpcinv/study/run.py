@@ -1,7 +1,5 @@
 """Run of a study: executions, tables and diagrams."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Schedule of a study: rounds over all runs, so that a change in the speed of the machine affects all runs alike."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Study file: runs, measured quantities, references, and published numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 

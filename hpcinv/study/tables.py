@@ -1,7 +1,5 @@
 """Tables of a study as files: ``table.csv``, ``table.h5``, and ``statistics.csv`` if there are cases."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Sequence

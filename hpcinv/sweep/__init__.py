@@ -3,8 +3,6 @@
 The package is callable, ``hpcinv.sweep("sweep.yaml")``: see `hpcinv.sweep.interface.sweep`.
 """
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType
 from typing import Any

@@ -1,7 +1,5 @@
 """Python interface of sweeps: solve the open cases, and return the table of all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any

@@ -8,8 +8,6 @@ linear extrapolation; with enough neighbours the error of degree 2 is cubic in t
 Source: Levin, "The approximation power of moving least-squares" (1998), doi:10.1090/S0025-5718-98-00974-0.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Outlook on a sweep before it runs: number of cases, their sizes, and the time that they will take."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Mapping

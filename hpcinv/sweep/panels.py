@@ -1,7 +1,5 @@
 """Drawing of diagrams of a sweep: lines or points over one parameter, maps over two, failed cases in red."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections import Counter

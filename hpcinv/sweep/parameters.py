@@ -1,7 +1,5 @@
 """Parameters of the cases of a sweep as columns of numbers in SI, or of text."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Diagrams of a sweep: a quantity over one or two parameters, by branches, or a map of failures."""
 
-from __future__ import annotations
-
 import math
 import statistics
 import textwrap

@@ -1,7 +1,5 @@
 """Queue of a sweep: a group of ranks takes next the open case that is nearest to its last one."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 

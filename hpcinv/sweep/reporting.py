@@ -1,7 +1,5 @@
 """Commands that show the results of a sweep: ``sweep status | table | statistics | plot``."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

@@ -1,7 +1,5 @@
 """Runner of a sweep's cases, which reuses mesh, model and solutions of earlier cases, and resumes from checkpoints."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Sweep file: a job, and the axes along which it varies."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """Statistics of the quantities of interest over a sample: mean, standard deviation and quantiles, of each branch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

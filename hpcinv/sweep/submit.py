@@ -1,7 +1,5 @@
 """Submission of a sweep to Slurm: batch scripts from templates, their jobs, and a job that collects the results."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import shlex

@@ -1,7 +1,5 @@
 """Table of a sweep: a row for each case, with its parameters, results and costs."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any

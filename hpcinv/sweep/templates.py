@@ -1,7 +1,5 @@
 """Directory of the batch scripts for Slurm; as a program, prints it, since Slurm runs a copy of a script."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 _HERE = Path(__file__).resolve().parent

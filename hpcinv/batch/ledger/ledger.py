@@ -26,8 +26,6 @@ a living holder, or a whole record. None of these has to be repaired. The checkp
 directory, which the next claim renames.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import shutil

@@ -6,8 +6,6 @@
   process. Times of files and of other hosts are never compared, so that clocks may differ by hours.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from time import monotonic
 

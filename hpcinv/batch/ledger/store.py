@@ -1,7 +1,5 @@
 """Store of sweeps and studies: a directory with ``store.json``, ``ledger/``, ``holders/``, and ``cases/`` of runs."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -5,8 +5,6 @@ functions after subtraction of their tangent: ``log1p_remainder(x) = ln(1 + x) -
 ``expm1_remainder(x) = exp(x) - 1 - x`` and ``power_remainder(x, n) = (1 + x)^n - 1 - n x``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from functools import cache

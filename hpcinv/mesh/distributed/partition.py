@@ -1,7 +1,5 @@
 """Partition of the cells among the ranks: METIS through gmsh, now or beforehand, or PT-SCOTCH; and its quality."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

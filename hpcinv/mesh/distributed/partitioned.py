@@ -17,8 +17,6 @@ data-0, …      nodes or cells    the data arrays of the header
 ============== ================= ======================================================
 """
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Order of a mesh on one process: by parts, and back by tags."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

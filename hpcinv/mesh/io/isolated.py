@@ -1,7 +1,5 @@
 """Mesh files read in a separate process, because VTK and gmsh may crash on damaged files."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

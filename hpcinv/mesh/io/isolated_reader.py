@@ -5,8 +5,6 @@ names, types and shapes of arrays, then their bytes in this order. ``python isol
 a file and writes nothing. It imports nothing from the package, whose mesh modules load MPI.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import resource

@@ -4,8 +4,6 @@ MSH files state it in a section ``$Comments``, VTU files in a field array, and p
 it is the unit of the original file, since partitioned meshes themselves are in metres.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """VTU files: cells, facets of groups as surface cells, an integer array for each region, and data arrays."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

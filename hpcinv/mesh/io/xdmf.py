@@ -1,7 +1,5 @@
 """XDMF meshes as written by DOLFINx: a grid of cells, a grid for each set of mesh tags, and functions as data."""
 
-from __future__ import annotations
-
 import math
 import re
 import xml.etree.ElementTree as ET

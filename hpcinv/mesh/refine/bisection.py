@@ -4,8 +4,6 @@ Source: Plaza & Carey, *Local refinement of simplicial grids based on the skelet
 doi:10.1016/S0168-9274(99)00022-7.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

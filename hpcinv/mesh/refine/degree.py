@@ -1,7 +1,5 @@
 """Conversion of the geometry of a mesh between degree 1 and degree 2 with straight edges."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

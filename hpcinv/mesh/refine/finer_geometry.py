@@ -4,8 +4,6 @@ It is known for generators, which put the nodes of a higher degree on the CAD su
 that a job reads as degree 1.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 New nodes are mapped by the geometry of their cell, so that a curved body keeps its shape exactly.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 

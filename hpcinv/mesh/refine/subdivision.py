@@ -1,7 +1,5 @@
 """Subdivision of cells into eight and of facets into four, at the nodes of degree 2."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Summary of a run: its content, and its files."""
 
-from __future__ import annotations
-
 from hpcinv.output.summary.content import statistics, versions
 from hpcinv.output.summary.files import write_summary
 

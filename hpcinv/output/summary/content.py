@@ -1,7 +1,5 @@
 """Content of the summary of a run as plain data; docs/summary.md explains the keys."""
 
-from __future__ import annotations
-
 import os
 import platform
 from collections.abc import Sequence
