@@ -23,10 +23,7 @@ class Finding:
     """Values of one discretisation.
 
     Attributes:
-        mesh: number of its mesh.
         size: of the cells, as in `forecast.Step`.
-        degree: of the displacement.
-        values: of the quantities with a demand.
         corrected: these values plus the estimated errors.
     """
 
@@ -42,7 +39,6 @@ class Assessment:
     """Estimated errors of the last finding.
 
     Attributes:
-        errors: estimated error of each quantity.
         safety: factors by which the errors are multiplied before they are compared with the demands.
         demands: largest errors that the job allows.
     """

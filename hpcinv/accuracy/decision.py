@@ -19,8 +19,6 @@ def decide(
     """Return mesh and degree to try after the ``last`` ones; ``None`` if no possible choice helps much; collective.
 
     Args:
-        limit: largest number of unknowns.
-        highest: largest degree.
         known: whether the present error is known; else any second mesh is taken.
         may_mark: whether cells may be refined locally.
     """

@@ -42,7 +42,6 @@ class Step:
     Attributes:
         cell: "tetrahedron" or "hexahedron".
         size: of the cells, relative to the first mesh; ``None`` if they were refined locally.
-        cells: number of cells.
         solve, estimate: their work; the estimate is one tangent of one degree more.
         compilation: seconds to compile kernels.
     """
@@ -192,8 +191,6 @@ def choose(
     Args:
         factors: possible refinement factors of all cells, ascending.
         places: effect of complete local refinement; ``None`` if it is not possible.
-        limit: largest number of unknowns.
-        highest: largest degree.
 
     Returns:
         ``None`` if no possible choice reduces the error much.

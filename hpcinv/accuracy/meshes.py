@@ -26,7 +26,6 @@ class Variant:
     Attributes:
         resolution: parameters of the generator that differ from the job; empty for a refined mesh.
         given: the mesh, on rank 0, if it was refined from another one.
-        refined: whether the mesh was refined from another one.
         size: of its cells, relative to the job's mesh; ``None`` if they were refined locally.
         origin: description of how it was made.
     """

@@ -36,7 +36,6 @@ class AccuracyStep:
         bounds: errors times safety factors.
         excess: the largest ratio of a bound to its demand. All are ``None`` if a second mesh is needed to know them.
         left_out: note that the estimate has no error of the geometry; else empty.
-        seconds: of the step.
     """
 
     mesh: str
@@ -71,7 +70,6 @@ class AccuracyRecord:
     Attributes:
         chosen: number of the step whose result is returned, from 0.
         bounds: estimated errors of that step times safety factors.
-        seconds: of all steps.
     """
 
     demands: Mapping[str, float]

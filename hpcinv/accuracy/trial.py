@@ -39,7 +39,6 @@ class Trial:
         job: with degrees and mesh parameters of this discretisation.
         variant, body, model: its mesh and its equations.
         solution: with all solves that led to it, also those of earlier trials.
-        solves: those of this trial.
         quantities, estimate: the job's quantities of interest, and their errors; none below the full load.
         solve, estimation: work on this rank.
         compilation: seconds to compile kernels on this rank.

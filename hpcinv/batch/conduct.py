@@ -29,7 +29,6 @@ def conduct(
         share: ``(i, n)``: begin with the i-th of n parts of the cases, then continue with the other parts.
         lease: seconds within which the heartbeat of a holder on another machine must change.
         isolated: whether cases are solved in separate processes, where that is possible.
-        note: called on the first rank of each group.
         stop: the request of a signal to stop; without it, signals are not handled and cases are not isolated.
 
     Raises:

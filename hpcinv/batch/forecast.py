@@ -14,8 +14,6 @@ def remaining_seconds(
     """Return the seconds that the cases without a record take one after the other; ``None`` if nothing is known.
 
     Args:
-        reuse_groups: of all cases, by key.
-        records: of finished cases, by key.
         unknowns: number of unknowns by reuse group, where it is known without a record.
     """
     seconds: dict[str, list[float]] = {}
@@ -37,8 +35,6 @@ def forecast(
     group with the nearest number of unknowns (by their ratio), times that ratio.
 
     Args:
-        reuse_groups: of each open case.
-        finished: seconds of finished cases by their reuse group.
         unknowns: number of unknowns by reuse group; where it is not known, a case takes the median over the groups.
     """
     medians = {reuse_group: statistics.median(seconds) for reuse_group, seconds in finished.items()}

@@ -59,7 +59,6 @@ class EventWriter:
         self._write(None if task is None else Held(task.title, task.claim))
 
     def ended(self, error: HpcinvError | None) -> None:
-        """Write that the group has ended."""
         self._write(Ended(error))
 
     def _write(self, event: Held | Ended | None) -> None:

@@ -66,11 +66,6 @@ def supervise(
 ) -> None:
     """Solve the open cases of a batch in separate processes; collective.
 
-    Args:
-        begin: share of the list of cases at which the group begins, from 0 to 1.
-        lease: seconds within which the heartbeat of a holder on another machine must change.
-        note: called on the first rank.
-
     Raises:
         Interrupted: on every rank of the group: a signal was received, and cases are left.
         OutputError, SystemPartMissing: on the first rank: the store cannot be used, or no process can be started.
@@ -182,7 +177,6 @@ class _Supervisor:
         )
 
     def _stop_signal(self) -> signal.Signals | None:
-        """Return the signal that a rank of the group has received."""
         if self.stop.signal is None and self.group.Iprobe(tag=_STOP):
             self.stop.signal = signal.Signals(self.group.recv(tag=_STOP))
         return self.stop.signal
@@ -199,7 +193,6 @@ class _Supervisor:
             self.note(f"{held.title}: {record.status}, and did not stop: its process was killed")
 
     def _note_crash(self, held: Held, code: int) -> None:
-        """Note in the ledger that a case has crashed its process."""
         how = _how(code)
         self.ledger.crashed(held.claim, how)
         self.note(f"{held.title}: crashed its process ({how}); other cases continue in a new process")
@@ -215,7 +208,6 @@ def _how(code: int) -> str:
 
 
 def _has_ended(process: subprocess.Popen[bytes]) -> bool:
-    """Wait for a moment; return whether a process has ended."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(_PAUSE)
     return process.returncode is not None

@@ -19,9 +19,6 @@ def read_spec[S: Spec](
 ) -> S:
     """Read a file of a kind; where its key ``name`` is left out, it is the name of the file.
 
-    Args:
-        content: content of the file, if it has been read.
-
     Raises:
         JobError: with a line for each fault.
     """
@@ -46,11 +43,7 @@ def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
 
 
 class Faults:
-    """Faults of the cases of a file, each listed once, with the number of cases that have it.
-
-    Args:
-        noun: for the cases.
-    """
+    """Faults of the cases of a file, each listed once, with the number of cases that have it."""
 
     def __init__(self, path: Path, noun: str) -> None:
         self.path, self.noun = path, noun

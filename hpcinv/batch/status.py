@@ -40,12 +40,9 @@ class Status:
     """Numbers of distinct cases at one moment.
 
     Attributes:
-        name: of the sweep or study.
-        kind: plural noun for its cases.
         retry: the command that opens failed cases again.
         rows: number of cases, duplicates included.
         certificates: number of converged cases by the verdict of their certificate.
-        open: number of cases that are neither finished nor running.
         running: number of cases by the process that works on them.
         failed: titles of the failed cases by diagnosis, in the order of the batch.
         seconds: time left, with as many cases at a time as are running, at least one; ``None`` if it is not known.
@@ -63,12 +60,10 @@ class Status:
 
     @property
     def converged(self) -> int:
-        """Number of converged cases."""
         return sum(self.certificates.values())
 
     @property
     def done(self) -> int:
-        """Number of finished cases."""
         return self.converged + sum(map(len, self.failed.values()))
 
     @property
@@ -78,7 +73,6 @@ class Status:
 
     @property
     def total(self) -> int:
-        """Number of cases."""
         return self.done + self.unfinished
 
     def exit_code(self, *, strict: bool) -> int:
@@ -99,12 +93,7 @@ def status(
     retry: str,
     kind: str = "cases",
 ) -> Status:
-    """Return the status of cases; claims and changes nothing.
-
-    Args:
-        records: of finished cases by key.
-        kind, retry: see `Status`.
-    """
+    """Return the status of cases; claims and changes nothing."""
     distinct = {case.key: case for case in reversed(cases)}
     failed: dict[str, list[str]] = {}
     for case in cases:
@@ -185,7 +174,6 @@ def follow(
     """Print the status until all cases are finished: as a live bar on a terminal, else whenever it changes.
 
     Args:
-        look: returns the present status.
         every: seconds between two calls of it.
     """
     from rich.live import Live
@@ -205,7 +193,6 @@ def follow(
 
 
 def _bar(found: Status) -> RenderableType:
-    """Return the finished share as a bar above the text."""
     from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.text import Text

@@ -58,13 +58,7 @@ def work(
 
 @dataclass
 class Worker:
-    """Solves cases on all ranks of ``comm``.
-
-    Args:
-        ledger: on rank 0, ``None`` on the others.
-        begin: share of the list of cases at which the group begins, from 0 to 1.
-        note, stop_asked, holding: see `work`.
-    """
+    """Solves cases on all ranks of ``comm``."""
 
     batch: Batch
     comm: MPI.Intracomm
@@ -120,7 +114,6 @@ class Worker:
             collect_garbage(self.comm)
 
     def _solve(self, task: BatchTask) -> CaseRecord:
-        """Solve a case and return its record; a failure is a record too."""
         begun = time.perf_counter()
         record = CaseRecord("", "", {}, 0.0, task.claim.attempt)
         if (given_up := _given_up(task.claim)) is not None:

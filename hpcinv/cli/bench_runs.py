@@ -39,7 +39,6 @@ class MeasuredRun:
     """One measured run.
 
     Attributes:
-        seconds: wall time of the command.
         cpu: processor seconds of all ranks together.
         summary: the run's summary.json, ``None`` if it was not written.
         events: PETSc's log, if it was asked for: by event one entry for each rank.
@@ -98,11 +97,7 @@ class MeasuredRun:
 
 
 class Bench:
-    """Starts runs whose files are written to one directory.
-
-    Args:
-        note: receives a line before each run.
-    """
+    """Starts runs whose files are written to one directory."""
 
     def __init__(self, directory: Path, note: Callable[[str], None]) -> None:
         self.directory, self.note = directory, note

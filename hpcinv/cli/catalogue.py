@@ -62,7 +62,6 @@ def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> No
 
 
 def _describe_moduli(console: Console, law: type[MaterialLaw]) -> None:
-    """Print the elastic moduli that a job may give in place of the law's parameters."""
     match law.replaceable:
         case (str(shear), bulk):
             offered, text = list(Moduli.model_fields), f"In place of {shear} and {bulk} a job may give any two of:"
@@ -120,6 +119,5 @@ def _meaning(info: FieldInfo, text: str) -> str:
 
 
 def _choices(annotation: Any) -> tuple[str, ...]:
-    """Return the values of a literal type or of an alias of one."""
     annotation = getattr(annotation, "__value__", annotation)
     return get_args(annotation) if get_origin(annotation) is Literal else ()

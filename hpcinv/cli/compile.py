@@ -34,7 +34,6 @@ def add_compile(commands: Any) -> None:
 
 
 def _compile(options: argparse.Namespace) -> int:
-    """Compile the kernels of the jobs, distributed over the ranks."""
     if options.cache is not None:
         os.environ["HPCINV_KERNELS"] = str(options.cache)
 

@@ -44,7 +44,6 @@ def _explain(options: argparse.Namespace) -> int:
 
 
 def show(job: Job, found: Explanation) -> None:
-    """Print the table."""
     from rich.table import Table
 
     from hpcinv.output.console import Console

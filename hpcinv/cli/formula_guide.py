@@ -21,13 +21,7 @@ OPERATORS = "+ - * / ** (or ^), and in conditions < <= > >= and or not"
 
 @dataclass(frozen=True)
 class FormulaPlace:
-    """A field of a job that holds formulas.
-
-    Args:
-        field: where it is in the job.
-        value: what its formulas give.
-        names: what they know beside functions, constants and the names of ``let``.
-    """
+    """A field of a job that holds formulas."""
 
     field: str
     value: str
@@ -62,7 +56,6 @@ def varying(members: Mapping[str, type[Ingredient]]) -> Iterator[tuple[str, list
 
 
 def show() -> None:
-    """Print the guide."""
     console = Console(highlight=False, markup=False)
     console.print(f"operators: {OPERATORS}")
     console.print("numbers: SI, or with one unit each, such as 4.25 mm")

@@ -76,7 +76,6 @@ def _resume(options: argparse.Namespace) -> int:
 
 
 def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
-    """Read the job on rank 0 and solve it on all."""
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):

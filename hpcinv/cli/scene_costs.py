@@ -88,9 +88,6 @@ class Explanation:
 def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda text: None) -> Explanation:
     """Measure a job's scene in the direction that is solved first; collective.
 
-    Args:
-        note: receives the name of what is being compiled.
-
     Raises:
         MeshError: on all ranks, if the mesh lacks what the job names.
     """
@@ -157,7 +154,6 @@ class _Compiled:
 
 
 def _processor_seconds() -> float:
-    """Return the processor time of this process and of its child processes."""
     used = os.times()
     return used.user + used.system + used.children_user + used.children_system
 
@@ -208,7 +204,6 @@ def _row(name: str, scene: Scene, without: Scene | None, cost: Cost, cost_withou
 
 
 def _contents(scene: Scene) -> tuple[Counter[str], int, int]:
-    """Return the number of integrals by kind, of constants, and of fields without the state."""
     form = scene.residual
     kinds = {(i.integral_type(), i.subdomain_id()) for i in form.integrals()}
     integrals = Counter(_KINDS[kind] for kind, _ in kinds)

@@ -85,7 +85,6 @@ def _misfits(data: Mapping[str, Any]) -> list[tuple[Location, str]]:
 
 
 def _kelvins(value: object, key: str) -> float:
-    """Return an absolute temperature in K."""
     try:
         if isinstance(value, str):
             return parse_temperature(value)

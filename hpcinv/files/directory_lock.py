@@ -61,7 +61,6 @@ class DirectoryLock:
         return _is_at(self._descriptor, self._path)
 
     def release(self) -> None:
-        """Release the lock."""
         if self.is_in_place:
             self._path.unlink(missing_ok=True)
         os.close(self._descriptor)
@@ -112,7 +111,6 @@ def _may_be_running(other: Identity) -> bool:
 
 
 def _is_at(descriptor: int, path: Path) -> bool:
-    """Return whether an open file is the file with this path."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except OSError:

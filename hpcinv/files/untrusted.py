@@ -130,7 +130,6 @@ def mesh_fault(directory: Path, file: str) -> str:
 
 
 def _heavy_data(path: Path) -> list[str]:
-    """Names of the HDF5 files of an XDMF file."""
     try:
         items = [(item.text or "").strip() for item in ET.parse(path).iter("DataItem")]
     except (ET.ParseError, OSError, ValueError):  # reported by its reader

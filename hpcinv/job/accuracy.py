@@ -38,7 +38,6 @@ def read_demands(
 
 
 def _dimension_of(quantity: QuantityOfInterest) -> Dimension | None:
-    """Dimension of a quantity, or ``None`` if it is unknown."""
     if quantity.is_displacement:
         return LENGTH
     found = quantity.of.check(POSITIONS | FIELDS)

@@ -24,7 +24,6 @@ class GeneratorParameter:
 
     Attributes:
         kind: its annotation, or empty.
-        required: True if it has no default.
         default: value of the default if that is a literal, otherwise ``None``.
     """
 

@@ -24,10 +24,8 @@ class Header:
 
     Attributes:
         name: name of the original mesh file.
-        kind, degree: of the cells.
         nodes, cells, facets: their numbers; facets are those of groups.
         parts: rows of cells at which the parts begin, followed by the number of cells.
-        groups: name, dimension and tag of each physical group.
         thin_groups: names of groups of points and curves.
         data: name, place ("nodes" or "cells") and number of components of each data array.
         checksums: of each array, by its name in the file.
@@ -51,7 +49,6 @@ class Header:
     unit: float = 1.0
 
     def write(self, path: Path) -> None:
-        """Write the header into the partitioned mesh at ``path``."""
         content = {"format": _FORMAT} | asdict(self)
         text = json.dumps(content | {"sha256": _digest(content)}, ensure_ascii=False)
         (path / HEADER).write_text(text + "\n", encoding="utf-8")

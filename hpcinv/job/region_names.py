@@ -45,8 +45,6 @@ def unknown_regions(
     """Places in a job with the name of an unknown region, and messages.
 
     Args:
-        path: mesh file.
-        defined: names of the regions defined by the job.
         named: all references of the job to regions, with their places.
     """
     try:

@@ -19,10 +19,8 @@ class Parameter:
     """A number of a job by which the results are differentiated.
 
     Attributes:
-        key: its key in the job.
         where: key of its owner in the job.
         owner: law, effect, family of fibres or support.
-        place: its place in the owner.
         value: in SI.
         dimension: ``None`` if it depends on the use in a formula.
         deviation: its standard deviation in SI, or ``None``.

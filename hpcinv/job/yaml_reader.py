@@ -118,7 +118,6 @@ def _content(path: Path) -> bytes:
 
 @lru_cache(maxsize=2)  # a file is read several times: first for its kind, then for its content
 def _parsed(text: str) -> Any:
-    """Value of the only document in a text."""
     document: Any = None
     found = 0
     events = yaml.parse(text, Loader=_Loader)

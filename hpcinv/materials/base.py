@@ -32,7 +32,6 @@ class StartingValues:
 
     Attributes:
         parameters: parameters in the form of a job file, without the law's name.
-        of: the material.
         source: publication, or description of the fit.
     """
 
@@ -299,7 +298,6 @@ def _check_number_of_moduli(
 
 
 def _at(value: Any, region: str) -> Any:
-    """Return a quantity in one region."""
     if isinstance(value, tuple):
         return tuple(_at(entry, region) for entry in value)
     return value.at(region) if isinstance(value, ByRegion) else value

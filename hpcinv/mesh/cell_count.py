@@ -30,7 +30,6 @@ class MeshingMonitor:
     """Limit on the number of cells of a generated mesh, and report of the expected number.
 
     Attributes:
-        limit: number of cells that a generator may make.
         report: called with one line of text before the expensive part of meshing begins.
     """
 
@@ -137,7 +136,6 @@ def _cells(gmsh: Any, volume: int, edges: float, length: float) -> float:
 
 
 def _volumes(gmsh: Any) -> Iterator[tuple[int, list[int]]]:
-    """Tag of each volume, and tags of the curves of its surfaces."""
     for _, volume in gmsh.model.getEntities(3):
         surfaces = gmsh.model.getBoundary([(3, volume)], combined=False, oriented=False)
         curves = gmsh.model.getBoundary(surfaces, combined=False, oriented=False)
@@ -155,7 +153,6 @@ def _extent(gmsh: Any, dim: int, tag: int) -> float:
 
 
 def _edges(gmsh: Any, curve: int) -> tuple[float, float]:
-    """Number and total length of the edges on a curve."""
     _, nodes = gmsh.model.mesh.getElementsByType(_LINE, curve)
     if not len(nodes):
         return 0, 0.0

@@ -156,7 +156,6 @@ def _bad_groups(source: MeshSource, table: FacetTable) -> Problems:
 
 
 def _shared(source: MeshSource, dim: int, place: Ints) -> Problems:
-    """Entities of one dimension that are in more than one group."""
     groups = [g for g in source.groups if g.dim == dim]
     rows = [np.stack([place[g.members], np.full(len(g.members), i)], axis=1) for i, g in enumerate(groups)]
     if not rows:
@@ -173,6 +172,5 @@ def _shared(source: MeshSource, dim: int, place: Ints) -> Problems:
 
 
 def _first_of(tags: Ints, what: str) -> str:
-    """The first five tags as text."""
     head = ", ".join(str(t) for t in tags[:5])
     return f"{what}{'s' if len(tags) > 1 else ''} {head}{', …' if len(tags) > 5 else ''}"

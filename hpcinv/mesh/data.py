@@ -47,7 +47,6 @@ def as_function(body: Body, array: DataArray) -> fem.Function:
 
 
 def _find(body: Body, name: str) -> DataArray:
-    """The array with the values that this rank's source has."""
     data = body.source.data
     if name in data:
         return data[name]

@@ -181,8 +181,6 @@ class Attempt:
     Attributes:
         strategy: ``load steps``, ``arc-length``, or another of `RESCUES`.
         load: load factor of its last accepted solve, ``None`` if there is none.
-        outcome: outcome of its last solve.
-        solves, iterations, factorizations: numbers of these.
     """
 
     strategy: str

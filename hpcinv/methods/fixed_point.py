@@ -32,7 +32,6 @@ class FixedPointMethod(Method):
 
     Args:
         model: a model on the mesh at the coordinates of the job.
-        observer: observer of the iterations; it may ask to stop.
 
     Attributes:
         equilibrium: equations of the forward problem, at the present coordinates of the mesh.

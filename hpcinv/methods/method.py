@@ -40,7 +40,6 @@ class Method(ABC):
     """A path from the unloaded body, or from a checkpoint, to the solution of one direction.
 
     Attributes:
-        equilibrium: the equations that it solves.
         reached: share of the load under which the present state is a solution; 1 only at the end.
     """
 

@@ -18,9 +18,6 @@ class MovableMesh:
     """Geometry nodes of a mesh, and the displacement at these nodes.
 
     A body is an array ``X`` of the positions of the local nodes, (n, 3) in scaled lengths, ghosts included.
-
-    Attributes:
-        given: the body of the job.
     """
 
     def __init__(self, unknowns: Unknowns, quadrature_degree: int) -> None:

@@ -34,7 +34,6 @@ class Parameters:
 
     Args:
         ingredients: name in messages, laws, effects and families, and kinematics for their formulas.
-        cases: number of load cases.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks what a field needs.

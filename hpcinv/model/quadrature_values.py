@@ -24,7 +24,6 @@ class CellMeans:
 
     Args:
         expressions: scalars, vectors or tensors ``e`` of one shape, each with its cells (``None`` for all).
-        mesh: the mesh.
         quadrature_degree: degree of polynomials whose mean is exact on straight cells.
     """
 

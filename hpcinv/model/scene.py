@@ -53,8 +53,6 @@ class Part:
 
     Attributes:
         cells: cells of the law, ``None`` for all.
-        energy: energy per reference volume.
-        P: first Piola–Kirchhoff stress.
         constraint: residual of the pressure, ``None`` if it is not an unknown.
         domain: scalars that are positive where the law is defined.
         fixed_volume: elastic volume ratio if the law is incompressible, else ``None``.
@@ -92,7 +90,6 @@ class Scene:
 
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
-        parameters: the load factors, and the parameters of laws, effects and fibres.
         strain_energy: UFL form of the energy stored in the body (scaled stress × length³).
         J: volume ratio; mesh_J: the determinant that must be positive at every point.
         H: displacement gradient, the variable of all expressions in `parts`.
@@ -237,7 +234,6 @@ def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
 
 
 def _elastic(total: Deformation, effects: list[Any]) -> tuple[Deformation, Any]:
-    """Return the elastic part of the deformation, and the volume ratio of the inelastic part."""
     elastic, J_g = total, 1
     for effect, load, p in effects:
         H_g = effect.inelastic_strain(total, load, p)

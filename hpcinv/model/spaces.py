@@ -17,7 +17,6 @@ class Unknowns:
     """Finite-element spaces on one mesh, and the state of a solve.
 
     Args:
-        mesh: mesh with its coordinates in scaled lengths.
         displacement: polynomial degree of the displacement.
         pressure: polynomial degree of the pressure, or ``None`` for the displacement form.
 
@@ -26,7 +25,6 @@ class Unknowns:
         scalar_elements: elements of a displacement component, and of the pressure in the mixed form.
         displacement_space, pressure_space: spaces of displacement and pressure; the latter in the mixed form only.
         u, p: parts of the state as UFL expressions; ``p`` is ``None`` in the displacement form.
-        test: test function of the whole space.
         v, q: its parts, for ``u`` and ``p``.
     """
 

@@ -67,7 +67,6 @@ class Checkpoints:
 
     Args:
         problem: the job's fingerprint; only checkpoints of the same problem are read.
-        keep: number of checkpoints that are kept.
     """
 
     def __init__(self, directory: Path, comm: MPI.Intracomm, problem: Mapping[str, Any], keep: int) -> None:
@@ -224,7 +223,6 @@ def _unwritable(partial: Path, exc: OSError | RuntimeError) -> CheckpointError:
 
 
 def _digest(state: Mapping[str, Any], functions: Path) -> str:
-    """Return the SHA-256 of a checkpoint without the digest."""
     digest = hashlib.sha256(json.dumps(state, sort_keys=True).encode())
     for file in sorted(p for p in functions.rglob("*") if p.is_file()):
         digest.update(str(file.relative_to(functions)).encode())

@@ -13,13 +13,7 @@ from hpcinv.solver.problem import Model
 
 
 class CheckpointWriter(Observer):
-    """Writes checkpoints at the intervals of the job, and of the last state before a run stops.
-
-    Args:
-        checkpoints: of the run; ``None`` writes nothing.
-        store: of the run, whose directory must not have been removed.
-        model: its present state is written.
-    """
+    """Writes checkpoints at the intervals of the job, and of the last state before a run stops."""
 
     def __init__(self, checkpoints: Checkpoints | None, store: RunStore, model: Model) -> None:
         self._checkpoints, self._store, self._model = checkpoints, store, model

@@ -98,11 +98,7 @@ class Progress(Observer):
         self.note(f"warning: {text}", Level.QUIET)
 
     def open_log(self, comm: Intracomm, directory: Path, about: str) -> None:
-        """Open the log in a run's directory, and write earlier messages to it; collective.
-
-        Args:
-            about: versions of the libraries.
-        """
+        """Open the log in a run's directory, and write earlier messages to it; collective."""
         hosts = comm.gather(socket.gethostname())
         if self._log is None:
             return
@@ -177,7 +173,6 @@ class Progress(Observer):
                 self._print()
 
     def _print(self, text: str = "", end: str = "\n") -> None:
-        """Print text at the normal level."""
         if self._console is not None and self.level >= Level.NORMAL:
             self._console.print(text, end=end)
 
@@ -186,7 +181,6 @@ class Progress(Observer):
         return self._console is not None and self._console.is_terminal and self.level >= Level.NORMAL
 
     def _show(self, title: str, total: float | None = None) -> None:
-        """Show a live bar; without a total it has no length."""
         if not self._is_terminal or self._bar is not None:
             return
         from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
@@ -251,7 +245,6 @@ class Progress(Observer):
             self._bar.update(self._bar.task_ids[0], completed=solve.load)
 
     def finish(self, statistics: Mapping[str, Any]) -> None:
-        """Print the report of the run."""
         self.close()
         for line in report(statistics):
             self.note(line)
@@ -356,7 +349,6 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
 
 
 def _certificate(certificate: Mapping[str, Any]) -> list[str]:
-    """Return the verdict and the lines of a certificate."""
     lines = [f"certificate: {certificate['verdict']}"]
     for line in certificate["lines"]:
         found = "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"

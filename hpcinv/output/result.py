@@ -29,7 +29,6 @@ class Result:
 
     Attributes:
         solutions: one for each direction that was solved; the first is on the mesh that the job gives.
-        certificate: checks of the solutions.
         quantities: the job's quantities of interest by name.
         errors: distances from the job's expected shape, and of a round trip from the given shape.
         estimate: estimated discretisation errors, ``None`` if not requested.
@@ -86,7 +85,6 @@ _SHOWN = 6  # quantities in a line
 
 
 def _short(value: Any) -> str:
-    """Return a number or a vector with a few digits as text."""
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_short, value))}]"
     return "not known" if value is None else f"{value:.6g}"

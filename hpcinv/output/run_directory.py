@@ -231,5 +231,4 @@ def choose(output: Path | None, job: Job) -> RunDirectory:
 
 
 def relative(path: Path) -> str:
-    """Return a path relative to the working directory."""
     return os.path.relpath(path)

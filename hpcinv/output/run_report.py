@@ -24,9 +24,6 @@ class RunReport(Observer):
     """Writes the summary of a run, and raises the error of a run that does not reach its end; methods are collective.
 
     Args:
-        model: of the run.
-        totals: size, volume, mass and load of the meshed part.
-        record: of the search for the accuracy that the job demands, if any.
         unused_options: PETSc options of the job that were not used so far.
     """
 

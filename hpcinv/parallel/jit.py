@@ -133,7 +133,6 @@ def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _time
 
 
 def _load_objects(directory: Path, name: str, objects: Sequence[str]) -> tuple[Any, Any]:
-    """Load a kernel that has just been compiled."""
     path = _find(name, Path(directory))
     if path is None:
         raise ModuleNotFoundError(f"the kernel {name} was removed from {directory} after its compilation")

@@ -20,7 +20,6 @@ def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intraco
     """Context with all ranks and the request to stop; an error that all ranks have is printed once.
 
     Args:
-        ranks: required number of ranks, ``None`` for any.
         stack: True if PETSc and DOLFINx are needed, False for MPI alone.
     """
     stop = StopRequest()

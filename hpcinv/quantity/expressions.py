@@ -153,9 +153,7 @@ class Expression:
         """Value of the formula in any algebra.
 
         Args:
-            values: of the variables.
             functions: the ``FUNCTIONS`` by name, and the relations by their NumPy names, such as ``less``.
-            number: converts a number to that algebra.
         """
         found: dict[str, Any] = {name: number(constant) for name, constant in CONSTANTS.items()} | dict(values)
         for name, text in (*self.definitions, ("", self.source)):
@@ -242,7 +240,6 @@ def faults_with_constants(
 
 @cache
 def _names(source: str) -> frozenset[str]:
-    """Variables and defined names in a formula."""
     tree, literals = _parse(source)
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called}

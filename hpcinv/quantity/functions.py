@@ -16,7 +16,6 @@ class Function:
     """A function in formulas.
 
     Args:
-        meaning: description for users.
         ufunc: name in NumPy; functions of two or more arguments are reductions of it.
         measure: dimension of the value from the dimensions of the arguments.
         arguments: number of arguments; None for two or more.

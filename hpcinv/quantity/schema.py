@@ -165,7 +165,6 @@ def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
 
 
 def _file_of(kind: type[Any]) -> str:
-    """File or module in which a class is defined."""
     return getattr(sys.modules.get(kind.__module__), "__file__", None) or kind.__module__
 
 

@@ -45,9 +45,6 @@ class SceneFields:
 
     These are ``X Y Z x y z ux uy uz`` (m), ``J``, the Cauchy stress ``sxx syy szz sxy syz sxz`` and its measures (Pa),
     and ``energy``, stored per reference volume (J/m³).
-
-    Args:
-        names: the fields to compile.
     """
 
     def __init__(self, body: Body, scene: Scene, scales: Scales, names: Collection[str]) -> None:
@@ -140,6 +137,5 @@ class SceneFields:
         return {name: field for name, field in found.items() if name in self._names}
 
     def _named(self, values: Floats) -> dict[str, Floats]:
-        """Return fields (points, components) in SI by name."""
         named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self._fields(0).items())}
         return named | {m: MEASURES[m](*(named[c] for c in components_of(m))) for m in self._measures}

@@ -202,7 +202,6 @@ _REDUCTIONS: Mapping[str, Callable[[MPI.Intracomm, Floats, Floats], float]] = {
 
 
 def _owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
-    """Return the owned geometry nodes of a region's facets and cells."""
     region, nodes = find(body.regions, name, body.source), body.mesh.geometry.index_map()
     marks = la.vector(nodes, 1)
     for dim, entities in ((2, region.facets), (3, region.cells)):

@@ -28,10 +28,8 @@ class Solution:
         J: mean volume ratio of each cell, piecewise constant.
         cauchy_stress: mean Cauchy stress of each cell in Pa, piecewise constant, (3, 3).
         J_range: smallest and largest volume ratio at any quadrature point.
-        strain_energy: energy stored in the body, in J.
         solves: every solve of the method, failed ones included.
         load: load factor that was reached, 1 at the end.
-        linear: the linear solver, ``None`` if none was used.
     """
 
     direction: Direction

@@ -35,7 +35,6 @@ class Sensitivities:
     """Derivatives of one solution by parameters (SI), and standard deviations to first order.
 
     Attributes:
-        parameters: by which it was differentiated.
         slopes: of each quantity of interest but reactions by parameter, a list of 3 for a vector.
         displacement: of ``u = x - X``, by parameter.
         nodes: of the body that was looked for, at the local geometry nodes, (n, 3), by parameter.
@@ -83,9 +82,6 @@ class Sensitivities:
 
 def sensitivities(model: Model, solution: Solution) -> Sensitivities | None:
     """Differentiate a solution at full load by the job's parameters; ``None`` if there are none; collective.
-
-    Args:
-        model: the model of the solution.
 
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
@@ -161,7 +157,6 @@ def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) 
 
 
 def _deviation(parameters: Sequence[Parameter], by_key: Mapping[str, Value]) -> Value | None:
-    """Return the standard deviation of a quantity with these derivatives."""
     parts = [np.array(by_key[p.key]) * p.deviation for p in parameters if p.deviation is not None]
     if not parts:
         return None

@@ -24,7 +24,6 @@ class ArcLengthSteps:
         first: first step, as a share of the load along the first tangent.
         smallest: shortest step, relative to the state; the path ends where it fails.
         limit_points: number of limit points to pass before a state at full load is accepted.
-        most: largest number of steps.
         path_tolerance: relative error of intermediate points; near a limit of the load it matters.
         easy: number of iterations up to which the next step is twice as long.
         cases: number of load cases; no step crosses the end of one.
@@ -161,7 +160,6 @@ class _Path:
         return self._start(end) if solve.outcome.accepted and not self.ended else None
 
     def _advance(self, point: _Point, end: float | None, step: float) -> Moves:
-        """One step along the path."""
         predicted, t = point.ahead(step), point.tangent
         load = point.load + step * t.slope
         found = self._corrected(predicted, load, t.direction, max(abs(point.load), abs(load)))

@@ -98,7 +98,6 @@ class Bordering:
     """Newton's method for the equations and one constraint, and the tangent of their path.
 
     Args:
-        equations: the equations.
         like: a vector of the layout of the state.
         limit, reuse: as for `NewtonMonitor`.
         cases: number of load cases; ∂R/∂λ jumps at the end of each.

@@ -41,7 +41,6 @@ class _Progress:
         tangents: number of new tangents so far; ``signs`` are the signs of their determinants.
         has_new_tangent: whether the present correction is computed with a new tangent.
         correction: norm of the last correction before it was shortened.
-        outcome: outcome of the convergence test.
         short: the fault for which the last correction was shortened.
         refused: the reason why no correction can be taken.
         is_tested: whether PETSc has called the convergence test.
@@ -82,10 +81,6 @@ class Equilibrium:
     out, or strain it beyond the domain of its law, is halved.
 
     Args:
-        system: residual and tangent, and the state that is solved for.
-        linear: solves for the corrections.
-        predictor: predicts states and measures corrections.
-        limit: largest number of Newton iterations of a solve.
         reuse: largest contraction at which the tangent is kept, 0 for full Newton.
 
     Attributes:
@@ -120,7 +115,6 @@ class Equilibrium:
         """Solve from the present state, which is unchanged if the outcome is not accepted.
 
         Args:
-            load: load factor.
             tolerance: estimated error of the state relative to its norm.
             predicted: prediction of the present state; its effort is added to the effort of the solve.
             begins_near: whether the present state is known to be near the solution.
@@ -229,7 +223,6 @@ class Equilibrium:
         self.linear.factorize()
 
     def _test_convergence(self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]) -> int:
-        """PETSc's convergence test."""
         now = self._now
         residual, now.is_tested = norms[2], True
         if self.interrupted():

@@ -29,8 +29,6 @@ def locate(
 
     Args:
         t: unit vector along which both points were reached.
-        low: the point before the limit point.
-        high: the point after it.
         direction: 1 for a maximum of the load, -1 for a minimum.
     """
     scale = max(abs(low.load), abs(high.load))
@@ -67,7 +65,6 @@ _MOST_FACTORIZATIONS = 40
 
 
 def _secant(one: Sample, other: Sample) -> float:
-    """Return the root of the linear function through two slopes."""
     return other.s - other.slope * (other.s - one.s) / ((other.slope - one.slope) or math.inf)
 
 

@@ -29,14 +29,12 @@ class Solve:
     """Report of one solve at a fixed load factor.
 
     Attributes:
-        load: the load factor.
         iterations: those of Newton's method; empty if a test that the user's options chose ended the solve.
         factorizations: number of tangents that were factorized.
         signs: signs of their determinants, empty if the linear solver does not give them; where the sign changes, the
             number of negative eigenvalues has changed by an odd number.
         position_residual: distance of the loaded body from the given one (m) after a step of a fixed-point method.
         linear_iterations: iterations of the Krylov solver, if there is one.
-        strategy: the strategy that the solve belongs to.
         limit_point: whether the load has an extremum along the path here.
     """
 
@@ -57,7 +55,6 @@ class NewtonMonitor:
 
     Args:
         tolerance: estimated error of the state, relative to its norm, at which a solve ends.
-        limit: largest number of iterations.
         reuse: largest contraction at which a tangent is kept (Shamanskii's method); 0 is full Newton.
         begins_near: whether the initial state is known to be near the solution.
         predicted: length of the step along the tangent that predicted the initial state; 0 without a prediction.

@@ -13,7 +13,6 @@ class SolveEvent:
     """Report of one solve on the way to the full load, and of the state after it.
 
     Attributes:
-        solve: the last solve.
         solves: every completed solve of this direction, including those before a restart.
         load: share of the load under which the present state is a solution.
         can_restart: whether a run can be resumed from the present state.
@@ -36,7 +35,6 @@ class SolvedDirection:
     Attributes:
         solves: every completed solve, including those before a restart.
         load: share of the load that was reached.
-        linear: the linear solver that was used.
         stopped: whether a request to stop ended it.
         can_restart: whether there is a state from which a run can be resumed.
         unused_options: PETSc options of the job that PETSc did not use; ``None`` if nothing had to be solved.

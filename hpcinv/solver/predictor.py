@@ -62,7 +62,6 @@ class Prediction:
     """A step along the tangent of the path.
 
     Attributes:
-        length: of the step.
         increment: largest rotation and strain that it makes.
         origin: the state where it begins; overwritten by the next prediction.
         is_taken: whether the state was moved along it; false if an element would turn inside out.

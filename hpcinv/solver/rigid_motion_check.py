@@ -160,7 +160,6 @@ def _box(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, float]:
 
 
 def _of_nodes(space: fem.FunctionSpace, labels: Ints) -> Ints:
-    """Return the part of each node of a space."""
     found = np.zeros(space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts, dtype=np.int64)
     found[space.dofmap.list] = labels[:, None]
     return found

@@ -20,7 +20,6 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
     """Return the diagram of error against time as files by format; none if there is no error to show.
 
     Args:
-        seconds: description of the time.
         varied: text on the parameters that vary along each series.
     """
     points = [point for point in accuracy.points if _is_shown(point)]

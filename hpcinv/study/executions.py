@@ -59,7 +59,6 @@ class Executions:
         return run in self._jobs or all(self.is_ready(i) and self._first(i) is not None for _, i in self._sources(run))
 
     def is_known(self, run: int, number: int) -> bool:
-        """Return whether an execution of a ready run has a record."""
         return self.execution_key(run, number) in self._records
 
     def records(self, run: int) -> list[CaseRecord]:
@@ -85,7 +84,6 @@ class Executions:
         return hashlib.sha256(f"{self.key(run)}, execution {number}".encode()).hexdigest()[:20]
 
     def repetitions(self, run: int) -> int:
-        """Return the number of repetitions of a run."""
         return self.plan.study.series_called(self.plan.runs[run].place.series).repeat or self.plan.study.repeat
 
     def needed(self, run: int) -> int:

@@ -16,12 +16,9 @@ class StepStatistics:
     """Statistics of one step of a series over all cases: a point in the diagrams.
 
     Attributes:
-        errors: of the cases that have one.
         average, sd, minimum, maximum: of the errors; ``sd`` of a sample, ``None`` for fewer than two.
         costs: averages over the cases that converged.
         ratio: time over that of the base series, for the cases that converged in both.
-        failed: number of cases that did not converge.
-        on_front: whether the point is on the Pareto front.
     """
 
     series: str

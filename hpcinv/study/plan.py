@@ -21,10 +21,8 @@ class Place:
     """Position of a run in its study.
 
     Attributes:
-        series, step, case: name of the series, and numbers of step and case from 0.
         label: name of the run within its series.
         varied: values of the series at this step, by key.
-        parameters: values of the case, by key.
     """
 
     series: str
@@ -156,5 +154,4 @@ def _quantities(job: Job) -> dict[str, bool]:
 
 
 def _label(varied: Mapping[str, Any]) -> str:
-    """Return the values that vary as text, each once."""
     return ", ".join(dict.fromkeys(text_of(value) for value in varied.values()))

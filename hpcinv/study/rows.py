@@ -27,7 +27,6 @@ class StudyRow:
         status: "converged", or the diagnosis.
         costs: by name, times as medians over the repetitions; ``None`` if unknown.
         times: seconds of each repetition that is not discarded.
-        values: by measured quantity.
         certificate: its verdict; empty without certificate.
         estimates: estimated error of each value (corrected less computed), where the certificate has one.
         geometry_error: whether that is "included" in the estimates or "left out"; empty without estimates.

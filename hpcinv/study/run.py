@@ -101,7 +101,6 @@ def conclude(executions: Executions, directory: StudyDirectory) -> None:
 
 
 def _files(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: int) -> dict[str, str | bytes]:
-    """Return the contents of the files by name."""
     files: dict[str, str | bytes] = {
         "table.csv": as_csv(run_columns(plan, rows, found), run_units(found)),
         "table.h5": as_hdf5(plan, rows, found, ranks),

@@ -43,7 +43,6 @@ def sweep(
     Args:
         source: a sweep file, or a mapping with the content of one.
         directory: base of relative paths in a mapping; in a file they are relative to the file.
-        ranks_per_case: number of ranks that solve a case together, a divisor of the number of ranks.
         note: called with a line on each finished case, on the first rank of the group that solved it.
 
     Returns:

@@ -22,11 +22,7 @@ MOST_MEASURED = 32
 
 
 def outlook(plan: SweepPlan, ledger: Ledger, groups: int) -> list[str]:
-    """Return lines of text on the cases of a sweep, their sizes, and the time that the open ones take; not collective.
-
-    Args:
-        groups: number of groups of ranks that take cases at the same time.
-    """
+    """Return lines of text on the cases of a sweep, their sizes, and the time that the open ones take; not collective."""
     reuse_groups = {case.key: case.reuse_group for case in plan.cases}
     records = results(plan, ledger)
     failed = sum(not record.converged for record in records.values())
@@ -79,7 +75,6 @@ def _time(
 
 
 def _size(job: Job) -> tuple[int, int] | str:
-    """Return the numbers of cells and unknowns, or the reason why there is no mesh."""
     try:
         body = build_body(job.mesh, job.regions, MPI.COMM_SELF, resolve=job.resolve)
     except MeshError as error:

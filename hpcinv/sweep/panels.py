@@ -38,9 +38,7 @@ class Series:
     """Finished cases of one line or one map.
 
     Attributes:
-        label: text of the legend, or title of the map.
         colour: number of its style; lines that differ only in a number may share one.
-        places: coordinates of each case along the axes.
         values: of each case, NaN if it has none.
         statuses: "converged", or the diagnosis of each case.
         is_curve: whether the points are joined.

@@ -30,7 +30,6 @@ class Case:
     """One job of a sweep.
 
     Attributes:
-        number: position in the sweep, from 0.
         key: hash of everything that its results depend on, the same in every sweep (20 hex digits).
         reuse_group: key of the cases that share mesh, equations and the pattern of the factorization.
         numbers: the numbers in which cases of one reuse group differ (SI).

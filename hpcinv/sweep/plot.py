@@ -29,12 +29,7 @@ MOST_LINES = 7
 
 @dataclass(frozen=True)
 class Diagram:
-    """A diagram of a sweep.
-
-    Attributes:
-        files: contents by their format.
-        left_out: cases that it does not show, and the reason, as in its title.
-    """
+    """A diagram of a sweep."""
 
     files: Mapping[str, bytes]
     left_out: tuple[str, ...]

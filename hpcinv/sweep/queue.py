@@ -31,7 +31,6 @@ class Queue:
     models are seldom rebuilt. Groups of ranks begin at different positions of the list, and share only the ledger.
 
     Args:
-        ledger: in which cases are claimed.
         begin: share of the list of cases at which this group begins, from 0 to 1.
         patience: seconds to wait for cases that others hold, after which dead holders are known.
     """
@@ -118,7 +117,6 @@ class Queue:
         return int(np.flatnonzero(eligible & (self._reuse_groups == names[np.argmax(counts)]))[0])
 
     def _read_states(self) -> None:
-        """Read the states of all cases."""
         found = self.ledger.states([case.key for case in self._cases])
         self._states = [found[case.key] for case in self._cases]
         self._open = np.array([state.name != "finished" for state in self._states])

@@ -72,7 +72,6 @@ class SweepRunner(Runner[SweepTask]):
         return go()
 
     def _guess(self, task: SweepTask) -> tuple[str, Guess | None]:
-        """Return the key of the nearest case, and the initial guess."""
         group, known = self.neighbours
         if not self.warm_start or group != task.reuse_group:
             return "", None

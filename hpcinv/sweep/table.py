@@ -108,7 +108,6 @@ def _result_name(name: str, taken: frozenset[str]) -> str:
 
 
 def _per(unit: str, of: str) -> str:
-    """Return the unit of a slope."""
     below = of if of.isalpha() else f"({of})"
     return f"{unit or 1}/{below}" if of else unit
 

@@ -20,10 +20,7 @@ class History:
     """The latest round of a case.
 
     Attributes:
-        round: its number.
-        finished: whether the round has a record.
         claims: number of claims, which is the number of the last one.
-        released: numbers of the released claims.
         crashed: numbers of the claims whose process crashed, as its supervisor noted.
         temporary: names of all files, of any round, that have no meaning once there is a record.
     """

@@ -270,7 +270,6 @@ class Ledger:
             return publish(file, json.dumps({"why": why}).encode())
 
     def _runs(self, key: str, number: int) -> list[Path]:
-        """Return the run directories of a round, the latest last."""
         runs = self.directory(key).glob(f"run-{number}-*")
         return sorted(runs, key=lambda run: int(run.name.rpartition("-")[2]))
 

@@ -17,10 +17,8 @@ class CaseRecord:
 
     Attributes:
         status: "converged", or the diagnosis.
-        advice: remedy of a failure.
         statistics: content of the run's ``summary.json``; empty if the case failed before there was one.
         seconds: wall time of the case.
-        attempts: number of claims.
         start: key of the case whose solution was the initial guess; "" for the unloaded body.
         compiled: whether kernels were compiled, so that its time does not count; set by studies.
     """

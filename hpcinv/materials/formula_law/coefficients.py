@@ -18,7 +18,6 @@ class Coefficient:
     A sum that vanishes except for rounding errors is exactly zero, such as ``k*3 + (1 - 3*k) - 1``.
 
     Args:
-        value: the number.
         symbol: the number, or a UFL scalar in its place.
         size: sum of the magnitudes of its terms.
         is_literal: whether it depends on no parameter.
@@ -79,7 +78,6 @@ class Coefficient:
         return self._with(self, value, symbol, abs(value) + slope * self.size)
 
     def _with(self, other: Coefficient, value: float, symbol: Any, size: float) -> Coefficient:
-        """Return the result of an operation on both."""
         if abs(value) <= _ROUNDING * size:
             return ZERO
         return Coefficient(value, symbol, size, self.is_literal and other.is_literal)

@@ -49,7 +49,6 @@ class Jet:
     """A scalar that depends on strains.
 
     Args:
-        strains: strains of the formula.
         constant: ``q0``, its value at ``F = I``.
         slopes: ``q1`` by the name of the strain, without zeros.
         remainder: ``R``.

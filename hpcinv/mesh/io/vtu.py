@@ -99,12 +99,10 @@ def _ending(code: int) -> str:
 
 
 def _tags(path: Path, name: str, values: npt.NDArray[Any] | None, count: int) -> Ints:
-    """Tags of nodes or cells; 1, 2, … if the file has none."""
     return np.arange(1, count + 1) if values is None else _whole_numbers(path, name, values, count)
 
 
 def _whole_numbers(path: Path, name: str, values: npt.NDArray[Any], count: int) -> Ints:
-    """Array with one integer for each entity, as integers."""
     if values.shape != (count,) or values.dtype.kind not in "iuf":
         raise MeshError(f"{path}: the array '{name}' is not one number for each entity", "Correct or remove it.")
     with np.errstate(invalid="ignore"):
@@ -148,7 +146,6 @@ def _solid_kind(path: Path, names: list[str]) -> str:
 
 
 def _connectivity(path: Path, arrays: Mapping[str, npt.NDArray[Any]], kind: str, rows: Ints) -> Ints:
-    """Nodes of the cells ``rows`` in DOLFINx order."""
     start = arrays["offsets"].astype(np.int64)
     sizes = np.unique(start[rows + 1] - start[rows])
     if len(sizes) > 1:

@@ -156,7 +156,6 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
 
 
 def _inline(path: Path, item: ET.Element, text: str) -> npt.NDArray[np.generic]:
-    """Numbers in the text of a data item."""
     dimensions = item.get("Dimensions", "")
     declared = item.get("NumberType", item.get("DataType", "Float"))
     kind = np.dtype(np.int64 if declared in ("Int", "UInt") else np.float64)

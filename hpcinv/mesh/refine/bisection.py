@@ -20,7 +20,6 @@ SIMPLICES = {3: "triangle", 4: "tetrahedron"}  # by the number of vertices
 
 @cache
 def _edges_of_faces() -> list[list[int]]:
-    """Local edges of each face of a tetrahedron."""
     edges, faces = (sub_entities("tetrahedron", dim).tolist() for dim in (1, 2))
     return [[i for i, edge in enumerate(edges) if set(edge) <= set(face)] for face in faces]
 

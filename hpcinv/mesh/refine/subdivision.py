@@ -81,7 +81,6 @@ def _tetrahedra() -> Ints:
 
 
 def _nodes(kind: str) -> Floats:
-    """Reference nodes of degree 2."""
     nodes: Floats = scalar_element(kind, 2).points
     return nodes
 

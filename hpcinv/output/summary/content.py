@@ -37,8 +37,6 @@ def statistics(
 
     Args:
         status: "converged", or the reason why the run ended.
-        unknowns: number of unknowns over all ranks.
-        unused_options: PETSc options of the job that were not used.
     """
     job, body = result.job, result.body
     found = {
