@@ -21,13 +21,16 @@ Command: python benchmarks/scaling.py [--per-rank 2000] [--ranks 1 2 4 8 16]
 from __future__ import annotations
 
 import argparse
+import csv
 import math
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from bodies import block, measure
@@ -51,6 +54,7 @@ CELLS = 384  # of a part whose surface is counted
 FGMRES_REDUCTIONS = 2  # in an iteration: all inner products at once, and a norm
 REDUCTIONS = ("VecDot", "VecMDot", "VecNorm", "VecTDot", "VecReduceComm")  # each is one, which PETSc does not count
 WORK = {"tangent": "setups", "residual": "newton", "factorization": "setups", "linear solve": "iterations"}
+LOGGED = ("Count", "Num Messages", "Message Length", "Num Reductions")
 ONCE = ("set-up", "evaluation", "other")  # phases that each rank does on its part, once
 
 
@@ -75,11 +79,15 @@ def job(size: int, linear: str) -> JobData:
 
 
 def sample(bench: Bench, size: int, ranks: int, linear: str = "iterative") -> Sample:
-    run = bench.must_run(f"block, about {size} unknowns, {linear}, {ranks} ranks", job(size, linear), ranks, log=True)
-    iterations, setups = run.krylov_iterations, run.count("factorizations")
+    log = bench.directory / "events.csv"
+    log.unlink(missing_ok=True)
+    with environment(PETSC_OPTIONS=f"{os.environ.get('PETSC_OPTIONS', '')} -log_view :{log}:ascii_csv".strip()):
+        run = bench.must_run(f"block, about {size} unknowns, {linear}, {ranks} ranks", job(size, linear), ranks)
+    events = events_in(log)
+    iterations, setups = int(events["PCApply"][0]["Count"]), run.count("factorizations")
 
     def mean(event: str, figure: str) -> float:
-        return float(np.mean([rank[figure] for rank in run.events.get(event, [{figure: 0.0}])]))
+        return float(np.mean([rank[figure] for rank in events.get(event, [{figure: 0.0}])]))
 
     def of_each(figure: str) -> tuple[float, float]:
         return mean("KSPSolve", figure) / max(iterations, 1), mean("PCSetUp", figure) / setups
@@ -97,6 +105,29 @@ def sample(bench: Bench, size: int, ranks: int, linear: str = "iterative") -> Sa
         run.phases,
         max(run.memory),
     )
+
+
+@contextmanager
+def environment(**variables: str) -> Iterator[None]:
+    before = dict(os.environ)
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+def events_in(log: Path) -> dict[str, list[dict[str, float]]]:
+    """Read the events of PETSc's log (``-log_view :FILE:ascii_csv``) by rank, summed over stages."""
+    found: dict[str, dict[int, dict[str, float]]] = {}
+    if log.exists():
+        with log.open(newline="") as file:
+            for row in csv.DictReader(file):
+                sums = found.setdefault(row["Event Name"], {}).setdefault(int(row["Rank"]), {})
+                for column in LOGGED:
+                    sums[column] = sums.get(column, 0.0) + float(row[column])
+    return {event: [by_rank[rank] for rank in sorted(by_rank)] for event, by_rank in found.items()}
 
 
 @cache

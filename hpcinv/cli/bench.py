@@ -184,7 +184,7 @@ def linear(
             for _ in range(repeat):
                 for kind, of in runs.items():
                     title = f"{name}, about {size} unknowns, {kind}"
-                    of.append(bench.run(title, {**job, "solver": {"linear": kind}}, log=True))
+                    of.append(bench.run(title, {**job, "solver": {"linear": kind}}))
                     if not of[-1].solved:
                         notes.append(f"{title}: {of[-1].ending}")
             found = _figures(runs)

@@ -4,10 +4,8 @@
 bytes per second that all ranks together read and write.
 """
 
-import csv
 import json
 import os
-import resource
 import shlex
 import shutil
 import statistics
@@ -30,7 +28,6 @@ type JobData = Mapping[str, Any]
 SOLVER = ("residual", "tangent", "factorization", "linear solve", "newton", "admissibility check")
 """Phases from the first assembly to the solution."""
 WITHOUT_CERTIFICATE = "off"
-_LOGGED = ("Count", "Num Messages", "Message Length", "Num Reductions")
 _STREAM_LENGTH, _STREAM_REPEATS = 10_000_000, 10  # larger than any cache
 
 
@@ -39,16 +36,12 @@ class MeasuredRun:
     """One measured run.
 
     Attributes:
-        cpu: processor seconds of all ranks together.
         summary: the run's summary.json, ``None`` if it was not written.
-        events: PETSc's log, if it was asked for: by event one entry for each rank.
         ending: the exit code and the end of stderr.
     """
 
     seconds: float
-    cpu: float
     summary: Mapping[str, Any] | None
-    events: Mapping[str, Sequence[Mapping[str, float]]]
     ending: str
 
     @property
@@ -72,8 +65,7 @@ class MeasuredRun:
 
     @property
     def krylov_iterations(self) -> int:
-        """Applications of the preconditioner in PETSc's log."""
-        return int(self.events["PCApply"][0]["Count"])
+        return sum(solution["linear"]["iterations"] for solution in self.found["solutions"])
 
     @property
     def phases(self) -> dict[str, float]:
@@ -84,11 +76,6 @@ class MeasuredRun:
     def solver(self) -> float:
         """Seconds of the phases in `SOLVER`."""
         return sum(self.phases.get(name, 0.0) for name in SOLVER)
-
-    @property
-    def total(self) -> float:
-        """Seconds of the run after the imports, without the compilation of kernels."""
-        return float(self.found["timings"]["total"]) - self.phases.get("compile", 0.0)
 
     @property
     def memory(self) -> Sequence[int]:
@@ -108,31 +95,22 @@ class Bench:
         """The output directory of the last run."""
         return self.directory / f"run-{self._count}" / "results"
 
-    def run(self, name: str, job: JobData, ranks: int = 1, *, log: bool = False) -> MeasuredRun:
-        """Run a job on this many ranks, with PETSc's log if asked for."""
+    def run(self, name: str, job: JobData, ranks: int = 1) -> MeasuredRun:
+        """Run a job on this many ranks."""
         self.note(name)
         self._count += 1
         self.results.parent.mkdir()
-        file, events = self.results.parent / "job.yaml", self.results.parent / "events.csv"
+        file = self.results.parent / "job.yaml"
         file.write_text(yaml.safe_dump(dict(job), sort_keys=False), encoding="utf-8")
-        environment = dict(os.environ)
-        if log:
-            environment["PETSC_OPTIONS"] = (
-                f"{environment.get('PETSC_OPTIONS', '')} -log_view :{events}:ascii_csv".strip()
-            )
-        arguments = ("hpcinv", "run", file, "--output", self.results, "--ranks", ranks)
-        cpu, begun = _cpu(), time.perf_counter()
-        done = self._start(arguments, ranks, environment)
-        seconds, used = time.perf_counter() - begun, _cpu() - cpu
-        summary = self.results / "summary.json"
+        begun = time.perf_counter()
+        done = self._start(("hpcinv", "run", file, "--output", self.results, "--ranks", ranks), ranks)
+        seconds, summary = time.perf_counter() - begun, self.results / "summary.json"
         found = json.loads(summary.read_text(encoding="utf-8")) if summary.exists() else None
-        return MeasuredRun(
-            seconds, used, found, events_in(events), f"exit code {done.returncode}: {done.stderr[-1000:]}"
-        )
+        return MeasuredRun(seconds, found, f"exit code {done.returncode}: {done.stderr[-1000:]}")
 
-    def must_run(self, name: str, job: JobData, ranks: int = 1, *, log: bool = False) -> MeasuredRun:
+    def must_run(self, name: str, job: JobData, ranks: int = 1) -> MeasuredRun:
         """Run a job as `run` does; raises ``SolveError`` if it is not solved."""
-        found = self.run(name, job, ranks, log=log)
+        found = self.run(name, job, ranks)
         if not found.solved:
             raise SolveError(f"{name}: {found.summary['status'] if found.summary else found.ending}")
         return found
@@ -159,16 +137,14 @@ class Bench:
 
     def output(self, module: str, *arguments: object, ranks: int = 1) -> str:
         """Return the standard output of ``python -m module``; raises ``SolveError`` if it fails."""
-        done = self._start((module, *arguments), ranks, dict(os.environ))
+        done = self._start((module, *arguments), ranks)
         if done.returncode:
             raise SolveError(f"{' '.join(map(str, (module, *arguments)))}: {done.stderr[-1000:]}")
         return done.stdout
 
-    def _start(
-        self, arguments: Sequence[object], ranks: int, environment: Mapping[str, str]
-    ) -> subprocess.CompletedProcess[str]:
+    def _start(self, arguments: Sequence[object], ranks: int) -> subprocess.CompletedProcess[str]:
         command = [*self._launcher, "-n", str(ranks), sys.executable, "-m", *map(str, arguments)]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 @dataclass(frozen=True)
@@ -202,18 +178,6 @@ def median(runs: Sequence[MeasuredRun], figure: Callable[[MeasuredRun], float]) 
     return statistics.median(map(figure, runs))
 
 
-def events_in(log: Path) -> dict[str, list[dict[str, float]]]:
-    """Read the events of PETSc's log (``-log_view :FILE:ascii_csv``) by rank, summed over stages."""
-    found: dict[str, dict[int, dict[str, float]]] = {}
-    if log.exists():
-        with log.open(newline="") as file:
-            for row in csv.DictReader(file):
-                sums = found.setdefault(row["Event Name"], {}).setdefault(int(row["Rank"]), {})
-                for column in _LOGGED:
-                    sums[column] = sums.get(column, 0.0) + float(row[column])
-    return {event: [by_rank[rank] for rank in sorted(by_rank)] for event, by_rank in found.items()}
-
-
 def _launcher() -> list[str]:
     """Return the command that starts ranks: HPCINV_LAUNCHER, or the mpirun beside this Python.
 
@@ -228,11 +192,6 @@ def _launcher() -> list[str]:
     if shutil.which(found[0]) is None:
         raise SystemPartMissing(f"no launcher '{found[0]}'", "Set HPCINV_LAUNCHER, such as to 'srun --mpi=pmi2'.")
     return found
-
-
-def _cpu() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def _probe() -> None:

@@ -22,7 +22,7 @@ MOST_MEASURED = 32
 
 
 def outlook(plan: SweepPlan, ledger: Ledger, groups: int) -> list[str]:
-    """Return lines of text on the cases of a sweep, their sizes, and the time that the open ones take; not collective."""
+    """Return lines on the cases of a sweep, their sizes, and the time that the open ones take; not collective."""
     reuse_groups = {case.key: case.reuse_group for case in plan.cases}
     records = results(plan, ledger)
     failed = sum(not record.converged for record in records.values())
