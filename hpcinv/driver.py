@@ -11,9 +11,9 @@ from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Floats
+from hpcinv.methods import solve_direction
 from hpcinv.methods.initial_guess import Guess
 from hpcinv.methods.method import Start
-from hpcinv.methods.solve_direction import solve_direction
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result

@@ -33,7 +33,7 @@ def decide(
             choice = forecast.everywhere(factor, forecast.last.degree)
             return (choice, factor) if choice.unknowns <= limit else None
         if indicators is not None:
-            order = max(forecast.order(last.solve.degree), last.solve.degree + 1.0)
+            order = max(forecast.order(last.step.degree), last.step.degree + 1.0)
             planned.append(plan(indicators, forecast.excess / TARGET, order))
         places = planned[0].places if planned else None
         best = choose(forecast, factors, places, limit=limit, highest=highest)

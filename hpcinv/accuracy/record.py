@@ -92,11 +92,5 @@ class AccuracyRecord:
 
     def as_data(self) -> dict[str, Any]:
         """Return the record as JSON data."""
-        return {
-            "demands": dict(self.demands),
-            "ending": self.ending.name,
-            "bounds": dict(self.bounds),
-            "chosen": self.chosen,
-            "steps": [asdict(row) for row in self.rows],
-            "seconds": self.seconds,
-        }
+        data = asdict(self)
+        return {"steps": data.pop("rows"), **data, "ending": self.ending.name}

@@ -150,10 +150,7 @@ class Search:
         found = assess(self.findings, self.job.accuracy, self.unseen_order, previous)
         self.last = trial
         self.assessments.append(found)
-        cells = sum(trial.body.partition.cells)
-        self.steps.append(
-            Step(trial.body.source.kind, variant.size, cells, trial.solve, trial.estimation, trial.compilation)
-        )
+        self.steps.append(trial.step)
         self._add_row(trial, time.perf_counter() - begin)
         if len(self.assessments) == 1 or found.excess <= self.promise.excess:
             self.best, self.promise, self.chosen = trial, found, len(self.rows) - 1

@@ -10,7 +10,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.accuracy.forecast import Work
+from hpcinv.accuracy.forecast import Step, Work
 from hpcinv.accuracy.meshes import Variant
 from hpcinv.certificate.estimate import Estimate, estimate
 from hpcinv.job.job import Job
@@ -40,8 +40,7 @@ class Trial:
         variant, body, model: its mesh and its equations.
         solution: with all solves that led to it, also those of earlier trials.
         quantities, estimate: the job's quantities of interest, and their errors; none below the full load.
-        solve, estimation: work on this rank.
-        compilation: seconds to compile kernels on this rank.
+        step: costs on this rank.
         unused_options: PETSc options of the job that were not used.
     """
 
@@ -53,9 +52,7 @@ class Trial:
     solves: tuple[Solve, ...]
     quantities: Mapping[str, Value]
     estimate: Estimate | None
-    solve: Work
-    estimation: Work
-    compilation: float
+    step: Step
     unused_options: list[str]
 
     @property
@@ -90,22 +87,15 @@ def attempt(
     with _measured(timings) as estimated:
         found = estimate(model, solution, quantities) if reached else None
     degree, count = job.discretisation.displacement, sum(s.factorizations for s in solves)
-    return Trial(
-        job=job,
-        variant=variant,
-        body=body,
-        model=model,
-        solution=solution,
-        solves=solves,
-        quantities=quantities,
-        estimate=found,
+    step = Step(
+        cell=body.source.kind,
+        size=variant.size,
+        cells=sum(body.partition.cells),
         solve=Work(degree, model.unknowns.size, count, solved["tangent"], solved["factorization"]),
-        estimation=Work(
-            degree + 1, found.unknowns if found else 0, 1, estimated["tangent"], estimated["factorization"]
-        ),
+        estimate=Work(degree + 1, found.unknowns if found else 0, 1, estimated["tangent"], estimated["factorization"]),
         compilation=solved["compile"] + estimated["compile"],
-        unused_options=unused,
     )
+    return Trial(job, variant, body, model, solution, solves, quantities, found, step, unused)
 
 
 def _path(before: Trial | None, model: Model) -> Iterator[Solve]:

@@ -3,9 +3,11 @@
 from hpcinv.effects import Direction
 from hpcinv.methods.direct import DirectMethod
 from hpcinv.methods.fixed_point import FixedPointMethod
-from hpcinv.methods.method import Method
+from hpcinv.methods.method import Method, Start
 from hpcinv.methods.updates import UPDATES
-from hpcinv.solver.observer import SILENT, Observer
+from hpcinv.model.outcome import Outcome
+from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.observer import SILENT, Observer, SolvedDirection, SolveEvent
 from hpcinv.solver.problem import Model
 
 
@@ -16,4 +18,37 @@ def method_for(model: Model, direction: Direction, observer: Observer = SILENT) 
     return FixedPointMethod(model, observer)
 
 
-__all__ = ["UPDATES", "DirectMethod", "FixedPointMethod", "Method", "method_for"]
+def solve_direction(model: Model, direction: Direction, start: Start, observer: Observer) -> SolvedDirection:
+    """Solve up to the full load, until that fails or the observer asks to stop; collective."""
+    comm = model.body.mesh.comm
+    model.unknowns.state.x.array[:] = 0.0
+    if start.solution is not None:
+        model.set_solution(*start.solution)
+    method = method_for(model, direction, observer)
+    observer.begun(direction, method.equilibrium.linear.used)
+    solves, stopped = list(start.solves), False
+    can_restart = start.load > 0 or any(map(method.can_restart_after, start.solves))
+    for solve in method.solves(start):
+        interrupted = solve.outcome is Outcome.INTERRUPTED
+        if not interrupted:  # the resumed run repeats an interrupted one
+            solves.append(solve)
+        restartable = method.can_restart_after(solve)
+        can_restart |= restartable
+        event = SolveEvent(
+            solve, tuple(solves), method.reached, restartable, model.largest_displacement(), method.min_mesh_J()
+        )
+        observer.solved(event)
+        stopped = comm.allreduce(observer.stop_asked() or interrupted, op=MPI.LOR)
+        if stopped:
+            break
+    equilibrium = method.equilibrium
+    # If nothing was solved, PETSc has used no options.
+    unused = tuple(equilibrium.linear.options.unused()) if start.load != 1.0 else None
+    model.release(equilibrium)
+    used = equilibrium.linear.used
+    found = SolvedDirection(direction, tuple(solves), method.reached, used, stopped, can_restart, unused)
+    observer.ended(found)
+    return found
+
+
+__all__ = ["UPDATES", "DirectMethod", "FixedPointMethod", "Method", "method_for", "solve_direction"]

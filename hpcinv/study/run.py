@@ -6,8 +6,7 @@ from pathlib import Path
 
 from hpcinv.batch.conduct import conduct
 from hpcinv.batch.ledger.ledger import ledger_of
-from hpcinv.batch.tables import as_csv
-from hpcinv.batch.units import unit_of
+from hpcinv.batch.tables import as_csv, unit_of
 from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.signals import StopRequest

@@ -8,8 +8,7 @@ import h5py
 import numpy as np
 
 from hpcinv.batch.specification import text_of
-from hpcinv.batch.tables import Columns, fill
-from hpcinv.batch.units import COSTS
+from hpcinv.batch.tables import COSTS, Columns, fill
 from hpcinv.study.findings import Accuracy
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue

@@ -7,8 +7,7 @@ from typing import Any
 import h5py
 
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.tables import Columns, fill
-from hpcinv.batch.units import unit_of
+from hpcinv.batch.tables import Columns, fill, unit_of
 from hpcinv.sweep.parameters import parameter_columns, parameter_units, unit_of_dimension
 from hpcinv.sweep.plan import SweepPlan
 

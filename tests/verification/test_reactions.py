@@ -13,7 +13,7 @@ from helpers.command_line import BLOCK, hpcinv, write_job
 from helpers.verification import box, job
 
 from hpcinv import run
-from hpcinv.batch.units import unit_of
+from hpcinv.batch.tables import unit_of
 from hpcinv.job.job import load
 from hpcinv.output.progress import report
 from hpcinv.parallel.runtime import MPI
