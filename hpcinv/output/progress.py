@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 from hpcinv.errors import HpcinvError
 from hpcinv.job.sections import REACTIONS
 from hpcinv.output.run_log import RunLog
-from hpcinv.output.terminal import width_through_mpirun
 from hpcinv.quantity.units import readable
 from hpcinv.solver.observer import Observer
 
@@ -64,7 +63,9 @@ class Progress(Observer):
         self.level = level
         self._console: Console | None = None
         if stream is not None and comm.rank == 0:
-            self._console = _console(stream)
+            from hpcinv.output.console import run_console  # rich is slow to import
+
+            self._console = run_console(stream)
         self._log = RunLog() if comm.rank == 0 else None
         self._ranks = comm.size
         self._bar: LiveBar | None = None
@@ -280,16 +281,6 @@ class _Phase:
     title: str
     broken: bool
     details: list[str] = field(default_factory=list)
-
-
-def _console(stream: TextIO) -> Console:
-    """Return a console, with a live bar if the output is a terminal, also through mpirun."""
-    from hpcinv.output.console import ForwardedConsole, RunConsole  # rich is slow to import
-
-    settings: dict[str, Any] = {"highlight": False, "markup": False, "soft_wrap": True}
-    if not stream.isatty() and (width := width_through_mpirun(stream)):
-        return ForwardedConsole(file=stream, force_terminal=True, width=width, **settings)
-    return RunConsole(file=stream, **settings)
 
 
 def _in_short(statistics: Mapping[str, Any], directory: str) -> list[str]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hpcinv.batch.expand import combined, sections_first
+from hpcinv.batch.axes import combined, sections_first
 from hpcinv.batch.specification import Faults, read_base, read_spec, text_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked

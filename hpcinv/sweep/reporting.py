@@ -67,7 +67,7 @@ def _statistics(options: argparse.Namespace) -> int:
     records = results(plan, ledger_of(plan.store))
 
     from hpcinv.batch.tables import as_csv
-    from hpcinv.sweep.statistics import statistics
+    from hpcinv.sweep.table import statistics
 
     sys.stdout.write(as_csv(statistics(plan, records), {}))  # units are a column
     return 0

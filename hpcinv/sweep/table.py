@@ -1,10 +1,11 @@
-"""Table of a sweep: a row for each case, with its parameters, results and costs."""
+"""Table of a sweep: a row for each case, with its parameters, results and costs; statistics of its quantities."""
 
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import h5py
+import numpy as np
 
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.tables import Columns, fill, unit_of
@@ -143,3 +144,36 @@ def _parts(name: str, value: Any, suffix: str = "") -> dict[str, float | None]:
     if isinstance(value, list):
         return {f"{name}[{i}]{suffix}": v for i, v in enumerate(value)}
     return {f"{name}{suffix}": value}
+
+
+QUANTILES = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "maximum": 1.0}
+
+
+def statistics(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
+    """Return a row for each quantity of interest and each combination of branches, over the converged cases; SI.
+
+    ``sd`` is that of the population, estimated with ``n - 1``; ``sd of mean`` is ``sd/√n``, as for independent draws.
+    """
+    table, quantities = columns(plan, records), quantity_columns(plan, records)
+    names, unit = plan.sweep.branches, units(plan, records)
+    labels = list(zip(*(table[name] for name in names), strict=True)) or [()] * len(plan.cases)
+    found: Columns = {
+        name: [] for name in (*names, "quantity", "unit", "cases", "mean", "sd", "sd of mean", *QUANTILES)
+    }
+    for group in dict.fromkeys(labels):
+        for quantity in quantities:
+            values = [v for v, of in zip(table[quantity], labels, strict=True) if of == group and v is not None]
+            if values:
+                row = [*group, quantity, unit.get(quantity, ""), len(values), *_moments(values)]
+                row += [float(np.quantile(values, share)) for share in QUANTILES.values()]
+                for column, value in zip(found.values(), row, strict=True):
+                    column.append(value)
+    return found
+
+
+def _moments(values: Sequence[float]) -> tuple[float, float | None, float | None]:
+    mean = float(np.mean(values))
+    if len(values) < 2:
+        return mean, None, None
+    sd = float(np.std(values, ddof=1))
+    return mean, sd, sd / len(values) ** 0.5
