@@ -33,8 +33,7 @@ from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.materials import MaterialLaw
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
-from hpcinv.model.parameter_derivative import ParameterDerivative
-from hpcinv.model.parameters import Parameters
+from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.quadrature_values import CellMeans, QuadratureValues
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS

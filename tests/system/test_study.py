@@ -37,13 +37,12 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.study.convergence import fitted_order, orders, richardson
 from hpcinv.study.directory import StudyDirectory, store_in
-from hpcinv.study.execution import StudyRunner
+from hpcinv.study.execution import StudyRunner, StudySchedule, StudyTask
 from hpcinv.study.executions import Executions
 from hpcinv.study.findings import accuracy, front
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.rows import rows_of
 from hpcinv.study.run import conclude
-from hpcinv.study.schedule import StudySchedule, StudyTask
 
 # Numbers
 
