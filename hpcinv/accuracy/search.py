@@ -1,12 +1,9 @@
 """Search for a discretisation whose quantities of interest are as accurate as the job demands."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from hpcinv.accuracy.assessment import UNTESTED, Assessment, Finding, assess, hindsight, magnitude
 from hpcinv.accuracy.decision import decide
@@ -16,18 +13,14 @@ from hpcinv.accuracy.record import AccuracyRecord, AccuracyStep, Ending
 from hpcinv.accuracy.trial import Trial, attempt
 from hpcinv.certificate.estimate import one_degree_more
 from hpcinv.errors import Interrupted, MeshError
+from hpcinv.job.job import Job
+from hpcinv.mesh import Body
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.memory_use import peak
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Intracomm
-
-    from hpcinv.job.job import Job
-    from hpcinv.mesh import Body
-    from hpcinv.parallel.timings import Timings
-    from hpcinv.solver.observer import Observer
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.observer import Observer
 
 USABLE = 0.7  # share of the free memory before the first mesh is made
 # The factors of a three-dimensional problem have O(N^(4/3)) entries: George (1973), doi:10.1137/0710032.
@@ -41,7 +34,7 @@ TOLERANCE, FINEST = 1e-3, 1e-15  # tolerance of the solver as a share of the dem
 class RefinementMemory:
     """Memory of all ranks that a run has used so far, as a limit of the number of unknowns; collective."""
 
-    def __init__(self, comm: Intracomm) -> None:
+    def __init__(self, comm: MPI.Intracomm) -> None:
         self.comm = comm
         self.free = USABLE * available(comm) / comm.size
         self.before = peak()
@@ -66,7 +59,7 @@ class Search:
     chosen: int
 
     def __init__(
-        self, job: Job, comm: Intracomm, timings: Timings, note: Callable[[str], None], observer: Observer
+        self, job: Job, comm: MPI.Intracomm, timings: Timings, note: Callable[[str], None], observer: Observer
     ) -> None:
         self.job, self.comm, self.timings = job, comm, timings
         self.note, self.observer = note, observer

@@ -1,13 +1,10 @@
 """Commands ``laws``, ``effects`` and ``formulas``: catalogues of what a job may contain."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.component import Ingredient
 
 
 def add_laws(commands: Any) -> None:

@@ -1,14 +1,9 @@
 """Active stress."""
 
-from __future__ import annotations
+from typing import Any, ClassVar, Literal
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
-
-from hpcinv.effects.base import Effect
+from hpcinv.effects.base import Deformation, Effect
 from hpcinv.quantity import Family, StressField
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 
 class ActiveStress(Effect):

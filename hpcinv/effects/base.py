@@ -1,14 +1,15 @@
 """Base class of the effects: everything besides the material law that loads or strains the body."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.schema import Name
 
 if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation, Kinematics
+    from hpcinv.kinematics.kinematics import Deformation as Deformation
+    from hpcinv.kinematics.kinematics import Kinematics as Kinematics
+else:  # it loads UFL, which the check of a job does not need
+    Deformation = Kinematics = Any
 
 type Direction = Literal["forward", "inverse"]
 type Configuration = Literal["reference", "current"]

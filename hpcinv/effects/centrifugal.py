@@ -1,16 +1,11 @@
 """Centrifugal load."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from hpcinv.effects.base import Configuration, Effect
+from hpcinv.effects.base import Configuration, Effect, Kinematics
 from hpcinv.quantity import DensityField, Dimensionless, Frequency, Length, Problems, Triple
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Kinematics
 
 
 class Centrifugal(Effect):

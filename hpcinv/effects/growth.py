@@ -1,16 +1,11 @@
 """Growth and shrinkage."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from hpcinv.effects.base import Effect
+from hpcinv.effects.base import Deformation, Effect
 from hpcinv.quantity import Family, PositiveField, raise_if_any
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 
 class Growth(Effect):

@@ -1,17 +1,12 @@
 """Pressure of a fluid column."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from hpcinv.effects.base import Effect
+from hpcinv.effects.base import Effect, Kinematics
 from hpcinv.kinematics.stable_functions import positive_part
 from hpcinv.quantity import Acceleration, Density, Length, Problems, Surface, Triple
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Kinematics
 
 
 class HydrostaticPressure(Effect):

@@ -1,14 +1,9 @@
 """Follower pressure."""
 
-from __future__ import annotations
+from typing import Any, ClassVar, Literal
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
-
-from hpcinv.effects.base import Effect
+from hpcinv.effects.base import Effect, Kinematics
 from hpcinv.quantity import StressField, Surface
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Kinematics
 
 
 class Pressure(Effect):

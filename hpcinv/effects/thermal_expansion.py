@@ -1,19 +1,14 @@
 """Thermal expansion."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import ConfigDict, model_validator
 
-from hpcinv.effects.base import Effect
+from hpcinv.effects.base import Deformation, Effect
 from hpcinv.quantity import ExpansionField, Location, TemperatureField, raise_if_any
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.units import as_float, parse_temperature
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 _KEYS = ("temperature", "reference_temperature")
 _MEANINGS = {

@@ -1,14 +1,9 @@
 """Traction."""
 
-from __future__ import annotations
+from typing import Any, ClassVar, Literal
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
-
-from hpcinv.effects.base import Configuration, Effect
+from hpcinv.effects.base import Configuration, Effect, Kinematics
 from hpcinv.quantity import StressField, Surface, Triple
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Kinematics
 
 
 class Traction(Effect):

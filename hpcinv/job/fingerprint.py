@@ -1,22 +1,18 @@
 """Fingerprint of the physics of a job, differences of fingerprints, and the content key of a run."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
 from hpcinv.job.mesh_header import SUFFIX, read_header
 from hpcinv.quantity.expressions import LET
 from hpcinv.quantity.schema import Location, at
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
 
 _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
 WITH_DEFINITIONS = {LET: True}

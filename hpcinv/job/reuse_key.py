@@ -4,23 +4,19 @@ The numbers of laws, effects, fibres and supports are entries of one constant of
 that differ only in these use the same kernels and the same matrix.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.job.fingerprint import WITH_DEFINITIONS, file_digest, fingerprint
+from hpcinv.job.job import Job
+from hpcinv.job.sections import Support
+from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import quantities_of
 from hpcinv.quantity.spatial_fields import VARYING, ByFormula
-
-if TYPE_CHECKING:
-    from hpcinv.job.job import Job
-    from hpcinv.job.sections import Support
-    from hpcinv.quantity.component import Ingredient
 
 _EQUATIONS = {"linear", "petsc", "maximum_iterations", "reuse_tangent"}
 _NUMBER = "#"

@@ -1,16 +1,13 @@
 """Formulas of job files as UFL expressions of position."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import ufl
 
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Kinematics
-    from hpcinv.quantity.expressions import Expression
+from hpcinv.kinematics.kinematics import Kinematics
+from hpcinv.quantity.expressions import Expression
 
 UFL_FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(ufl, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan")},

@@ -1,13 +1,12 @@
 """A law whose energy is a formula in the job."""
 
-from __future__ import annotations
-
 import keyword
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import ValidationInfo, field_validator, model_validator
 
+from hpcinv.materials.base import Deformation
 from hpcinv.materials.formula_law.algebras import FLOATS, ufl_functions
 from hpcinv.materials.formula_law.coefficients import Coefficient
 from hpcinv.materials.formula_law.evaluation import evaluate
@@ -20,9 +19,6 @@ from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import AnyMeasured, Measured
 from hpcinv.quantity.units import Dimension, parse_unit
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 _NUMBER, _STRESS = Dimension(), parse_unit("Pa")[1]
 _SMALL = 1e-6  # strain of the differences for small-strain moduli

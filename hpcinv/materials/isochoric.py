@@ -3,17 +3,12 @@
 Since each volumetric energy is a square, ``theta`` is the strain whose conjugate is the pressure of the mixed form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from hpcinv.kinematics.stable_functions import log1p_remainder_ratio, sqrt
-from hpcinv.materials.base import MaterialLaw
+from hpcinv.materials.base import Deformation, MaterialLaw
 from hpcinv.quantity import BulkModulusField
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 type Volumetric = Literal["quadratic", "logarithmic", "simo-taylor", "liu"]
 

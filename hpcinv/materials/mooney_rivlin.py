@@ -1,15 +1,10 @@
 """Mooney–Rivlin."""
 
-from __future__ import annotations
+from typing import Any, ClassVar, Literal
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
-
-from hpcinv.materials.base import MaterialLaw, StartingValues
+from hpcinv.materials.base import Deformation, MaterialLaw, StartingValues
 from hpcinv.materials.isochoric import DILATATIONS, Volumetric
 from hpcinv.quantity import BulkModulusField, StressField
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 
 class MooneyRivlin(MaterialLaw):

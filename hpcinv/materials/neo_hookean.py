@@ -1,17 +1,13 @@
 """Compressible neo-Hookean."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
+from hpcinv.materials.base import Deformation
 from hpcinv.materials.isochoric import DILATATIONS
 from hpcinv.materials.isochoric_neo_hookean import IsochoricNeoHookean
 from hpcinv.materials.lame import LameLaw
 from hpcinv.quantity import LameField, StressField
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 
 class NeoHookean(LameLaw):

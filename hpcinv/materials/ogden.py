@@ -1,18 +1,13 @@
 """Ogden."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.materials.base import StartingValues
+from hpcinv.materials.base import Deformation, StartingValues
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity import Dimensionless, ListOf, Location, StressField, raise_if_any
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 
 class Ogden(IsochoricLaw):

@@ -1,16 +1,12 @@
 """St Venant–Kirchhoff."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import field_validator
 
+from hpcinv.materials.base import Deformation
 from hpcinv.materials.lame import LameLaw
 from hpcinv.quantity import ModulusField, StressField
-
-if TYPE_CHECKING:
-    from hpcinv.kinematics.kinematics import Deformation
 
 
 class StVenantKirchhoff(LameLaw):

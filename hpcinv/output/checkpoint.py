@@ -14,27 +14,24 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import adios4dolfinx
+from dolfinx.fem import Function
 
 from hpcinv.errors import CheckpointError
 from hpcinv.files.atomic import replace
 from hpcinv.job.fingerprint import difference
+from hpcinv.mesh import Body
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.methods.method import Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.newton import NewtonIteration, Solve
-
-if TYPE_CHECKING:
-    from dolfinx.fem import Function
-
-    from hpcinv.mesh import Body
-    from hpcinv.solver.problem import Model
+from hpcinv.solver.problem import Model
 
 _FORMAT = 4
 _NAME = re.compile(r"\d{4,}")

@@ -1,24 +1,21 @@
 """Result of a run: the recovered shape, its fields, and their certificate."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from hpcinv.accuracy import AccuracyRecord
-    from hpcinv.certificate import Certificate, Estimate
-    from hpcinv.job.job import Job
-    from hpcinv.mesh import Body
-    from hpcinv.results.solution import Solution
-    from hpcinv.results.totals import Totals
-    from hpcinv.sensitivity.analysis import Sensitivities
+from hpcinv.accuracy import AccuracyRecord
+from hpcinv.certificate import Certificate, Estimate
+from hpcinv.job.job import Job
+from hpcinv.mesh import Body
+from hpcinv.results.solution import Solution
+from hpcinv.results.totals import Totals
+from hpcinv.sensitivity.analysis import Sensitivities
 
 type Floats = npt.NDArray[np.float64]
 

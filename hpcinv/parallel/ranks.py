@@ -3,22 +3,17 @@
 This module loads MPI alone, in tenths of a second; `runtime` adds PETSc and DOLFINx.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from hpcinv.errors import HpcinvError, OutputError
 from hpcinv.parallel.malloc import keep_freed_memory
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Intracomm
 
 
 def _prepare_environment() -> None:
@@ -45,7 +40,7 @@ class RootFailure(RuntimeError):
     """An unexpected error on rank 0, which has printed it."""
 
 
-def on_root[T](comm: Intracomm, function: Callable[[], T]) -> T:
+def on_root[T](comm: MPI.Intracomm, function: Callable[[], T]) -> T:
     """Run ``function`` on rank 0 only, and return its result or raise its exception on every rank; collective."""
     result: T | None = None
     error: Exception | None = None
@@ -64,7 +59,7 @@ def on_root[T](comm: Intracomm, function: Callable[[], T]) -> T:
     return shared
 
 
-def agree(comm: Intracomm, error: HpcinvError | None) -> None:
+def agree(comm: MPI.Intracomm, error: HpcinvError | None) -> None:
     """Raise on every rank the error of the lowest rank that has one; collective."""
     errors = [e for e in comm.allgather(error) if e is not None]
     if errors:
@@ -72,7 +67,7 @@ def agree(comm: Intracomm, error: HpcinvError | None) -> None:
 
 
 @contextmanager
-def failing_together(comm: Intracomm, patience: float = 5.0) -> Iterator[None]:
+def failing_together(comm: MPI.Intracomm, patience: float = 5.0) -> Iterator[None]:
     """Context in which an exception on one rank ends all ranks, so that none waits forever.
 
     An ``HpcinvError`` on all ranks is printed once and becomes ``SystemExit`` with its exit code; any other exception,
@@ -105,12 +100,12 @@ def failing_together(comm: Intracomm, patience: float = 5.0) -> Iterator[None]:
         abort(comm, 1)
 
 
-def _print_traceback(comm: Intracomm, exc: BaseException) -> None:
+def _print_traceback(comm: MPI.Intracomm, exc: BaseException) -> None:
     sys.stderr.write(f"[rank {comm.rank}] " + "".join(traceback.format_exception(exc)))
     sys.stderr.flush()
 
 
-def abort(comm: Intracomm, code: int) -> NoReturn:
+def abort(comm: MPI.Intracomm, code: int) -> NoReturn:
     """End all ranks of a run with an exit code."""
     sys.stdout.flush()
     sys.stderr.flush()
@@ -120,7 +115,7 @@ def abort(comm: Intracomm, code: int) -> NoReturn:
     os._exit(code)
 
 
-def require_ranks(comm: Intracomm, expected: int | None) -> None:
+def require_ranks(comm: MPI.Intracomm, expected: int | None) -> None:
     """Raise ``OutputError`` if the launcher did not start the requested number of ranks.
 
     ``srun`` without a matching ``--mpi`` starts N separate runs of one rank, which would all write to the same place.

@@ -3,8 +3,6 @@
 Import this module before anything that loads PETSc or DOLFINx.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import os
@@ -15,14 +13,10 @@ import sysconfig
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from hpcinv.errors import SystemPartMissing
 from hpcinv.parallel.ranks import MPI, abort, agree, failing_together, on_root, require_ranks
 from hpcinv.parallel.signals import handlers_kept
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Intracomm
 
 
 def _load_stack() -> None:
@@ -40,7 +34,7 @@ with handlers_kept():  # PETSc installs a handler of SIGTERM that ends the proce
 
 
 @contextmanager
-def compilation_explained(comm: Intracomm) -> Iterator[None]:
+def compilation_explained(comm: MPI.Intracomm) -> Iterator[None]:
     """Context in which a failed compilation of a kernel becomes ``SystemPartMissing`` on every rank.
 
     Checking for a compiler beforehand would refuse runs whose kernels are all in the cache.

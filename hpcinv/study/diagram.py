@@ -1,19 +1,13 @@
 """Work–precision diagrams: error against time, a line for each series, the Pareto front behind them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
+from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from hpcinv.batch.diagram import as_files, new_figure, style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from hpcinv.study.findings import Accuracy, StepStatistics
-    from hpcinv.study.rows import StudyRow
+from hpcinv.study.findings import Accuracy, StepStatistics
+from hpcinv.study.rows import StudyRow
 
 
 def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping[str, str]) -> dict[str, bytes]:

@@ -1,18 +1,14 @@
 """Results of a sweep in its store: records, status and provenance of its cases."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, status
-
-if TYPE_CHECKING:
-    from hpcinv.batch.ledger.ledger import Ledger
-    from hpcinv.batch.ledger.record import CaseRecord
-    from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.plan import SweepPlan
 
 RETRY = "sweep retry --failed"
 _PROVENANCE = ("job", "fingerprint", "versions", "machine")
