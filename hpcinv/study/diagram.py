@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from hpcinv.batch.diagram import as_files, new_figure, style
+from hpcinv.batch.diagram import Scale, Series, as_files, draw_lines, new_figure, style
 from hpcinv.study.findings import Accuracy, StepStatistics
 from hpcinv.study.rows import StudyRow
 
@@ -50,30 +50,35 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
 
 def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict[str, bytes]:
     """Return diagrams of error against each numeric parameter of the cases as files by format; none without cases."""
-    keys = dict.fromkeys(key for row in rows for key, v in row.place.parameters.items() if isinstance(v, int | float))
     shown = [(row, error) for row, error in zip(rows, accuracy.errors, strict=True) if error]
+    keys = dict.fromkeys(key for row in rows for key, v in row.place.parameters.items() if isinstance(v, int | float))
     keys = {key: None for key in keys if len({row.place.parameters.get(key) for row, _ in shown}) > 2}
     if not keys:
         return {}
     with new_figure(3.6 * len(keys) + 1.0, 3.8) as figure:
-        for n, (key, axes) in enumerate(zip(keys, figure.subplots(1, len(keys), squeeze=False)[0], strict=True)):
-            groups = dict.fromkeys(_group(row) for row, _ in shown)
-            for i, group in enumerate(groups):
-                values = [(row.place.parameters.get(key), e) for row, e in shown if _group(row) == group]
-                x, y = zip(*((p, e) for p, e in values if p is not None), strict=True)
-                name = ", ".join(part for part in (group[0], group[2]) if part)
-                colour, marker, _ = style(i)
-                axes.plot(x, y, marker, color=colour, markersize=4, label=name, gid=f"cases-{n}-{i}")
-            positive = all((row.place.parameters.get(key) or 0) > 0 for row, _ in shown)
-            axes.set(xscale="log" if positive else "linear", yscale="log", xlabel=key.rpartition(".")[2])
-            figure.axes[0].set(ylabel=_error_label(accuracy))
-        figure.axes[0].set_title(f"{title}: {accuracy.name}")
+        every = figure.subplots(1, len(keys), squeeze=False, sharey=True)[0]
+        for key, axes in zip(keys, every, strict=True):
+            places: dict[tuple[str, int, str], list[tuple[float, float]]] = {}
+            for row, error in shown:
+                if (value := row.place.parameters.get(key)) is not None:
+                    group = row.place.series, row.place.step, row.place.label
+                    places.setdefault(group, []).append((value, error))
+            series = [
+                Series(
+                    ", ".join(filter(None, (name, label))),
+                    colour,
+                    [(x,) for x, _ in points],
+                    [error for _, error in points],
+                    ["converged"] * len(points),
+                    is_curve=False,
+                )
+                for colour, ((name, _, label), points) in enumerate(places.items())
+            ]
+            positive = all(x > 0 for points in places.values() for x, _ in points)
+            x, y = Scale(key.rpartition(".")[2], positive), Scale(_error_label(accuracy), is_log=True)
+            draw_lines(axes, f"{title}: {accuracy.name}" if axes is every[0] else "", series, x, y)
         figure.axes[-1].legend()
         return as_files(figure)
-
-
-def _group(row: StudyRow) -> tuple[str, int, str]:
-    return row.place.series, row.place.step, row.place.label
 
 
 def _is_shown(point: StepStatistics) -> bool:

@@ -3,18 +3,16 @@
 import math
 import statistics
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
-from hpcinv.batch.diagram import as_files, new_figure
+from hpcinv.batch.diagram import Scale, Series, as_files, draw_lines, draw_maps, draw_outcomes, new_figure
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.specification import text_of
 from hpcinv.batch.tables import Columns
 from hpcinv.errors import JobError
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.sweep.panels import Scale, Series, draw_lines, draw_maps, draw_outcomes
 from hpcinv.sweep.parameters import log_uniform, parameter_columns, sampled
 from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.table import TEXT, columns, parameter_name, units
@@ -81,22 +79,18 @@ def plot(plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, over
 
 def _left_out(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) -> Iterator[str]:
     """Yield lines on cases that a diagram cannot show: their number, the reason, and their branches."""
-    left = list(range(len(plan.cases)))
-    reasons: list[tuple[str, Callable[[int], bool]]] = [
-        ("not finished", lambda i: table["status"][i] == "open"),
-        *((f"without {name}", partial(lambda name, i: table[name][i] in (None, ""), name)) for name in over),
-    ]
-    if quantity != FAILURES:
-        reasons.append(
-            (f"without {quantity}", lambda i: table["status"][i] == "converged" and table[quantity][i] is None)
-        )
-    for reason, applies in reasons:
-        found = [i for i in left if applies(i)]
-        left = [i for i in left if not applies(i)]
-        if found:
-            labels = dict.fromkeys(str(table[name][i]) for i in found for name in plan.sweep.branches if table[name][i])
-            where = f" ({', '.join(labels)})" if labels else ""
-            yield f"{len(found)} of {len(plan.cases)} cases, {reason}{where}"
+    found: dict[str, list[int]] = {}
+    for i, status in enumerate(table["status"]):
+        missing = [name for name in over if table[name][i] in (None, "")]
+        if not missing and quantity != FAILURES and status == "converged" and table[quantity][i] is None:
+            missing = [quantity]
+        if status == "open" or missing:
+            found.setdefault("not finished" if status == "open" else f"without {missing[0]}", []).append(i)
+    for reason in sorted(found, key=["not finished", *(f"without {name}" for name in (*over, quantity))].index):
+        cases = found[reason]
+        labels = dict.fromkeys(str(table[name][i]) for i in cases for name in plan.sweep.branches if table[name][i])
+        where = f" ({', '.join(labels)})" if labels else ""
+        yield f"{len(cases)} of {len(plan.cases)} cases, {reason}{where}"
 
 
 def _series(
@@ -178,7 +172,10 @@ def _label(name: str, known_units: Mapping[str, str]) -> str:
 def _drawn(title: str, quantity: str, series: list[Series], scales: list[Scale], label: str) -> dict[str, bytes]:
     if len(scales) == 1:
         with new_figure(6.5, 4.5) as figure:
-            draw_lines(figure, title, series, scales[0], Scale(label))
+            axes = figure.add_subplot()
+            draw_lines(axes, title, series, scales[0], Scale(label))
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend()
             return as_files(figure)
     across, down = min(len(series), 3), math.ceil(len(series) / 3)
     both = (scales[0], scales[1])
