@@ -7,9 +7,10 @@ Each iteration solves the forward problem on the mesh at X for u, and moves X by
 from collections.abc import Iterator
 from dataclasses import replace
 
+from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.methods.moving_mesh import MovableMesh
-from hpcinv.methods.updates import UPDATES, Floats
+from hpcinv.methods.updates import UPDATES
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.newton import Solve

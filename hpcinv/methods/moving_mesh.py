@@ -8,7 +8,7 @@ from dolfinx import fem
 
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.moved import placed
-from hpcinv.methods.updates import Floats
+from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI

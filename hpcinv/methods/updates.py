@@ -6,10 +6,7 @@ from collections.abc import Callable
 from math import sqrt
 from typing import ClassVar
 
-import numpy as np
-import numpy.typing as npt
-
-type Floats = npt.NDArray[np.float64]
+from hpcinv.mesh.source import Floats
 
 
 class Update(ABC):

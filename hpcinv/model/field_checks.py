@@ -10,7 +10,8 @@ import numpy as np
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
 from hpcinv.materials import MaterialLaw
-from hpcinv.model.fields import BodyFields, Floats, law_cells
+from hpcinv.mesh.source import Floats
+from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import quantities_of, quantity_of

@@ -11,11 +11,9 @@ from dolfinx import fem
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.mesh import Body
 from hpcinv.mesh.data import as_function, distribute
-from hpcinv.mesh.source import DataArray
+from hpcinv.mesh.source import DataArray, Floats
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion, Varying
-
-type Floats = npt.NDArray[np.float64]
 
 _KINDS = {"physical": "groups of the mesh", "geometric": "regions of the job"}
 _INWARDS = 0.8  # position of samples from a cell's midpoint to its nodes; formulas may be singular on the surface

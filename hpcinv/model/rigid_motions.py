@@ -6,11 +6,9 @@ A small rigid motion is ``u(x) = t + ω × (x - c)/ℓ``, six numbers ``(t, ω)`
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.job.sections import AXES
-
-type Floats = npt.NDArray[np.float64]
+from hpcinv.mesh.source import Floats
 
 # Share of the best held motion below which one is free: above rounding errors, below any clamp that can be meshed.
 _FREE = 1e-7

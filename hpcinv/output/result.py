@@ -6,18 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Estimate
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
+from hpcinv.mesh.source import Floats
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.sensitivity.analysis import Sensitivities
-
-type Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

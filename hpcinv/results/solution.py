@@ -3,17 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx.fem import Function
 
 from hpcinv.effects import Direction
+from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.problem import Model
-
-type Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

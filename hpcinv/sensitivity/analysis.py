@@ -22,10 +22,11 @@ from petsc4py import PETSc
 
 from hpcinv.errors import SolveError
 from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.results.quantities_of_interest import Value
-from hpcinv.results.solution import Floats, Solution
+from hpcinv.results.solution import Solution
 from hpcinv.sensitivity.slopes import Change, slopes
 from hpcinv.solver.problem import Model
 

@@ -13,11 +13,12 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import Direction
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.results.quantities_of_interest import Value, fields_for, values_of
-from hpcinv.results.solution import Floats, Solution
+from hpcinv.results.solution import Solution
 from hpcinv.solver.problem import Model
 
 _STEP = 2.0**-10

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 
 from hpcinv.assembly.system import System
@@ -15,12 +14,11 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
-from hpcinv.model.rigid_motions import Floats, Frame, free_motions, names
+from hpcinv.model.rigid_motions import Frame, free_motions, names
 from hpcinv.model.supports import Prescribed, Supports
 from hpcinv.parallel.runtime import MPI, agree, on_root
-
-type Ints = npt.NDArray[np.int64]
 
 _MOST_DESCRIBED = 3  # parts of a body in one message
 
