@@ -49,7 +49,6 @@ class Meshes:
         self.first = Variant(self.resolution, None, False, 1.0, "as given")
 
     def build(self, variant: Variant) -> Body:
-        """Return the body on one of the meshes."""
         return build_body(
             self.job_on(variant).mesh,
             self.job.regions,

@@ -52,7 +52,6 @@ class AccuracyStep:
 
     @property
     def text(self) -> str:
-        """The step as one line of text."""
         errors = ", ".join(
             f"{name} ± {'?' if bound is None else f'{bound:.3g}'}" for name, bound in self.bounds.items()
         )
@@ -91,6 +90,5 @@ class AccuracyRecord:
         return Line(f"error of {name}", self.bounds[name], "", rule, Verdict.PASS if met else Verdict.FAIL, note)
 
     def as_data(self) -> dict[str, Any]:
-        """Return the record as JSON data."""
         data = asdict(self)
         return {"steps": data.pop("rows"), **data, "ending": self.ending.name}

@@ -47,7 +47,6 @@ class Branch(Spec):
 
     @property
     def count(self) -> int:
-        """Number of points."""
         return number_of(self.axes)
 
 
@@ -92,7 +91,6 @@ class Axis(Spec):
 
     @property
     def points(self) -> int:
-        """Number of points."""
         match self.kind:
             case "branches":
                 return sum(branch.count for branch in (self.branches or {}).values())

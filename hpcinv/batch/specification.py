@@ -50,7 +50,6 @@ class Faults:
         self._found: dict[str, tuple[str, str, int]] = {}
 
     def add(self, title: str, text: str) -> None:
-        """Add a fault of one case."""
         like = _VALUE.sub("", text)  # sampled values differ from case to case
         first, fault, others = self._found.get(like, (title, text, -1))
         self._found[like] = first, fault, others + 1

@@ -68,7 +68,6 @@ class Status:
 
     @property
     def unfinished(self) -> int:
-        """Number of cases that are open or running."""
         return self.open + sum(self.running.values())
 
     @property

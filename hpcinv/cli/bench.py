@@ -39,7 +39,6 @@ Physical Surface("clamp") = {{1}};
 
 
 def add_bench(commands: Any) -> None:
-    """Add the command ``bench``."""
     bench = commands.add_parser("bench", help="measure this machine: set-up, linear solvers, ranks (without mpirun)")
     bench.add_argument("sections", nargs="*", metavar="section", help=f"{', '.join(SECTIONS)} (default: all)")
     bench.add_argument(

@@ -79,7 +79,6 @@ class MeasuredRun:
 
     @property
     def memory(self) -> Sequence[int]:
-        """Peak memory of each rank (bytes)."""
         return [int(size) for size in self.found["peak_memory"]["ranks"]]
 
 
@@ -96,7 +95,6 @@ class Bench:
         return self.directory / f"run-{self._count}" / "results"
 
     def run(self, name: str, job: JobData, ranks: int = 1) -> MeasuredRun:
-        """Run a job on this many ranks."""
         self.note(name)
         self._count += 1
         self.results.parent.mkdir()
@@ -129,7 +127,6 @@ class Bench:
         return runs
 
     def compile(self, name: str, job: JobData) -> None:
-        """Compile the kernels of a job."""
         self.note(f"{name}: compiling")
         file = self.directory / "job.yaml"
         file.write_text(yaml.safe_dump(dict(job), sort_keys=False), encoding="utf-8")

@@ -18,7 +18,6 @@ _COMPUTED = {"method", "certificate", "quantities", "sensitivities"}
 
 
 def add_compile(commands: Any) -> None:
-    """Add the command ``compile``."""
     command = commands.add_parser(
         "compile", help="compile the kernels of jobs without solving (in parallel under mpirun)"
     )

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 
 def add_explain(commands: Any) -> None:
-    """Add the command ``explain``."""
     explain = commands.add_parser("explain", help="show the parts of a job's scene, and measure their costs")
     explain.add_argument("job", type=Path, help="job file (YAML)")
     add_option(explain)

@@ -8,7 +8,6 @@ from hpcinv.quantity.component import Ingredient
 
 
 def add_laws(commands: Any) -> None:
-    """Add the three commands."""
     for name, command in (("laws", _laws), ("effects", _effects)):
         catalogue = commands.add_parser(name, help=f"list the {name}, or show all about one")
         catalogue.add_argument("name", nargs="?", help="its name in job files")

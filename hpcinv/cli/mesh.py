@@ -25,7 +25,6 @@ _OF_JOBS = (".yaml", ".yml")
 
 
 def add_mesh(commands: Any) -> None:
-    """Add the command ``mesh`` and its subcommands."""
     mesh = commands.add_parser("mesh", help="cut a mesh into parts that many ranks read, and put one together again")
     actions = mesh.add_subparsers(required=True, metavar="action")
 

@@ -15,7 +15,6 @@ from hpcinv.parallel.signals import end_on_interrupt
 
 
 def add_run(commands: Any) -> None:
-    """Add the two commands."""
     run = commands.add_parser("run", help="solve a job (under mpirun for more than one rank)")
     run.add_argument("job", type=Path, help="job file (YAML)")
     run.add_argument(

@@ -18,7 +18,6 @@ def with_action(arguments: list[str]) -> list[str]:
 
 
 def add_study(commands: Any) -> None:
-    """Add the command ``study`` and its subcommands."""
     study = commands.add_parser(
         "study",
         help="accuracy against time: many runs of a job, their errors and costs",

@@ -19,7 +19,6 @@ from hpcinv.sweep.submit import add_submit
 
 
 def add_sweep(commands: Any) -> None:
-    """Add the command ``sweep`` and its subcommands."""
     sweep = commands.add_parser("sweep", help="many cases of a job: over laws, parameters, loads, meshes")
     actions = sweep.add_subparsers(required=True, metavar="command")
 

@@ -14,7 +14,6 @@ from hpcinv.sweep.plan import is_sweep, load_sweep
 
 
 def add_validate(commands: Any) -> None:
-    """Add the two commands."""
     validate = commands.add_parser("validate", help="check job, study and sweep files without running them")
     validate.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
     add_option(validate)

@@ -36,14 +36,7 @@ class DirectoryLock:
         while True:
             descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
             try:
-                try:
-                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    raise _refusal(self._path, *_written(self._path)) from None
-                except OSError:  # the file system has no locks
-                    holder, since = _written(self._path)
-                    if holder is not None and _may_be_running(holder):
-                        raise _refusal(self._path, holder, since, only_told=True) from None
+                _lock(descriptor, self._path)
                 if _is_at(descriptor, self._path):  # otherwise the last holder has just removed the file
                     now = datetime.now(UTC).isoformat(timespec="seconds")
                     content = {"holder": Identity.of_this_process().as_json(), "since": now}
@@ -74,15 +67,21 @@ def check_unlocked(directory: Path) -> None:
     except OSError:  # no lock, or a fault that is reported when the lock is taken
         return
     try:
+        _lock(descriptor, path)
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, path: Path) -> None:
+    """Lock an open file; raise ``OutputError`` if another process has, or on file systems without locks may have."""
+    try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise _refusal(path, *_written(path)) from None
-    except OSError:
+    except OSError:  # the file system has no locks
         holder, since = _written(path)
         if holder is not None and _may_be_running(holder):
             raise _refusal(path, holder, since, only_told=True) from None
-    finally:
-        os.close(descriptor)
 
 
 def _refusal(path: Path, holder: Identity | None, since: str, *, only_told: bool = False) -> OutputError:

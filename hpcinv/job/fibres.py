@@ -41,7 +41,6 @@ class FibreFamily(Ingredient):
         return {"direction": (tuple(formulas), Dimension())}
 
     def numbers(self) -> dict[Location, Number | str]:
-        """The constants of the formulas."""
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
     @model_validator(mode="after")

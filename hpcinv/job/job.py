@@ -149,7 +149,6 @@ class Job(Spec):
 
     @property
     def shape_formats(self) -> tuple[str, ...]:
-        """Formats of the recovered shape."""
         if self.output.mesh is not None:
             return self.output.mesh
         return ("bp",) if self.mesh.is_partitioned else ("msh", "vtu")
@@ -168,7 +167,6 @@ class Job(Spec):
 
     @property
     def named_effects(self) -> list[tuple[str, Effect]]:
-        """The effects, with their places in the job."""
         return list(_numbered("effects", self.effects).items())
 
     @property
@@ -178,7 +176,6 @@ class Job(Spec):
 
     @property
     def case_count(self) -> int:
-        """Number of load cases."""
         return max(len(self.load_cases), 1)
 
     def case_of(self, part: Effect | Support) -> int:

@@ -223,7 +223,6 @@ class QuantityOfInterest(Spec):
 
     @property
     def is_moment(self) -> bool:
-        """True if it is the moment of supports."""
         return self.of.source.strip() == "reaction_moment"
 
     @property

@@ -109,7 +109,6 @@ class Deformation:
         return (4 * self._trE_minus_J_minus_1 + self._second_of_E - 3 * remainder) / (1 + s) ** 4
 
     def fibre(self, family: str) -> Fibre:
-        """Return the invariants of a family of fibres."""
         return Fibre(self, self.fibres[family])
 
     def I8(self, family: str, other: str) -> Any:

@@ -36,7 +36,6 @@ def sub_entities(kind: str, dim: int) -> Ints:
 
 
 def vertex_count(kind: str) -> int:
-    """Number of vertices of a cell."""
     return len(basix.geometry(basix.CellType[kind]))
 
 

@@ -87,7 +87,6 @@ class Progress(Observer):
             self._log.close()
 
     def note(self, text: str, level: Level = Level.NORMAL) -> None:
-        """Print one line of text."""
         if self._console is not None and level <= self.level:
             self._break_line()
             self._console.print(text)
@@ -134,7 +133,6 @@ class Progress(Observer):
             self._phase = outer
 
     def detail(self, text: str) -> None:
-        """Print a detail of the present phase."""
         if self._phase is None:
             return
         if self._log is not None:

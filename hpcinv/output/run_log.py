@@ -33,7 +33,6 @@ class RunLog:
         self._append("".join([f"{time.strftime(_STAMP)} {_command()}\n", *waiting]))
 
     def write(self, text: str) -> None:
-        """Write one or more lines."""
         stamp = time.strftime(_STAMP)
         lines = "".join(f"{stamp}   {line}\n" for line in text.splitlines())
         if self._file is not None:

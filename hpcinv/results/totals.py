@@ -66,7 +66,6 @@ class Totals:
     warnings: tuple[str, ...] = ()
 
     def as_data(self) -> dict[str, Any]:
-        """Return JSON data."""
         return asdict(self)
 
     def after(self, largest_displacement: float) -> Totals:

@@ -212,6 +212,5 @@ class Bordering:
         return share, fault
 
     def destroy(self) -> None:
-        """Free PETSc objects."""
         for vector in (self._r, self._r_load, self._d, self._g, self._trial):
             vector.destroy()

@@ -192,7 +192,6 @@ class Equilibrium:
         return bool(self.system.comm.allreduce(self.observer.stop_asked(), op=MPI.LOR))
 
     def destroy(self) -> None:
-        """Free the PETSc objects of this solver and of its parts."""
         for part in (self.snes, self._x, self._before, self.predictor, self.linear, self.system):
             part.destroy()
 

@@ -128,5 +128,4 @@ class Predictor:
         return Prediction(length, increment, start, is_taken, factorizations, (sign,) if sign else ())
 
     def destroy(self) -> None:
-        """Free PETSc objects."""
         self._origin.destroy()

@@ -139,7 +139,6 @@ class Model:
             equilibrium.destroy()
 
     def destroy(self) -> None:
-        """Free PETSc objects."""
         for equilibrium in self._idle.values():
             equilibrium.destroy()
         self._idle.clear()
@@ -187,7 +186,6 @@ class Model:
 
     @property
     def steps(self) -> Steps:
-        """The load steps of the job."""
         solver, cases = self.job.solver, self.job.case_count
         if solver.strategy == "fixed":
             return FixedSteps(solver.steps, solver.tolerance, cases=cases)

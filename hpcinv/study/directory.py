@@ -57,5 +57,4 @@ def _mark(path: Path) -> dict[str, object]:
 
 
 def store_in(directory: Path) -> Path:
-    """Return the store of the study in a directory."""
     return directory / _STORE

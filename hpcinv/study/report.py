@@ -14,7 +14,6 @@ from hpcinv.study.tables import relative
 
 
 def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> None:
-    """Print the report."""
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console.width = 160  # files have no width

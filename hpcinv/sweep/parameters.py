@@ -38,7 +38,6 @@ def log_uniform(plan: SweepPlan) -> set[str]:
 
 
 def sampled(plan: SweepPlan) -> set[str]:
-    """Return the keys that are sampled."""
     return {key for axis in _axes(plan.sweep.axes) for key in axis.sample}
 
 

@@ -112,7 +112,6 @@ def data_of(attributes: Any, on: str) -> Any:
 
 
 def other_name(number: int) -> str:
-    """Name of a cell type."""
     name = str(vtkCommonDataModel.vtkCellTypes.GetClassNameFromTypeId(number))
     return name.removeprefix("vtk") if name != "UnknownClass" else f"of the type {number}"
 
