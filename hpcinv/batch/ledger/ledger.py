@@ -89,14 +89,13 @@ class State:
     """State of a case.
 
     Attributes:
-        holder, since: the process that works on it, and since when by its clock; for display.
+        holder: the process that works on it, for display.
         died: number of attempts at an open case that ended with their process.
         living: whether it is certain that the holder is alive.
     """
 
     name: Literal["open", "running", "finished"]
     holder: str = ""
-    since: str = ""
     died: int = 0
     living: bool = False
 
@@ -205,30 +204,29 @@ class Ledger:
             return State("finished")
         if not history.is_claimed:
             return State("open", died=history.unreleased)
-        holder, since = self._last_claim(key, history)
+        holder = self._last_holder(key, history)
         if self._is_dead(holder, key, history):
             return State("open", died=history.unreleased)
         living = holder is not None and self._watch.is_living(holder)
-        return State("running", str(holder or "unknown"), since, history.unreleased - 1, living)
+        return State("running", str(holder or "unknown"), history.unreleased - 1, living)
 
     def _is_held(self, key: str, history: History) -> bool:
         """Return whether an open case has a holder who is, or may be, alive."""
-        return history.is_claimed and not self._is_dead(self._last_claim(key, history)[0], key, history)
+        return history.is_claimed and not self._is_dead(self._last_holder(key, history), key, history)
 
     def _is_dead(self, holder: Identity | None, key: str, history: History) -> bool:
         if holder is None:
             return self._watch.is_abandoned(f"{key}, round {history.round}, claim {history.claims}")
         return self._watch.is_dead(holder)
 
-    def _last_claim(self, key: str, history: History) -> tuple[Identity | None, str]:
-        """Return holder and time of the last claim; ``None`` and "" if it is damaged or was removed meanwhile."""
+    def _last_holder(self, key: str, history: History) -> Identity | None:
+        """Return the holder of the last claim; ``None`` if the claim is damaged or was removed meanwhile."""
         file = self._files.file(key, f"claim-{history.round}-{history.claims}.json")
         with as_output_error(file):
             try:
-                content = json.loads(file.read_bytes())
-                return Identity.from_json(content["holder"]), str(content["since"])
+                return Identity.from_json(json.loads(file.read_bytes())["holder"])
             except (FileNotFoundError, ValueError, KeyError, TypeError):
-                return None, ""
+                return None
 
     def _lost(self, key: str, history: History) -> int:
         """Return the number of claims that ended without a note of the supervisor that they had."""
@@ -278,7 +276,7 @@ class Ledger:
         with as_output_error(claim.run):
             if runs := self._runs(claim.key, claim.round):
                 runs[-1].rename(claim.run)
-            holder, _ = self._last_claim(claim.key, before)
+            holder = self._last_holder(claim.key, before)
             if before.is_claimed and holder is not None:
                 self._watch.remove_heartbeat(holder)
 
