@@ -13,10 +13,12 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.assembly.admissibility import Admissibility
-from hpcinv.assembly.tangent import tangent_of
+from hpcinv.assembly.tangent import Tangent, tangent_of
 from hpcinv.parallel.jit import JIT_OPTIONS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hpcinv.model.outcome import Outcome
     from hpcinv.model.scene import Scene
     from hpcinv.model.supports import Supports
@@ -30,10 +32,8 @@ class System:
 
     Attributes:
         state: all unknowns x, at which residual and tangent are evaluated.
-        matrix: the last assembled tangent.
         rhs: a vector for residuals.
         tangents: number of assemblies of the tangent, by which outdated factors are recognized.
-        note: remark on an unusual assembly of the tangent; empty if there is none.
     """
 
     def __init__(self, scene: Scene, supports: Supports, timings: Timings) -> None:
@@ -43,14 +43,31 @@ class System:
         self.tangents = 0
         with timings("compile"):
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
-            tangent = tangent_of(scene)
             self._admissibility = Admissibility(scene)
-        self.note = tangent.note
-        with timings("tangent"):
-            _multiply_without_inodes()
-            self.matrix, self._assemble_tangent = tangent.create_matrix(supports.conditions)
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
+
+    @cached_property
+    def _tangent(self) -> Tangent:
+        with self.timings("compile"):
+            return tangent_of(self.scene)
+
+    @cached_property
+    def _matrix(self) -> tuple[PETSc.Mat, Callable[[], None]]:
+        tangent = self._tangent
+        with self.timings("tangent"):
+            _multiply_without_inodes()
+            return tangent.create_matrix(self.supports.conditions)
+
+    @property
+    def matrix(self) -> PETSc.Mat:
+        """The last assembled tangent; collective at the first access."""
+        return self._matrix[0]
+
+    @property
+    def note(self) -> str:
+        """Remark on an unusual assembly of the tangent; empty if there is none."""
+        return self._tangent.note
 
     def set_load(self, load: float) -> None:
         """Set the load factor λ of the scene and its supports."""
@@ -98,7 +115,7 @@ class System:
     def tangent(self) -> None:
         """Assemble K at the present state and load into ``matrix``."""
         with self.timings("tangent"):
-            self._assemble_tangent()
+            self._matrix[1]()
         self.tangents += 1
 
     def linearise(self, load: float) -> None:
@@ -126,7 +143,8 @@ class System:
 
     def destroy(self) -> None:
         """Free PETSc objects."""
-        self.matrix.destroy()
+        if "_matrix" in self.__dict__:
+            self.matrix.destroy()
         self.rhs.destroy()
 
     def _forces(self, b: PETSc.Vec) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.certificate.estimate import Estimate, estimate
+from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.ineffective_loads import ineffective_loads
 from hpcinv.certificate.limit_points import limit_points
 from hpcinv.certificate.round_trip import closure_error, round_trip
@@ -66,9 +67,10 @@ def certify(
 
     def way_back() -> Iterable[Line]:
         if len(solutions) == 1:
-            return round_trip(model, solution, observer)
+            return round_trip(model, solution, forward, observer)
         return [closure_error(model, solution, solutions[1].u)]
 
+    forward = ForwardFactors(model, solution)
     is_checked = model.job.certificate.level != "off"
     with model.timings.as_one("certificate"):
         if is_checked:
@@ -79,7 +81,8 @@ def certify(
             check("cells", lambda: cells(model, solution))
         check("overlap", lambda: self_overlap(model, solution))
         check("round trip", way_back)
-        (stable,) = check("stability", lambda: stability(model, solution))
+        (stable,) = check("stability", lambda: stability(model, solution, forward))
+        forward.destroy()
         if is_checked:
             check("limit points", lambda: limit_points(model, solution, stable))
             check("ineffective loads", lambda: ineffective_loads(model))

@@ -1,4 +1,4 @@
-"""Inertia of a symmetric matrix: the signs of its eigenvalues, from one factorization (Sylvester)."""
+"""Factors L D Lᵀ of a symmetric matrix, and its inertia: the signs of its eigenvalues (Sylvester)."""
 
 from __future__ import annotations
 
@@ -26,8 +26,30 @@ _OPTIONS = {
 }
 
 
-def inertia(matrix: PETSc.Mat) -> Inertia | None:
-    """Factorize ``½(K + Kᵀ) = L D Lᵀ`` by MUMPS and count the signs in ``D``; collective.
+class SymmetricFactors:
+    """Factors ``½(K + Kᵀ) = L D Lᵀ`` by MUMPS; all methods are collective.
+
+    Attributes:
+        inertia: number of signs in ``D``.
+    """
+
+    def __init__(self, pc: PETSc.PC, symmetric: PETSc.Mat, asymmetry: float) -> None:
+        self._pc, self._symmetric = pc, symmetric
+        negative, zero, positive = pc.getFactorMatrix().getInertia()
+        self.inertia = Inertia(int(negative), int(zero), int(positive), asymmetry)
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve ``½(K + Kᵀ) x = b``."""
+        self._pc.apply(b, x)
+
+    def destroy(self) -> None:
+        """Free PETSc objects."""
+        self._pc.destroy()
+        self._symmetric.destroy()
+
+
+def factorize_symmetric(matrix: PETSc.Mat) -> SymmetricFactors | None:
+    """Factorize the symmetric part of a matrix; collective.
 
     ``None`` if that fails, or if the matrix has entries that are not finite, of which MUMPS makes zero pivots.
     """
@@ -53,12 +75,20 @@ def inertia(matrix: PETSc.Mat) -> Inertia | None:
         pc.setFromOptions()
         pc.setUp()
         reason: Any = pc.getFailedReason()
-        if reason != PETSc.PC.FailedReason.NOERROR:
-            return None
-        negative, zero, positive = pc.getFactorMatrix().getInertia()
-        return Inertia(int(negative), int(zero), int(positive), norms[0] / (2 * norms[1]))
     finally:
         for name in _OPTIONS:
             database.delValue(name)
+    if reason != PETSc.PC.FailedReason.NOERROR:
         pc.destroy()
         symmetric.destroy()
+        return None
+    return SymmetricFactors(pc, symmetric, norms[0] / (2 * norms[1]))
+
+
+def inertia(matrix: PETSc.Mat) -> Inertia | None:
+    """Return the inertia of the symmetric part of a matrix, ``None`` if it cannot be factorized; collective."""
+    factors = factorize_symmetric(matrix)
+    if factors is None:
+        return None
+    factors.destroy()
+    return factors.inertia

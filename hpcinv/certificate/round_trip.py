@@ -1,21 +1,43 @@
-"""Round trip: the solve back from the body that was found."""
+"""Round trip: the solve back from the body that was found.
+
+Near the known displacement the solve back needs no factors of its own. Forward, its tangent is the one by which
+stability is judged, and the factors of that give the corrections. In the inverse direction they do so after a change of
+variables: to move the points of the reference body by ``-w`` and those of the loaded body by ``-F w`` only relabels
+them, which changes the residual by no more than the discretisation error, so that the inverse tangent is ``K F`` with
+the forward tangent ``K``. That neither this nor the symmetric part of ``K`` is the exact tangent is made up for by
+Anderson's acceleration. The residual is exact in any case: what the corrections converge to is the solution.
+
+Corrections end as soon as what is left of them cannot change the verdict. With a contraction ``θ`` of successive steps
+that is about ``θ/(1-θ)`` times the last one, where ``θ`` is the largest of the last three ratios.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
+from dolfinx import la
 
+from hpcinv.assembly.system import System
 from hpcinv.certificate.check import Line, Verdict, at_most, skipped
+from hpcinv.methods.updates import Anderson
+from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.observer import SILENT, Observer
 
 if TYPE_CHECKING:
+    from hpcinv.certificate.forward_factors import ForwardFactors
+    from hpcinv.certificate.inertia import SymmetricFactors
     from hpcinv.effects import Direction
     from hpcinv.results.solution import Solution
+    from hpcinv.solver.newton import Solve
     from hpcinv.solver.problem import Model
+
+type Floats = npt.NDArray[np.float64]
 
 ROUND_TRIP = "round trip, relative to the displacement"
 STRAIGHT = (
@@ -23,39 +45,196 @@ STRAIGHT = (
     " 'mesh: {geometry_degree: 2}' the round trip of quadratic ones closes (for a .msh file, 'gmsh -order 2' also puts"
     " their nodes on the curved surface)"
 )
+WARN, FAIL = 1e-3, 0.1
+
+_CORRECTIONS = 15  # of one way back, with the same factors
+_MEMORY = 6  # steps that Anderson's acceleration uses
+_ACCURACY = 1e-6  # of the way back near the solution, relative to the displacement: a thousandth of `WARN`
+_ROUND_OFF = 1e-9  # size of a step, relative to the displacement, at which the ratio of steps means nothing
+_GROWTH = 100.0  # of a step over the first one, at which the corrections are given up
 
 
-def round_trip(model: Model, solution: Solution, observer: Observer = SILENT) -> Iterator[Line]:
+def round_trip(
+    model: Model, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT
+) -> Iterator[Line]:
     """Solve back from the body that a solution found, and compare the displacements; collective.
 
     If the cells' geometry has the degree of the displacement, the two directions are exact discrete inverses.
+
+    Args:
+        forward: factors of the forward tangent at the solution.
+        observer: of the solve back, where the factors do not suffice.
     """
-    back: Direction = "forward" if solution.direction == "inverse" else "inverse"
     start = model.job.certificate.round_trip
     if start == "off":
         yield skipped(ROUND_TRIP, "switched off: certificate.round_trip")
-        return
-    with model.at(solution.other_nodes, *solution.fields):
-        equilibrium = model.equilibrium(model.scene(back), observer)
-        tolerance = model.job.solver.tolerance
-        solves = [equilibrium.solve(1.0, tolerance)] if start == "near" else []
-        if not solves or not solves[-1].outcome.accepted:
-            model.unknowns.state.x.array[:] = 0.0
-            solves = list(follow(equilibrium, model.steps, tolerance))
-        u = model.unknowns.at_nodes(model.solution()[0])
-        model.release(equilibrium)
-    last = solves[-1]
-    if not (last.outcome.accepted and last.load == 1.0):
-        note = f"no way back: stopped at load factor {last.load:.4g}: {last.outcome.text}"
-        yield Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.FAIL, note)
-        return
-    yield closure_error(model, solution, u)
+    elif start == "near":
+        yield _near(model, solution, forward, observer)
+    else:
+        yield _along_the_path(model, solution, observer)
 
 
 def closure_error(model: Model, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
-    largest = float(np.linalg.norm(back - solution.u, axis=1).max(initial=0.0))
-    difference, size = model.body.mesh.comm.allreduce(largest, op=MPI.MAX), solution.largest_displacement
+    difference, size = _difference(model, solution, back), solution.largest_displacement
     curved = model.body.source.degree >= model.job.discretisation.displacement
     note = f"{difference:.3g} m" if curved else f"{difference:.3g} m; {STRAIGHT}"
-    return at_most(ROUND_TRIP, difference / size if size else difference, warn=1e-3, fail=0.1, note=note)
+    return at_most(ROUND_TRIP, difference / size if size else difference, WARN, FAIL, note=note)
+
+
+def _difference(model: Model, solution: Solution, back: np.ndarray) -> float:
+    largest = float(np.linalg.norm(back - solution.u, axis=1).max(initial=0.0))
+    return float(model.body.mesh.comm.allreduce(largest, op=MPI.MAX))
+
+
+def _back(solution: Solution) -> Direction:
+    return "forward" if solution.direction == "inverse" else "inverse"
+
+
+def _near(model: Model, solution: Solution, forward: ForwardFactors, observer: Observer) -> Line:
+    """Return the line of a way back that begins with the solution, and is bounded in effort."""
+    with model.at(solution.other_nodes, *solution.fields):
+        if (factors := forward.factors) is not None and _WayBack(model, solution, factors).settles():
+            return closure_error(model, solution, model.unknowns.at_nodes(model.solution()[0]))
+        model.set_solution(*solution.fields)
+        equilibrium = model.equilibrium(model.scene(_back(solution)), observer)
+        last = equilibrium.solve(1.0, max(model.job.solver.tolerance, _ACCURACY), begins_near=True)
+        u = model.unknowns.at_nodes(model.solution()[0])
+        model.release(equilibrium)
+    if last.outcome.accepted:
+        return closure_error(model, solution, u)
+    note = (
+        f"near the known displacement the solve back did not converge: {last.outcome.text}; 'certificate: {{round_trip:"
+        " path}' solves it from the unloaded body"
+    )
+    return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
+
+
+def _along_the_path(model: Model, solution: Solution, observer: Observer) -> Line:
+    """Return the line of a way back that begins with the unloaded body."""
+    with model.at(solution.other_nodes, *solution.fields):
+        equilibrium = model.equilibrium(model.scene(_back(solution)), observer)
+        model.unknowns.state.x.array[:] = 0.0
+        last: Solve = list(follow(equilibrium, model.steps, model.job.solver.tolerance))[-1]
+        u = model.unknowns.at_nodes(model.solution()[0])
+        model.release(equilibrium)
+    if last.outcome.accepted and last.load == 1.0:
+        return closure_error(model, solution, u)
+    note = f"no way back: stopped at load factor {last.load:.4g}: {last.outcome.text}"
+    return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.FAIL, note)
+
+
+class _WayBack:
+    """Corrections of the way back with the factors of the forward tangent; the state of the model is the iterate.
+
+    Args:
+        model: its mesh must be the body that was found, and its state the solution.
+    """
+
+    def __init__(self, model: Model, solution: Solution, factors: SymmetricFactors) -> None:
+        self._model, self._solution, self._factors = model, solution, factors
+        unknowns = model.unknowns
+        self._system = System(model.scene(_back(solution)), model.supports, model.timings)
+        self._system.set_load(1.0)
+        self._u = unknowns.owned_displacement_dofs
+        self._p = np.zeros(0, dtype=np.int32) if unknowns.p is None else unknowns.owned_pressure_dofs
+        self._size = solution.largest_displacement / model.scales.length or 1.0
+        self._inverse = _Relabelling(model, solution) if solution.direction == "forward" else None
+
+    def settles(self) -> bool:
+        """Correct the state until the verdict cannot change; return whether it settled; collective."""
+        system, factors = self._system, self._factors
+        x, y = system.position(), system.rhs.duplicate()
+        norms = [self._norm(np.array(x.array), part) or 1.0 for part in (self._u, self._p)]
+        update = Anderson(1.0, _MEMORY, lambda a, b: self._inner(a, b, norms))
+        steps: list[float] = []
+        try:
+            for _ in range(_CORRECTIONS):
+                system.residual(system.rhs)
+                with self._model.timings("linear solve"):
+                    factors.solve(system.rhs, y)
+                correction = np.array(y.array)
+                if self._inverse is not None:
+                    self._inverse.apply(correction)
+                step = update.step(np.array(x.array), correction)
+                steps.append(self._largest(step) / self._size)
+                if not steps[-1] <= _GROWTH * steps[0]:  # also if it is not a number
+                    return False
+                x.array[:] += step
+                system.set_state(x)
+                if self._is_settled(steps):
+                    return system.fault_of_solution() is None
+            return False
+        finally:
+            for one in (x, y, system):
+                one.destroy()
+
+    def _is_settled(self, steps: list[float]) -> bool:
+        """Return whether further steps can change neither the verdict nor the first digit, if that matters."""
+        if len(steps) < 2:
+            return steps[-1] <= _ROUND_OFF
+        if (left := remaining(steps)) > WARN:
+            return False
+        u = self._model.unknowns.at_nodes(self._model.solution()[0])
+        found = _difference(self._model, self._solution, u) / (self._solution.largest_displacement or 1.0)
+        same = all(found + left <= bound or found - left > bound for bound in (WARN, FAIL))
+        return same and left <= max(0.1 * found, _ACCURACY)
+
+    def _inner(self, a: Floats, b: Floats, norms: list[float]) -> float:
+        """Return the inner product with displacements and pressures relative to their norms in the solution."""
+        parts = zip((self._u, self._p), norms, strict=True)
+        return float(self._system.comm.allreduce(sum(float(a[part] @ b[part]) / norm**2 for part, norm in parts)))
+
+    def _norm(self, a: Floats, part: npt.NDArray[np.int32]) -> float:
+        return float(np.sqrt(self._system.comm.allreduce(float(a[part] @ a[part]))))
+
+    def _largest(self, step: Floats) -> float:
+        moved = np.linalg.norm(step[self._u].reshape(-1, 3), axis=1)
+        # The largest of NaN and a number depends on their order.
+        mine = float(moved.max(initial=0.0)) if np.isfinite(moved).all() else np.inf
+        return float(self._system.comm.allreduce(mine, op=MPI.MAX))
+
+
+def remaining(steps: list[float]) -> float:
+    """Return a bound of what is left of a convergent sequence, from the sizes of its steps; infinite without one."""
+    if steps[-1] <= _ROUND_OFF:
+        return steps[-1]
+    ratios = [after / before for before, after in pairwise(steps)]
+    theta = max(ratios[-3:], default=1.0)
+    return theta / (1 - theta) * steps[-1] if theta < 1 else float("inf")
+
+
+class _Relabelling:
+    """Approximate ``F⁻¹`` at the nodes of the displacement, from means over the cells around each of them."""
+
+    def __init__(self, model: Model, solution: Solution) -> None:
+        unknowns, mesh = model.unknowns, model.body.mesh
+        with model.at(solution.reference_nodes, *solution.fields):
+            scene = model.scene("forward")
+            with model.timings("compile"):
+                means = CellMeans([(scene.H, None)], mesh, scene.quadrature_degree)
+            with model.timings("evaluation"):
+                H = means()
+        cells = mesh.topology.index_map(3).size_local
+        dofmap = unknowns.displacement_space.dofmap
+        sums = la.vector(dofmap.index_map, 10)
+        totals = sums.array.reshape(-1, 10)
+        of_cells = np.ones((cells, 10))
+        of_cells[:, :9] = H.x.array.reshape(-1, 9)[H.function_space.dofmap.list[:cells, 0]]
+        np.add.at(totals, dofmap.list[:cells], of_cells[:, None])
+        sums.scatter_reverse(la.InsertMode.add)
+        sums.scatter_forward()
+        owned = totals[: dofmap.index_map.size_local]
+        F = np.eye(3) + (owned[:, :9] / owned[:, 9:]).reshape(-1, 3, 3)
+        F[~(np.linalg.det(F) > 0.0)] = np.eye(3)  # means of very different cells
+        self._inverse = np.linalg.inv(F)
+        self._dofs = unknowns.owned_displacement_dofs
+        self._held = np.concatenate([self._dofs[:0], *(part.dofs for part in model.supports.prescribed)])
+
+    def apply(self, correction: Floats) -> None:
+        """Multiply the displacements of a correction by ``F⁻¹``, but those that are prescribed."""
+        held = self._held[self._held < len(correction)]
+        kept = correction[held]
+        u = correction[self._dofs].reshape(-1, 3)
+        correction[self._dofs] = np.einsum("nij,nj->ni", self._inverse, u).ravel()
+        correction[held] = kept

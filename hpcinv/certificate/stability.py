@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Line, Verdict, skipped
-from hpcinv.certificate.confirmation import MARGIN, Confirmed, confirm, known_displacement
-from hpcinv.certificate.inertia import inertia
+from hpcinv.certificate.confirmation import MARGIN, Confirmed, confirm
 
 if TYPE_CHECKING:
+    from hpcinv.certificate.forward_factors import ForwardFactors
     from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
@@ -17,12 +17,15 @@ STABILITY = "stability"
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
 
 
-def stability(model: Model, solution: Solution) -> Iterator[Line]:
+def stability(model: Model, solution: Solution, forward: ForwardFactors) -> Iterator[Line]:
     """Yield the line on unstable directions of the loaded body; collective.
 
     A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
     pressure as an unknown, if it has one negative eigenvalue for each pressure, and no more. Further ones are
     either confirmed to be instabilities of the body, or the line is not decided (`hpcinv.certificate.confirmation`).
+
+    Args:
+        forward: factors of the forward tangent at the solution.
     """
     if not model.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
@@ -30,12 +33,7 @@ def stability(model: Model, solution: Solution) -> Iterator[Line]:
     if not model.chooser.can_factorize_symmetric:
         yield skipped(STABILITY, f"there is no memory for factors of {model.chooser.forecast.factors / 2e9:.2g} GB")
         return
-    with model.at(solution.reference_nodes, *solution.fields):
-        equilibrium = model.equilibrium(model.scene("forward", known_displacement(model)))
-        equilibrium.system.linearise(1.0)
-        with model.timings("factorization"):
-            found = inertia(equilibrium.system.matrix)
-        model.release(equilibrium)
+    found = None if forward.factors is None else forward.factors.inertia
     pressures = model.unknowns.pressure_size
     # Zeros count: a singular tangent is not stable. Each pressure contributes one that is negative or zero.
     unstable = None if found is None else found.negative + found.zero - pressures

@@ -20,6 +20,7 @@ import hpcinv
 from hpcinv.batch.status import Status, lines
 from hpcinv.certificate import Line, Verdict
 from hpcinv.certificate.confirmation import Confirmed
+from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.inertia import inertia
 from hpcinv.certificate.stability import _unstable, stability
 from hpcinv.job.job import Job
@@ -221,7 +222,7 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
     nodes = body.mesh.geometry.x * length
     solution: Any = SimpleNamespace(fields=(found, p), displacement=found, pressure=p, reference_nodes=nodes, solves=())
-    (line,) = stability(model, solution)
+    (line,) = stability(model, solution, ForwardFactors(model, solution))
     print(line)
     assert (line.value, line.verdict) == (unstable, Verdict.FAIL if unstable else Verdict.PASS)
     model.destroy()

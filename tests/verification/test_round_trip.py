@@ -1,0 +1,147 @@
+"""The certificate's round trip: what it costs, that it closes, and that it does not close on what is no solution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import NO_CERTIFICATE
+from helpers.verification import box, job
+
+import hpcinv
+from hpcinv.certificate import Line, Verdict, forward_factors
+from hpcinv.certificate import round_trip as module
+from hpcinv.certificate.forward_factors import ForwardFactors
+from hpcinv.certificate.inertia import factorize_symmetric
+from hpcinv.certificate.round_trip import remaining, round_trip
+from hpcinv.job.job import Job
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.solution import Solution
+from hpcinv.solver.problem import Model
+
+GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -0.15], "density": 1000}
+FOLLOWER = {"effect": "pressure", "region": "z1", "pressure": 100.0}
+LAWS = {
+    "displacement": {"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
+    "mixed": {"law": "isochoric-neo-hookean", "mu": "4 kPa", "kappa": "incompressible"},
+}
+
+
+def cantilever(direction: str, form: str, *, curved: bool = True, effect: dict[str, Any] = GRAVITY) -> Job:
+    """It bends by about a third of its length or more."""
+    return job(
+        analysis=direction,
+        mesh=box((5, 1, 1), lx=3.0) | {"geometry_degree": 2 if curved else 1},
+        material=LAWS[form],
+        effects=[effect],
+        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+        certificate=NO_CERTIFICATE | {"round_trip": "near"},
+    )
+
+
+class Case:
+    """A job, its model and its solution."""
+
+    def __init__(self, one: Job, comm: MPI.Intracomm) -> None:
+        without = one.model_copy(update={"certificate": type(one.certificate).model_validate("off")})
+        result = hpcinv.run(without, comm)
+        self.model, self.solution = Model(one, result.body, Timings()), result.solutions[0]
+
+    def line(self, solution: Solution | None = None, start: str = "near") -> Line:
+        solution, job = solution or self.solution, self.model.job
+        self.model.job = job.model_copy(
+            update={"certificate": job.certificate.model_copy(update={"round_trip": start})}
+        )
+        forward = ForwardFactors(self.model, solution)
+        (line,) = round_trip(self.model, solution, forward)
+        forward.destroy()
+        self.model.job = job
+        print(f"{start}: {line.verdict.value} {line.value} {line.note[:70]}")
+        return line
+
+    def perturbed(self, change: Any) -> Solution:
+        """The solution with a displacement that is changed by a function of it and of the positions (scaled)."""
+        u = self.solution.displacement.copy()
+        x = u.function_space.tabulate_dof_coordinates()
+        u.x.array[:] = change(u.x.array.reshape(-1, 3), x).ravel()
+        return replace(self.solution, displacement=u, u=self.model.unknowns.at_nodes(u))
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("direction", ["inverse", "forward"])
+@pytest.mark.parametrize("form", ["displacement", "mixed"])
+def test_near_the_solution_as_along_the_path(direction: str, form: str, comm: MPI.Intracomm) -> None:
+    for curved in (True, False):
+        for effect in (GRAVITY, FOLLOWER):
+            case = Case(cantilever(direction, form, curved=curved, effect=effect), comm)
+            near, path = case.line(), case.line(start="path")
+            assert near.value is not None
+            assert path.value is not None
+            if curved:
+                assert max(near.value, path.value) < 1e-8
+                assert near.verdict is path.verdict is Verdict.PASS
+            else:
+                assert near.value == pytest.approx(path.value, rel=0.15, abs=1e-5)
+                assert near.verdict is path.verdict
+
+
+CHANGES = {
+    "one hundredth too much": lambda u, x: 1.01 * u,
+    "one part": lambda u, x: u + 0.01 * np.abs(u).max() * np.sin(3 * x[:, [1, 2, 0]] / x.max()) * (x[:, :1] / x.max()),
+    "another load": lambda u, x: 0.5 * u,
+    "none": lambda u, x: 0.0 * u,
+}
+
+
+@pytest.mark.parametrize("direction", ["inverse", "forward"])
+@pytest.mark.parametrize("form", ["displacement", "mixed"])
+@pytest.mark.parametrize("curved", [True, False])
+def test_what_is_no_solution_does_not_pass(direction: str, form: str, curved: bool, comm: MPI.Intracomm) -> None:
+    case = Case(cantilever(direction, form, curved=curved), comm)
+    for name, change in CHANGES.items():
+        print(name)
+        assert case.line(case.perturbed(change)).verdict is not Verdict.PASS
+
+
+@pytest.mark.parametrize("direction", ["inverse", "forward"])
+def test_one_factorization_serves_round_trip_and_stability(
+    direction: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = 0
+
+    def factorize(matrix: Any) -> Any:
+        nonlocal count
+        count += 1
+        return factorize_symmetric(matrix)
+
+    monkeypatch.setattr(forward_factors, "factorize_symmetric", factorize)
+    one = cantilever(direction, "mixed", curved=False)
+    certificate = one.certificate.model_copy(update={"stability": True})
+    result = hpcinv.run(one.model_copy(update={"certificate": certificate}), comm)
+    assert count == 1
+    verdicts = {line.name.split(",")[0]: line.verdict for line in result.certificate.lines}
+    assert verdicts["stability"] is Verdict.PASS
+    assert verdicts["round trip"] is not Verdict.SKIPPED
+
+
+def test_without_factors_the_way_back_is_solved(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where there is no memory for them, or where the corrections with them do not settle."""
+    case = Case(cantilever("forward", "mixed", curved=False), comm)
+    with_factors = case.line().value
+    monkeypatch.setattr(module, "_CORRECTIONS", 0)
+    assert case.line().value == pytest.approx(with_factors, rel=0.1)
+    monkeypatch.setattr(module, "_CORRECTIONS", 15)
+    monkeypatch.setattr(ForwardFactors, "factors", None)
+    assert case.line().value == pytest.approx(with_factors, rel=0.1)
+
+
+def test_what_is_left_of_a_sequence() -> None:
+    assert remaining([1.0]) == float("inf")
+    assert remaining([1.0, 0.5, 0.25]) == pytest.approx(0.25)
+    assert remaining([1.0, 0.5, 0.001]) == pytest.approx(0.001)  # one good step proves no contraction
+    assert remaining([1e-3, 2e-3]) == float("inf")
+    assert remaining([1e-3, 1e-12]) == 1e-12  # of rounding errors
+    assert remaining([1e-3, float("nan")]) != remaining([1e-3, 1e-4])
