@@ -10,7 +10,7 @@ import numpy as np
 
 from hpcinv.job.job import Job
 from hpcinv.job.sections import FIELDS, POSITIONS, REACTIONS
-from hpcinv.quantity.units import NAMES, parse_unit
+from hpcinv.quantity.units import Dimension
 
 type Columns = dict[str, list[Any]]
 
@@ -56,4 +56,4 @@ def unit_of(key: str, job: Job) -> str:
     if names[name].reduce == "integral":  # over a volume or an area, which only the mesh determines
         return ""
     dimension = names[name].of.check(POSITIONS | FIELDS)
-    return next((unit for unit in NAMES if parse_unit(unit)[1] == dimension), "")
+    return dimension.unit if isinstance(dimension, Dimension) else ""

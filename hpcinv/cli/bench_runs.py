@@ -176,12 +176,7 @@ def median(runs: Sequence[MeasuredRun], figure: Callable[[MeasuredRun], float]) 
 
 
 def _launcher() -> list[str]:
-    """Return the command that starts ranks: HPCINV_LAUNCHER, or the mpirun beside this Python.
-
-    Raises:
-        OutputError: this process is itself one of several ranks.
-        SystemPartMissing: there is no such program.
-    """
+    """Return the command that starts ranks: HPCINV_LAUNCHER, or the mpirun beside this Python."""
     if int(os.environ.get("PMI_SIZE", "1")) > 1:
         raise OutputError("bench starts the ranks itself", "Start it once, without mpirun.")
     beside = Path(sys.executable).parent / "mpirun"

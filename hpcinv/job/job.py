@@ -440,14 +440,7 @@ def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".",
 
 
 def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Job:
-    """Check the content of a job file; ``path`` is its name in errors, and relative paths start from its directory.
-
-    Args:
-        untrusted: as in `load`.
-
-    Raises:
-        JobError: as `load`.
-    """
+    """Check the content of a job file, as `load` does; relative paths start from the directory of ``path``."""
     untrusted = untrusted or is_asked()
     large = {key: len(value) for key, value in data.items() if isinstance(value, list) and len(value) > MOST_ENTRIES}
     if large:

@@ -141,11 +141,7 @@ class RunDirectory:
         return as_yaml(job.data)
 
     def _origin(self) -> tuple[str | None, bool]:
-        """Return the file from which the job was read, and whether the job is untrusted.
-
-        Raises:
-            OSError, ValueError: it cannot be read.
-        """
+        """Return the file from which the job was read, and whether the job is untrusted."""
         try:
             content = json.loads((self.path / _ORIGIN).read_text())
             origin, untrusted = content["job"], bool(content.get("untrusted", False))

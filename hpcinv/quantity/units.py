@@ -22,10 +22,15 @@ class Dimension(NamedTuple):
 
     def __str__(self) -> str:
         """Name of the dimension for messages, such as ``a stress``."""
-        if name := _names().get(self):
-            return name
+        return NAMES.get(self.unit, f"a quantity in {self.unit}")
+
+    @property
+    def unit(self) -> str:
+        """The usual SI unit, else powers of the base units; empty for pure numbers."""
+        if (usual := _usual_units().get(self)) is not None:
+            return usual
         powers = zip(("m", "kg", "s", "K"), self, strict=True)
-        return "a quantity in " + " ".join(unit if n == 1 else f"{unit}^{n}" for unit, n in powers if n)
+        return " ".join(unit if n == 1 else f"{unit}^{n}" for unit, n in powers if n)
 
 
 BASE = {
@@ -213,5 +218,5 @@ def _unit(symbol: str) -> tuple[Fraction, Dimension]:
 
 
 @cache
-def _names() -> dict[Dimension, str]:
-    return {parse_unit(unit)[1]: name for unit, name in NAMES.items()}
+def _usual_units() -> dict[Dimension, str]:
+    return {parse_unit(unit)[1]: unit for unit in NAMES}

@@ -6,7 +6,7 @@ from typing import Any
 
 from hpcinv.batch.axes import Axis
 from hpcinv.batch.specification import text_of
-from hpcinv.quantity.units import NAMES, Dimension, as_float, parse_quantity, parse_unit
+from hpcinv.quantity.units import Dimension, as_float, parse_quantity
 from hpcinv.sweep.plan import SweepPlan
 
 
@@ -29,7 +29,7 @@ def parameter_units(plan: SweepPlan) -> dict[str, str]:
         for key, values in (axis.grid or axis.zip or {}).items():
             dimensions = [_parsed(value)[1] for value in values]
             found[key] = next((dimension for dimension in dimensions if dimension is not None), None)
-    return {key: unit_of_dimension(dimension) for key, dimension in found.items() if dimension is not None}
+    return {key: dimension.unit for key, dimension in found.items() if dimension is not None}
 
 
 def log_uniform(plan: SweepPlan) -> set[str]:
@@ -67,12 +67,3 @@ def _parsed(value: Any) -> tuple[float | None, Dimension | None]:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return None, None
     return (value if isinstance(value, float) else as_float(value) if abs(value) > 2**53 else value), None
-
-
-def unit_of_dimension(dimension: Dimension) -> str:
-    """Return the usual SI unit of a dimension, else powers of the base units; empty for pure numbers."""
-    named = next((unit for unit in NAMES if parse_unit(unit)[1] == dimension), None)
-    if named is not None:
-        return named
-    powers = zip(("m", "kg", "s", "K"), dimension, strict=True)
-    return " ".join(unit if power == 1 else f"{unit}^{power}" for unit, power in powers if power)

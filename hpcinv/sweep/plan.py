@@ -126,11 +126,7 @@ def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: Faults, un
 
 
 def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the content of a job file with some settings, whose only output by default is the summary.
-
-    Raises:
-        JobError: something cannot be set.
-    """
+    """Return the content of a job file with some settings, whose only output by default is the summary."""
     try:
         changed = assigned(data, settings)
     except ValueError as error:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.tables import Columns, fill, unit_of
-from hpcinv.sweep.parameters import parameter_columns, parameter_units, unit_of_dimension
+from hpcinv.sweep.parameters import parameter_columns, parameter_units
 from hpcinv.sweep.plan import SweepPlan
 
 OUTCOME: Mapping[str, Callable[[CaseRecord], Any]] = {
@@ -67,7 +67,7 @@ def units(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> dict[str, str]:
             continue
         seen |= quantities.keys()
         job = plan.job(case)
-        by = {p.key: unit_of_dimension(p.dimension) for p in job.differentiated if p.dimension is not None}
+        by = {p.key: p.dimension.unit for p in job.differentiated if p.dimension is not None}
         for name, value in quantities.items():
             unit = unit_of(f"quantities.{name}", job)
             for part in _parts(name, value):
