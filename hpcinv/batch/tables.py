@@ -9,8 +9,7 @@ import h5py
 import numpy as np
 
 from hpcinv.job.job import Job
-from hpcinv.job.sections import FIELDS, POSITIONS, REACTIONS
-from hpcinv.quantity.units import Dimension
+from hpcinv.job.sections import REACTIONS
 
 type Columns = dict[str, list[Any]]
 
@@ -49,11 +48,7 @@ def unit_of(key: str, job: Job) -> str:
     name = key.removeprefix("quantities.").partition("[")[0]
     if not key.startswith("quantities.") or name not in names:
         return _IN_SUMMARY.get(key.rpartition(".")[2], "")
-    if names[name].is_displacement:
-        return "m"
     if names[name].is_reaction:
         return REACTIONS[names[name].of.source.strip()]
-    if names[name].reduce == "integral":  # over a volume or an area, which only the mesh determines
-        return ""
-    dimension = names[name].of.check(POSITIONS | FIELDS)
-    return dimension.unit if isinstance(dimension, Dimension) else ""
+    dimension = names[name].dimension
+    return "" if dimension is None else dimension.unit

@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
-from hpcinv.job.sections import FIELDS, LENGTH, POSITIONS, QuantityOfInterest
+from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.quantity.quantity import positive
 from hpcinv.quantity.schema import Location, shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension
 
 
 def read_demands(
@@ -31,15 +30,7 @@ def read_demands(
             problems.append(((name,), fault))
             continue
         try:
-            demands[name] = positive(value, _dimension_of(known[name]), "the quantity")
+            demands[name] = positive(value, known[name].dimension, "the quantity")
         except ValueError as error:
             problems.append(((name,), str(error)))
     return demands, problems
-
-
-def _dimension_of(quantity: QuantityOfInterest) -> Dimension | None:
-    if quantity.is_displacement:
-        return LENGTH
-    found = quantity.of.check(POSITIONS | FIELDS)
-    # The dimension of an integral depends on whether the region is a volume or a surface: only the mesh defines that.
-    return found if isinstance(found, Dimension) and quantity.reduce != "integral" else None

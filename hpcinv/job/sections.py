@@ -235,6 +235,15 @@ class QuantityOfInterest(Spec):
         return self.of.names & FIELDS.keys()
 
     @property
+    def dimension(self) -> Dimension | None:
+        """Dimension of a displacement or formula; ``None`` if numbers leave it open, or only the mesh defines it."""
+        if self.is_displacement:
+            return LENGTH
+        found = self.of.check(POSITIONS | FIELDS)
+        # That of an integral depends on whether its region is a volume or a surface.
+        return found if isinstance(found, Dimension) and self.reduce != "integral" else None
+
+    @property
     def by_quadrature(self) -> bool:
         """True if it is reduced over the volume or area of a region, rather than over its nodes."""
         return self.on is not None and (self.over is not None or bool(self.fields))

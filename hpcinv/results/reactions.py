@@ -5,7 +5,7 @@ is the nodal force that the support exerts on the body. In either direction the 
 current body: R are forces in space, and the arms of their moments are current positions.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -18,17 +18,8 @@ from hpcinv.solver.problem import Model
 def reactions(quantities: Iterable[QuantityOfInterest], solution: Solution, model: Model) -> dict[str, list[float]]:
     """Reactions by the names of quantities: forces (3 components, N), moments (3 components, N m); collective.
 
-    The solution must have reached the full load.
+    The model is within `Model.at` a solution that has reached the full load.
     """
-    quantities = tuple(quantities)
-    if not quantities:
-        return {}
-    with model.at(solution.mesh_nodes, *solution.fields):
-        return _reactions(quantities, solution, model)
-
-
-def _reactions(quantities: Sequence[QuantityOfInterest], solution: Solution, model: Model) -> dict[str, list[float]]:
-    """Return the reactions at the model's state."""
     equilibrium = model.equilibrium(model.scene(solution.direction))
     residual = equilibrium.system.forces(1.0)
     model.release(equilibrium)
