@@ -147,6 +147,7 @@ _WORDS = {
     "ksp_pc_side": "left right symmetric",
     "pc_type": _PRECONDITIONERS,
     "pc_factor_mat_solver_type": "mumps petsc superlu superlu_dist umfpack cholmod",
+    "pc_precision": "single double",
     "pc_factor_mat_ordering_type": "natural nd 1wd rcm qmd",
     "pc_factor_shift_type": "none nonzero positive_definite inblocks",
     "pc_fieldsplit_type": "additive multiplicative symmetric_multiplicative schur",

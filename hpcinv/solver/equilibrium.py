@@ -1,5 +1,6 @@
 """Newton's method for the equilibrium of a system at one load factor, by PETSc's SNES."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -37,7 +38,10 @@ class _Progress:
 
     Attributes:
         first_step: increment of the first correction, or of the prediction; ``None`` before either.
-        tangents: number of new tangents so far; ``signs`` are the signs of their determinants.
+        signs: signs of the determinants of new tangents.
+        factorizations: number of factorizations before the solve, less that of its prediction.
+        travelled: sum of the corrections since the last factorization.
+        too_far: value of it from which earlier factors are not tried any more.
         has_new_tangent: whether the present correction is computed with a new tangent.
         correction: norm of the last correction before it was shortened.
         short: the fault for which the last correction was shortened.
@@ -47,7 +51,9 @@ class _Progress:
 
     monitor: NewtonMonitor
     first_step: Increment | None = None
-    tangents: int = 0
+    factorizations: int = 0
+    travelled: float = 0.0
+    too_far: float = math.inf
     signs: list[int] = field(default_factory=list)
     has_new_tangent: bool = False
     correction: float | None = None
@@ -86,6 +92,8 @@ class Equilibrium:
         observer: observer of the iterations; it is asked on all ranks before each one whether to stop.
     """
 
+    _less_far = 0.1  # share of a distance at which earlier factors were no longer good at which they are tried again
+
     def __init__(self, system: System, linear: LinearSolver, predictor: Predictor, *, limit: int, reuse: float) -> None:
         self.system, self.linear, self.predictor = system, linear, predictor
         self.limit, self.reuse = limit, reuse
@@ -102,9 +110,12 @@ class Equilibrium:
         snes.setOptionsPrefix(SolverOptions.prefix)
         snes.setKSP(self.linear.ksp)
         snes.setFunction(self._assemble_residual, self.system.rhs)
-        snes.setJacobian(self._assemble_tangent, self.system.matrix)
         snes.setConvergenceTest(self._test_convergence)
         snes.setFromOptions()
+        # SNES would factorize its first tangent in any case, so the first one is no tangent.
+        snes.setJacobian(lambda *_: None, self.system.matrix)
+        snes.computeJacobian(self._x, self.system.matrix)
+        snes.setJacobian(self._assemble_tangent, self.system.matrix)
         snes.setLineSearchPreCheck(self._check)
         return snes
 
@@ -121,8 +132,10 @@ class Equilibrium:
         system, linear = self.system, self.linear
         system.set_load(load)
         self._now = now = _Progress(self._monitor(tolerance, begins_near=begins_near and self.reuse > 0))
+        now.factorizations = linear.factorizations
         if predicted is not None:
-            now.tangents, now.signs = predicted.factorizations, list(predicted.signs)
+            now.factorizations -= predicted.factorizations
+            now.signs = list(predicted.signs)
         start, x = system.state.x.petsc_vec, self._x
         accepted = start.copy()
         start.copy(x)
@@ -131,6 +144,7 @@ class Equilibrium:
             now.monitor.predicted = predicted.length
             now.first_step = predicted.increment
             predicted.origin.copy(self._before)
+        now.travelled = predicted.length if predicted is not None else norm(x)
         linear.limit_iterations()
         with system.timings("newton"):
             before = _linear_solve_seconds()
@@ -154,7 +168,8 @@ class Equilibrium:
             system.set_state(accepted)
         accepted.destroy()
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
-        return Solve(load, outcome, history, now.tangents, tuple(now.signs), linear_iterations=iterations)
+        factorizations = linear.factorizations - now.factorizations
+        return Solve(load, outcome, history, factorizations, tuple(now.signs), linear_iterations=iterations)
 
     @contextmanager
     def newton(self, line_search: str) -> Iterator[None]:
@@ -209,7 +224,6 @@ class Equilibrium:
 
     def _renew_tangent(self, x: PETSc.Vec) -> None:
         system, first = self.system, self._now.first_step
-        self._now.tangents += 1
         system.set_state(x)
         system.tangent()
         if first is not None and self.mip.is_needed(first):
@@ -217,7 +231,11 @@ class Equilibrium:
                 self.mip.compile()
             with system.timings("tangent"):
                 self.mip.add_to(system.matrix, self._before, first)
-        self.linear.factorize()
+        now, before = self._now, self.linear.factorizations
+        is_near = now.travelled <= now.too_far
+        self.linear.factorize(may_keep=self._takes_full_steps and self.reuse > 0 and is_near)
+        if self.linear.factorizations > before:
+            now.travelled = 0.0
 
     def _test_convergence(self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]) -> int:
         now = self._now
@@ -243,6 +261,7 @@ class Equilibrium:
         if now.refused is Outcome.LINEAR_SOLVER:  # without a correction there is nothing to judge by
             now.outcome = now.refused
             return _GIVEN_UP
+        now.travelled += now.correction
         iteration = NewtonIteration(now.correction, norm(x), residual, now.has_new_tangent)
         self.observer.iteration(iteration)
         now.outcome = now.monitor.judge(iteration)
@@ -260,9 +279,15 @@ class Equilibrium:
         """Change the correction ``-y`` before the line search, if necessary; return whether it was changed."""
         now, changed = self._now, False
         if self._takes_full_steps:
-            changed = not now.has_new_tangent and not now.monitor.accepts(norm(y), norm(x))
-            if changed:
-                self._correct_again(x, y)
+            if self.linear.must_renew:
+                self.linear.renew()
+                now.too_far = self._less_far * now.travelled
+                now.travelled, changed = 0.0, True
+                self._solve_again(y)
+            if not now.has_new_tangent and not now.monitor.accepts(norm(y), norm(x)):
+                now.has_new_tangent, changed = True, True
+                self._renew_tangent(x)
+                self._solve_again(y)
             self.system.set_state(x)
             increment = self.predictor.increments(y)
             if not now.monitor.history and not now.monitor.predicted:
@@ -275,10 +300,8 @@ class Equilibrium:
         x.copy(self._before)
         return changed
 
-    def _correct_again(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Compute the correction ``-y`` again with a new tangent."""
-        self._now.has_new_tangent = True
-        self._renew_tangent(x)
+    def _solve_again(self, y: PETSc.Vec) -> None:
+        """Compute the correction ``-y`` again with a new tangent, or new factors."""
         if not self.linear.back_substitute(self.snes.getFunction()[0], y):
             self._now.refused = Outcome.LINEAR_SOLVER
             y.set(0.0)

@@ -12,6 +12,7 @@ from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.direct import Direct
 from hpcinv.solver.linear.iterative import Iterative
+from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.linear.selection import Choice, Used
 from hpcinv.solver.petsc_options import SolverOptions, Value
 
@@ -33,12 +34,15 @@ class LinearSolver:
     Attributes:
         options: options in PETSc's database, including options of Newton's method.
         fallback: reason why the other configuration was taken, if it was.
+        factorizations: number of tangents that were factorized, or for which a preconditioner was set up.
     """
 
     def __init__(self, system: System, options: Mapping[str, Value], choice: Choice) -> None:
         self.system, self.choice = system, choice
         self.fallback: str | None = None
-        self._iterations = 0
+        self.factorizations = 0
+        self._iterations, self._has_changed = 0, False
+        self._is_rounded = choice.precision == "single"
         self._factorized = -1  # number of the tangent that was factorized last
         with system.timings("set-up"):
             self.options = SolverOptions(options)
@@ -47,8 +51,13 @@ class LinearSolver:
             self.configuration = self._use(choice.configuration)
 
     def _use(self, name: str) -> Configuration:
-        own = self.choice.is_own
-        configuration: Configuration = Direct(symmetric=not own) if name == "direct" else Iterative(self.system.scene)
+        configuration: Configuration
+        if name == "iterative":
+            configuration = Iterative(self.system.scene)
+        elif self._is_rounded:
+            configuration = Refined(low_rank=self.choice.low_rank)
+        else:
+            configuration = Direct(symmetric=not self.choice.is_own)
         self._factorized = -1
         self.options.use(configuration.options)
         self.ksp.reset()
@@ -59,20 +68,32 @@ class LinearSolver:
     @property
     def used(self) -> Used:
         """The present configuration, and the reasons for it."""
-        return Used(self.configuration.name, self.choice.why, self.fallback, self.system.note)
+        notes = (self.system.note, self.configuration.note)
+        return Used(self.configuration.name, self.choice.why, self.fallback, "; ".join(filter(None, notes)))
 
-    def factorize(self) -> None:
-        """Factorize the last assembled tangent, or set up its preconditioner, unless that is done already."""
+    def factorize(self, *, may_keep: bool = False) -> None:
+        """Factorize the last assembled tangent, or set up its preconditioner, unless that is done already.
+
+        Args:
+            may_keep: whether factors of an earlier tangent may precondition this one instead.
+        """
         if self._factorized == self.system.tangents:
             return
+        if may_keep and self._factorized >= 0 and self.configuration.keep(self.ksp):
+            self.ksp.setOperators(self.system.matrix)
+            self._factorized = self.system.tangents
+            return
         with self.system.timings("factorization"):
+            self.ksp.pc.setReusePreconditioner(False)
             self.ksp.setOperators(self.system.matrix)
             self.configuration.prepare(self.ksp, self.system.matrix)
             self.ksp.setUp()
             if self.configuration.must_refactorize(self.ksp):
                 self.ksp.setUp()
             self.ksp.setUpOnBlocks()
+            self.ksp.pc.setReusePreconditioner(True)
         self._factorized = self.system.tangents
+        self.factorizations += 1
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Solve to rounding errors, or to the accuracy of an iterative solver; return whether that succeeded."""
@@ -97,8 +118,21 @@ class LinearSolver:
         """Solve with the present factors or preconditioner; return whether that succeeded."""
         self.ksp.solve(b, x)
         self.count_iterations(self.ksp.getIterationNumber())
+        if self.must_renew:
+            self.renew()
+            return self.back_substitute(b, x)
         reason: Any = self.ksp.getConvergedReason()  # an int, whatever its stub says
         return reason >= 0 and bool(np.isfinite(norm(x)))
+
+    @property
+    def must_renew(self) -> bool:
+        """True if the last solution must be repeated with new factors, earlier ones being no longer good."""
+        return self.configuration.must_renew(self.ksp)
+
+    def renew(self) -> None:
+        """Factorize the last assembled tangent, which was preconditioned by earlier factors."""
+        self._factorized = -1
+        self.factorize()
 
     def count_iterations(self, number: int) -> None:
         """Add to the number of Krylov iterations."""
@@ -111,23 +145,33 @@ class LinearSolver:
         return number
 
     def fall_back(self) -> bool:
-        """Change to the other configuration after a failure; return whether there is one that may help."""
-        if self.fallback is not None or self.choice.other is None:
+        """Change to another configuration after a failure; return whether there is one that may help."""
+        if self._is_rounded and self.configuration.name == "direct":
+            self._is_rounded = False
+            self._replace("direct", "factors in single precision did not suffice: double precision from there on")
+            return True
+        if self._has_changed or self.choice.other is None:
             return False
         if self.configuration.exact and not self.configuration.lacked_memory(self.ksp):
             return False  # a singular tangent stays singular
         what = "did not converge" if not self.configuration.exact else "ran out of memory"
-        self.fallback = f"the {self.configuration.name} solver {what}: {self.choice.other} from there on"
-        self.configuration.destroy()
-        self.configuration = self._use(self.choice.other)
-        self.ksp.setConvergenceTest(None)  # removes the test of the previous configuration
+        self._has_changed = True
+        self._replace(
+            self.choice.other, f"the {self.configuration.name} solver {what}: {self.choice.other} from there on"
+        )
         return True
+
+    def _replace(self, name: str, reason: str) -> None:
+        self.fallback = reason
+        self.configuration.destroy()
+        self.configuration = self._use(name)
+        self.ksp.setConvergenceTest(None)  # removes the test of the previous configuration
 
     def release_preconditioner(self) -> None:
         """Free the multigrid hierarchy until the solver is used again; a symbolic factorization is kept."""
-        if not self.configuration.exact:
+        self._factorized = -1
+        if not self.configuration.has_analysis:
             self.ksp.reset()
-            self._factorized = -1
             release_freed_memory()
 
     def forget_factors(self) -> None:

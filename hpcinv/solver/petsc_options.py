@@ -11,6 +11,7 @@ NEWTON: Mapping[str, Value] = {
     "snes_linesearch_type": "basic",  # monotone ones stall: the residual rises on the way to the solution
     "snes_divergence_tolerance": "unlimited",
     "snes_max_it": 10_000,  # the limit is NewtonMonitor's
+    "snes_lag_preconditioner": -2,  # LinearSolver decides when tangents are factorized
 }
 
 
@@ -24,11 +25,16 @@ class SolverOptions:
         self._values: dict[str, Value] = {}
         self._texts: dict[str, str] = {}  # the same as PETSc has them
         self._database = PETSc.Options(self.prefix)
-        self.use(NEWTON)
+        self.use({})
 
     def use(self, defaults: Mapping[str, Value]) -> None:
-        """Set defaults, except for options that the job sets."""
-        self._values |= {**defaults, **self._of_the_job}
+        """Set the defaults of a linear solver in place of earlier ones, except for options that the job sets."""
+        before, self._values = self._values, {**NEWTON, **defaults, **self._of_the_job}
+        for name in before.keys() - self._values.keys():
+            self._database.delValue(name)
+        for name in before.keys() & self._values.keys():
+            if before[name] != self._values[name]:
+                self._texts.pop(name, None)
         self.restore()
 
     def restore(self) -> None:

@@ -99,13 +99,12 @@ class Predictor:
             new_tangent: assemble and factorize the tangent; else the present factors are used.
         """
         system, linear = self.system, self.linear
-        start, factorizations = self._origin, 0
+        start, before = self._origin, linear.factorizations
         system.state.x.petsc_vec.copy(start)
         while True:
             system.set_load(load)
             if new_tangent:
                 system.tangent()
-                factorizations += 1
             system.residual(system.rhs)
             x = system.rhs.duplicate()
             linear.factorize()
@@ -125,7 +124,7 @@ class Predictor:
         is_taken = solved and system.fault() is None
         if not is_taken:
             system.set_state(start)
-        return Prediction(length, increment, start, is_taken, factorizations, (sign,) if sign else ())
+        return Prediction(length, increment, start, is_taken, linear.factorizations - before, (sign,) if sign else ())
 
     def destroy(self) -> None:
         self._origin.destroy()

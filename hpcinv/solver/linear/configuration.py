@@ -19,11 +19,13 @@ class Configuration(ABC):
         name: value of ``solver.linear``.
         options: PETSc options without prefix.
         exact: whether it solves to rounding errors.
+        has_analysis: whether a set-up keeps what later ones need, as a symbolic factorization.
         error: relative error of a correction of Newton's method.
     """
 
     name: ClassVar[str]
     exact: ClassVar[bool]
+    has_analysis: ClassVar[bool]
     error: ClassVar[float] = 0.0
 
     @property
@@ -39,6 +41,19 @@ class Configuration(ABC):
 
     def allow(self, iterations: int) -> None:  # noqa: B027  (exact ones take none)
         """Limit the total number of Krylov iterations from now on."""
+
+    @property
+    def note(self) -> str:
+        """What is unusual about it; empty if nothing is."""
+        return ""
+
+    def keep(self, ksp: PETSc.KSP) -> bool:
+        """Return whether the last set-up may serve for a tangent that was just assembled, which is then prepared."""
+        return False
+
+    def must_renew(self, ksp: PETSc.KSP) -> bool:
+        """Return whether the last solution with a kept set-up must be repeated with a new one."""
+        return False
 
     def must_refactorize(self, ksp: PETSc.KSP) -> bool:
         """Return whether the last set-up must be repeated; its replacement is then prepared."""

@@ -7,7 +7,7 @@ two products with a random vector, whose cost is negligible beside a factorizati
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from petsc4py import PETSc
 
@@ -27,7 +27,8 @@ class Direct(Configuration):
     """
 
     name = "direct"
-    exact = True
+    exact: ClassVar[bool] = True
+    has_analysis = True
 
     def __init__(self, *, symmetric: bool = True) -> None:
         self._may_be_symmetric = symmetric
@@ -65,7 +66,7 @@ class Direct(Configuration):
 
     def must_refactorize(self, ksp: PETSc.KSP) -> bool:
         """Return whether L D Lᵀ found the tangent singular; L U, whose failures are clearer, is used from then on."""
-        if ksp.pc.getType() != PETSc.PC.Type.CHOLESKY or not _is_mumps(ksp.pc):
+        if ksp.pc.getType() != PETSc.PC.Type.CHOLESKY or not is_mumps(ksp.pc):
             return False
         self._may_be_symmetric = not ksp.pc.getFactorMatrix().getMumpsInfog(28)
         if not self._may_be_symmetric:
@@ -84,18 +85,18 @@ class Direct(Configuration):
         return norm(z) <= _ASYMMETRY * norm(y)
 
     def sign_of_determinant(self, ksp: PETSc.KSP) -> int:
-        if not _is_mumps(ksp.pc):
+        if not is_mumps(ksp.pc):
             return 0
         mantissa = ksp.pc.getFactorMatrix().getMumpsRinfog(12)
         return (mantissa > 0) - (mantissa < 0)
 
     def lacked_memory(self, ksp: PETSc.KSP) -> bool:
-        return _is_mumps(ksp.pc) and ksp.pc.getFactorMatrix().getMumpsInfog(1) in _NO_MEMORY
+        return is_mumps(ksp.pc) and ksp.pc.getFactorMatrix().getMumpsInfog(1) in _NO_MEMORY
 
     def destroy(self) -> None:
         for vector in self._probe or ():
             vector.destroy()
 
 
-def _is_mumps(pc: PETSc.PC) -> bool:
+def is_mumps(pc: PETSc.PC) -> bool:
     return pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY) and pc.getFactorSolverType() == "mumps"

@@ -77,6 +77,7 @@ class Iterative(Configuration):
 
     name = "iterative"
     exact = False
+    has_analysis = False
     error = Settling.change
 
     def __init__(self, scene: Scene) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from hpcinv.parallel.available_memory import available
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _WORTH = 1.5  # least gain of multigrid: factorizations also give signs along the path, and fail at once
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
 _ROOM = 0.8  # share of the memory that factors may take
+SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which these pay
 _OWN = frozenset({"ksp_type", "pc_type"})
 
 
@@ -27,6 +28,8 @@ class Choice:
         other: configuration after a failure, ``None`` for none.
         is_own: whether the job's PETSc options choose the type of the solver.
         budget: largest number of Krylov iterations in one solve of Newton's method.
+        precision: of factors, "single" or "double".
+        low_rank: whether blocks of factors in single precision are compressed.
     """
 
     configuration: str
@@ -34,6 +37,8 @@ class Choice:
     other: str | None = None
     is_own: bool = False
     budget: int = 2000
+    precision: str = "double"
+    low_rank: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,26 +86,31 @@ class Chooser:
         if own := _OWN & set(solver.petsc):  # these options would replace options of another configuration
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
+        chosen = self._choose(solver)
+        single = self.forecast.operations >= SINGLE
+        precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
+        return replace(chosen, budget=self._budget, precision=precision, low_rank=self.forecast.operations >= LOW_RANK)
+
+    def _choose(self, solver: Solver) -> Choice:
         fallback = "direct" if self.can_factorize else None
         if solver.linear == "iterative":
-            return Choice("iterative", "the job asks for it", fallback, budget=self._budget)
+            return Choice("iterative", "the job asks for it", fallback)
         if solver.linear == "direct":
-            return Choice("direct", "the job asks for it", "iterative", budget=self._budget)
+            return Choice("direct", "the job asks for it", "iterative")
         if not self.can_factorize:
             return Choice(
                 "iterative",
                 f"factors would take {_memory(self.forecast.factors)}, and there is room for {_memory(self.room)}",
-                budget=self._budget,
             )
         ratio = self.forecast.direct / self.forecast.iterative
         size = f"at {self.forecast.unknowns} unknowns, {self.forecast.shape.cut:.0f} of them in a cross-section"
         if ratio > _WORTH:
             why = f"{size}, factorizations would take about {ratio:.2g} times as long as multigrid"
-            return Choice("iterative", why, fallback, budget=self._budget)
+            return Choice("iterative", why, fallback)
         why = f"{size}, multigrid would take about {1 / ratio:.2g} times as long as factorizations"
         if ratio > 1:
             why += f"; it is taken below {1 / _WORTH:.2g}, since factorizations cannot fail to converge"
-        return Choice("direct", why, "iterative", budget=self._budget)
+        return Choice("direct", why, "iterative")
 
 
 def _memory(size: float) -> str:
