@@ -55,9 +55,9 @@ class LinearSolver:
         if name == "iterative":
             configuration = Iterative(self.system.scene)
         elif self._is_rounded:
-            configuration = Refined(low_rank=self.choice.low_rank)
+            configuration = Refined(low_rank=self.choice.low_rank, minimum_fill=self.choice.minimum_fill)
         else:
-            configuration = Direct(symmetric=not self.choice.is_own)
+            configuration = Direct(symmetric=not self.choice.is_own, minimum_fill=self.choice.minimum_fill)
         self._factorized = -1
         self.options.use(configuration.options)
         self.ksp.reset()

@@ -24,14 +24,15 @@ class Direct(Configuration):
 
     Args:
         symmetric: whether to factorize symmetric tangents by L D Lᵀ; else L U is used for all.
+        minimum_fill: whether to order the unknowns by approximate minimum fill; else MUMPS chooses METIS.
     """
 
     name = "direct"
     exact: ClassVar[bool] = True
     has_analysis = True
 
-    def __init__(self, *, symmetric: bool = True) -> None:
-        self._may_be_symmetric = symmetric
+    def __init__(self, *, symmetric: bool = True, minimum_fill: bool = False) -> None:
+        self._may_be_symmetric, self._minimum_fill = symmetric, minimum_fill
         self._probe: tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec] | None = None
 
     @property
@@ -42,6 +43,7 @@ class Direct(Configuration):
             "pc_factor_mat_solver_type": "mumps",
             "mat_mumps_icntl_33": 1,  # the determinant, whose sign changes at limit points
             "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
+            **({"mat_mumps_icntl_7": 2} if self._minimum_fill else {}),
         }
 
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:

@@ -36,13 +36,14 @@ class Refined(Direct):
 
     Args:
         low_rank: whether to compress blocks of the factors.
+        minimum_fill: as for `Direct`.
     """
 
     exact: ClassVar[bool] = False
     error = Refinement.error
 
-    def __init__(self, *, low_rank: bool) -> None:
-        super().__init__()
+    def __init__(self, *, low_rank: bool, minimum_fill: bool = False) -> None:
+        super().__init__(minimum_fill=minimum_fill)
         self._low_rank = low_rank
         self._test = Refinement()
 

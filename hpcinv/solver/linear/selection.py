@@ -17,6 +17,7 @@ _WORTH = 1.5  # least gain of multigrid: factorizations also give signs along th
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
 _ROOM = 0.8  # share of the memory that factors may take
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which these pay
+_SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
 _OWN = frozenset({"ksp_type", "pc_type"})
 
 
@@ -30,6 +31,7 @@ class Choice:
         budget: largest number of Krylov iterations in one solve of Newton's method.
         precision: of factors, "single" or "double".
         low_rank: whether blocks of factors in single precision are compressed.
+        minimum_fill: whether factors are ordered by approximate minimum fill.
     """
 
     configuration: str
@@ -39,6 +41,7 @@ class Choice:
     budget: int = 2000
     precision: str = "double"
     low_rank: bool = False
+    minimum_fill: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,8 @@ class Chooser:
     def __init__(self, unknowns: Unknowns, degree: int) -> None:
         self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns))
         self.room = _ROOM * available(unknowns.mesh.comm)
+        # Two ranks make better use of METIS's ordering.
+        self._is_slender = self.forecast.shape.aspect >= _SLENDER and unknowns.mesh.comm.size == 1
 
     @property
     def can_factorize(self) -> bool:
@@ -87,9 +92,12 @@ class Chooser:
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
-        single = self.forecast.operations >= SINGLE
+        single, low_rank = (self.forecast.operations >= least for least in (SINGLE, LOW_RANK))
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
-        return replace(chosen, budget=self._budget, precision=precision, low_rank=self.forecast.operations >= LOW_RANK)
+        low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
+        return replace(
+            chosen, budget=self._budget, precision=precision, low_rank=low_rank, minimum_fill=self._is_slender
+        )
 
     def _choose(self, solver: Solver) -> Choice:
         fallback = "direct" if self.can_factorize else None
