@@ -4,8 +4,10 @@
 prints the lowest ω with the root mean square of the volume change by that of the gradient. ``counts`` prints how many
 negative eigenvalues the tangent has, and how many of them are confirmed with other penalties than the certificate's.
 ``price`` prints seconds: of a run without a certificate, of counting, and of confirming, kernels having been compiled.
+``without-factors`` prints tangents and Krylov iterations of an iterative solve, and seconds of the solve, of the line on
+stability by iteration, and their ratio.
 
-Command: mpirun -n 1 python benchmarks/stability.py modes|counts|price
+Command: mpirun -n 1 python benchmarks/stability.py modes|counts|price|without-factors
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ import numpy.typing as npt
 import scipy.linalg
 import scipy.sparse
 import ufl
+from bodies import beam
+from bodies import block as block_of
 from dolfinx import fem
 
 import hpcinv
@@ -162,10 +166,32 @@ def price(job: Job) -> str:
     return f"{model.unknowns.size} | " + " | ".join(f"{value:.2f}" for value in seconds)
 
 
+def without_factors(size: int) -> Iterator[str]:
+    """The lowest eigenvalue by iteration after an iterative solve, which is its measure."""
+    certificate = {"level": "off", "stability": True}
+    for name, body, analysis in (("block", block_of, "inverse"), ("beam", beam, "forward")):
+        data = body(size, analysis=analysis, certificate=certificate, solver={"linear": "iterative"})
+        result = hpcinv.run(hpcinv.load(data), MPI.COMM_WORLD)
+        (line,) = (line for line in result.certificate.lines if line.name == "stability")
+        phases = result.statistics["timings"]["phases"]
+        work = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check")
+        solve = sum(phases[phase]["max"] for phase in work if phase in phases)
+        found, seconds = result.statistics, line.seconds or 0.0
+        effort = f"{found['solutions'][0]['factorizations']} | {found['solutions'][0]['linear']['iterations']}"
+        unknowns = found["mesh"]["unknowns"]
+        yield f"{name}, {analysis} | {unknowns} | {effort} | {solve:.1f} | {seconds:.1f} | {seconds / solve:.2f}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("modes", "counts", "price"))
-    what = parser.parse_args().what
+    parser.add_argument("what", choices=("modes", "counts", "price", "without-factors"))
+    parser.add_argument("--size", type=int, default=160_000, help="unknowns without factors, about (160000)")
+    options = parser.parse_args()
+    what = options.what
+    if what == "without-factors":
+        for row in without_factors(options.size):
+            print(row, flush=True)
+        return
     if what == "price":
         names = ("coil-through-itself", "standing-beam")
         for name in names:

@@ -23,12 +23,15 @@ solve.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import dolfinx.fem.petsc as fem_petsc
 import ufl
 from dolfinx import fem
+from petsc4py import PETSc
 
 from hpcinv.certificate.inertia import inertia
 from hpcinv.job.sections import AXES
@@ -95,16 +98,24 @@ def _seen_on_the_current_body(job: Job) -> bool:
     return any(isinstance(v, ByFormula) and not v.formula.names.isdisjoint(AXES) for v in flat)
 
 
-def confirm(model: Model, solution: Solution) -> Confirmed | None:
-    """Count the unstable directions of a solution; ``None`` if the form cannot be factorized; collective."""
+@contextmanager
+def assembled(model: Model, solution: Solution) -> Iterator[PETSc.Mat]:
+    """Context with the matrix of `second_variation`, in which mesh and state of the model are the solution's."""
     with model.at(solution.reference_nodes, *solution.fields):
         form = second_variation(model, known_displacement(model))
         with model.timings("tangent"):
             matrix = fem_petsc.assemble_matrix(form, bcs=model.supports.conditions)
             matrix.assemble()
-    with model.timings("factorization"):
+        try:
+            yield matrix
+        finally:
+            matrix.destroy()
+
+
+def confirm(model: Model, solution: Solution) -> Confirmed | None:
+    """Count the unstable directions of a solution; ``None`` if the form cannot be factorized; collective."""
+    with assembled(model, solution) as matrix, model.timings("factorization"):
         found = inertia(matrix)
-    matrix.destroy()
     pressures = model.unknowns.pressure_size
     if found is None or found.negative + found.zero < pressures:
         return None

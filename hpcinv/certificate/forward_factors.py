@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.confirmation import known_displacement
 from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
+from hpcinv.solver.linear.cost_model import FACTORIZATIONS
 
 if TYPE_CHECKING:
     from hpcinv.results.solution import Solution
+    from hpcinv.solver.equilibrium import Equilibrium
     from hpcinv.solver.problem import Model
+
+SHARE = 0.5
+"""Largest time of the factorization, relative to an iterative solve of the same body."""
 
 
 class ForwardFactors:
@@ -21,17 +28,37 @@ class ForwardFactors:
 
     @cached_property
     def factors(self) -> SymmetricFactors | None:
-        """The factors; ``None`` if there is no memory for them or MUMPS fails; collective at the first access."""
-        model, solution = self._model, self._solution
-        if not model.chooser.can_factorize_symmetric:
+        """The factors; ``None`` if they are not `affordable` or MUMPS fails; collective at the first access."""
+        model = self._model
+        if not self.affordable:
             return None
+        with self.tangent() as equilibrium, model.timings("factorization"):
+            return factorize_symmetric(equilibrium.system.matrix)
+
+    @property
+    def affordable(self) -> bool:
+        """True if there is memory for the factors, and they take no longer than a share of an iterative solve."""
+        chooser, solution = self._model.chooser, self._solution
+        if solution.linear is not None and solution.linear.configuration == "iterative":
+            solve = chooser.forecast.multigrid_time(
+                solution.factorizations, sum(one.linear_iterations for one in solution.solves)
+            )
+            # L D Lᵀ takes half the operations of one of the factorizations that are forecast.
+            if chooser.forecast.direct / (2 * FACTORIZATIONS) > SHARE * solve:
+                return False
+        return chooser.can_factorize_symmetric
+
+    @contextmanager
+    def tangent(self) -> Iterator[Equilibrium]:
+        """Context with the forward tangent assembled, in which mesh and state of the model are the solution's."""
+        model, solution = self._model, self._solution
         with model.at(solution.reference_nodes, *solution.fields):
             equilibrium = model.equilibrium(model.scene("forward", known_displacement(model)))
             equilibrium.system.linearise(1.0)
-            with model.timings("factorization"):
-                found = factorize_symmetric(equilibrium.system.matrix)
-            model.release(equilibrium)
-        return found
+            try:
+                yield equilibrium
+            finally:
+                model.release(equilibrium)
 
     def destroy(self) -> None:
         """Free the factors."""

@@ -87,7 +87,8 @@ def _difference(model: Model, solution: Solution, back: np.ndarray) -> float:
     return float(model.body.mesh.comm.allreduce(largest, op=MPI.MAX))
 
 
-def _back(solution: Solution) -> Direction:
+def way_back(solution: Solution) -> Direction:
+    """Return the direction opposite to that of a solution."""
     return "forward" if solution.direction == "inverse" else "inverse"
 
 
@@ -97,7 +98,7 @@ def _near(model: Model, solution: Solution, forward: ForwardFactors, observer: O
         if (factors := forward.factors) is not None and _WayBack(model, solution, factors).settles():
             return closure_error(model, solution, model.unknowns.at_nodes(model.solution()[0]))
         model.set_solution(*solution.fields)
-        equilibrium = model.equilibrium(model.scene(_back(solution)), observer)
+        equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
         last = equilibrium.solve(1.0, max(model.job.solver.tolerance, _ACCURACY), begins_near=True)
         u = model.unknowns.at_nodes(model.solution()[0])
         model.release(equilibrium)
@@ -113,7 +114,7 @@ def _near(model: Model, solution: Solution, forward: ForwardFactors, observer: O
 def _along_the_path(model: Model, solution: Solution, observer: Observer) -> Line:
     """Return the line of a way back that begins with the unloaded body."""
     with model.at(solution.other_nodes, *solution.fields):
-        equilibrium = model.equilibrium(model.scene(_back(solution)), observer)
+        equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
         model.unknowns.state.x.array[:] = 0.0
         last: Solve = list(follow(equilibrium, model.steps, model.job.solver.tolerance))[-1]
         u = model.unknowns.at_nodes(model.solution()[0])
@@ -134,7 +135,7 @@ class _WayBack:
     def __init__(self, model: Model, solution: Solution, factors: SymmetricFactors) -> None:
         self._model, self._solution, self._factors = model, solution, factors
         unknowns = model.unknowns
-        self._system = System(model.scene(_back(solution)), model.supports, model.timings)
+        self._system = System(model.scene(way_back(solution)), model.supports, model.timings)
         self._system.set_load(1.0)
         self._u = unknowns.owned_displacement_dofs
         self._p = np.zeros(0, dtype=np.int32) if unknowns.p is None else unknowns.owned_pressure_dofs

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Line, Verdict, skipped
-from hpcinv.certificate.confirmation import MARGIN, Confirmed, confirm
+from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm
+from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
 
 if TYPE_CHECKING:
     from hpcinv.certificate.forward_factors import ForwardFactors
@@ -23,6 +25,7 @@ def stability(model: Model, solution: Solution, forward: ForwardFactors) -> Iter
     A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
     pressure as an unknown, if it has one negative eigenvalue for each pressure, and no more. Further ones are
     either confirmed to be instabilities of the body, or the line is not decided (`hpcinv.certificate.confirmation`).
+    Where factors are not affordable, the lowest eigenvalue is sought iteratively, and its sign is all that is known.
 
     Args:
         forward: factors of the forward tangent at the solution.
@@ -30,8 +33,8 @@ def stability(model: Model, solution: Solution, forward: ForwardFactors) -> Iter
     if not model.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
         return
-    if not model.chooser.can_factorize_symmetric:
-        yield skipped(STABILITY, f"there is no memory for factors of {model.chooser.forecast.factors / 2e9:.2g} GB")
+    if not forward.affordable:
+        yield _by_iteration(model, solution, forward)
         return
     found = None if forward.factors is None else forward.factors.inertia
     pressures = model.unknowns.pressure_size
@@ -45,7 +48,25 @@ def stability(model: Model, solution: Solution, forward: ForwardFactors) -> Iter
         yield _unstable(unstable, confirm(model, solution), is_mixed=pressures > 0)
 
 
-def _stable(asymmetry: float) -> Line:
+def _by_iteration(model: Model, solution: Solution, forward: ForwardFactors) -> Line:
+    """Return the line by the lowest eigenvalue of the forward tangent, which is found without factors."""
+    with forward.tangent() as equilibrium:
+        system = equilibrium.system
+        lowest = lowest_eigenvalue(system.matrix, system.scene, model.supports, model.timings)
+        if lowest is None:
+            note = "the lowest eigenvalue of the forward tangent was not found within the iterations that it may take"
+            return Line(STABILITY, None, "", _RULE, Verdict.UNDECIDED, note)
+        if not lowest.is_negative:
+            how = f"estimated: the reciprocal of the lowest eigenvalue that was found is known to {lowest.error:.0%}"
+            return _stable(lowest.asymmetry, how)
+        with assembled(model, solution) as matrix:
+            again = lowest_eigenvalue(matrix, system.scene, model.supports, model.timings, lowest.direction)
+    confirmed = None if again is None else Confirmed(int(again.is_negative), again.asymmetry)
+    line = _unstable(1, confirmed, is_mixed=model.unknowns.p is not None)
+    return replace(line, note=f"{line.note}; one direction was sought, there may be more")
+
+
+def _stable(asymmetry: float, how: str = "") -> Line:
     note = "no negative eigenvalue of the forward tangent"
     return Line(
         STABILITY,
@@ -53,7 +74,7 @@ def _stable(asymmetry: float) -> Line:
         "",
         _RULE,
         Verdict.PASS,
-        "; ".join(filter(None, [note, _without_potential(asymmetry)])),
+        "; ".join(filter(None, [note, how, _without_potential(asymmetry)])),
     )
 
 
@@ -70,7 +91,7 @@ def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Lin
         note = f"{note}; {kind}" if kind else note
         return Line(STABILITY, float(confirmed.directions), "", _RULE, verdict, note)
     if confirmed is None:
-        why = "the form that could confirm them could not be factorized"
+        why = "they could not be confirmed: no factors of the form for that, or no convergence"
     elif is_mixed:
         why = (
             "none is confirmed with the volume constraint enforced at each point: they may be spurious modes of the "

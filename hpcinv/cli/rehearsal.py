@@ -10,6 +10,7 @@ import numpy as np
 from hpcinv.assembly.tangent import as_for
 from hpcinv.certificate import certify
 from hpcinv.certificate.confirmation import known_displacement, second_variation
+from hpcinv.certificate.round_trip import way_back
 from hpcinv.job.job import Job
 from hpcinv.job.sections import Support
 from hpcinv.mesh.body import read_anywhere, read_finer_geometry
@@ -21,6 +22,7 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import evaluate
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.sensitivity.analysis import sensitivities
+from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.problem import Model
 
 
@@ -57,6 +59,9 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     certify(model, solutions, quantities)
     if job.certificate.stability:
         second_variation(model, known_displacement(model))  # needed where the body is not stable
+        Iterative(model.scene("forward")).pressure_scale()  # needed where factors are not affordable
+    if job.certificate.round_trip == "near" and len(solutions) == 1:  # needed where corrections do not settle
+        model.release(model.equilibrium(model.scene(way_back(solutions[0]))))
     model.destroy()
 
 

@@ -221,7 +221,9 @@ def test_a_sphere_beyond_its_largest_pressure_is_unstable(
     moved = np.abs(found.x.array - u.x.array).max() / np.abs(u.x.array).max()
     assert moved < 0.08  # it is that equilibrium, and not the one beyond the limit point, about 0.2 away
     nodes = body.mesh.geometry.x * length
-    solution: Any = SimpleNamespace(fields=(found, p), displacement=found, pressure=p, reference_nodes=nodes, solves=())
+    solution: Any = SimpleNamespace(
+        fields=(found, p), displacement=found, pressure=p, reference_nodes=nodes, solves=(), linear=None
+    )
     (line,) = stability(model, solution, ForwardFactors(model, solution))
     print(line)
     assert (line.value, line.verdict) == (unstable, Verdict.FAIL if unstable else Verdict.PASS)

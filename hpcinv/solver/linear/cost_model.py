@@ -84,7 +84,11 @@ class Forecast:
     @property
     def iterative(self) -> float:
         """Time of the multigrid set-up and the Krylov iterations (s)."""
-        return (FACTORIZATIONS * 1.7e-5 + CORRECTIONS * self.krylov * 2.9e-7) * self.unknowns * self.degree**2 / 4
+        return self.multigrid_time(FACTORIZATIONS, CORRECTIONS * self.krylov)
+
+    def multigrid_time(self, tangents: int, iterations: float) -> float:
+        """Return the time (s) of a number of multigrid set-ups and of Krylov iterations."""
+        return (tangents * 1.7e-5 + iterations * 2.9e-7) * self.unknowns * self.degree**2 / 4
 
     @property
     def krylov(self) -> float:

@@ -158,6 +158,12 @@ class Iterative(Configuration):
         self._mass.assemble()
         return self._mass
 
+    def pressure_scale(self) -> npt.NDArray[np.float64]:
+        """Return the diagonal of the scaled mass matrix at the owned pressures; collective."""
+        if self._unknowns.p is None:
+            return np.zeros(0)
+        return -np.array(self._scaled_mass().getDiagonal().array)
+
     def set_accuracy(self, *, precise: bool) -> None:
         self._settling.precise = precise
 
