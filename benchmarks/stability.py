@@ -4,7 +4,7 @@
 prints the lowest ω with the root mean square of the volume change by that of the gradient. ``counts`` prints how many
 negative eigenvalues the tangent has, and how many of them are confirmed with other penalties than the certificate's.
 ``price`` prints seconds: of a run without a certificate, of counting, and of confirming, kernels having been compiled.
-``without-factors`` prints tangents and Krylov iterations of an iterative solve, and seconds of the solve, of the line on
+``without-factors`` prints tangents and Krylov iterations of an iterative solve, seconds of it and of the line on
 stability by iteration, and their ratio.
 
 Command: mpirun -n 1 python benchmarks/stability.py modes|counts|price|without-factors
