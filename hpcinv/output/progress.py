@@ -70,6 +70,7 @@ class Progress(Observer):
         self._ranks = comm.size
         self._bar: LiveBar | None = None
         self._direction = ""
+        self._set_up = "factorization"  # that or "tangent", of which there is one for each new preconditioner
         self._directory = ""
         self._phase: _Phase | None = None
         self._last = time.perf_counter()
@@ -220,6 +221,7 @@ class Progress(Observer):
         self.close()
         self._direction, self._last = direction, time.perf_counter()
         self.note(f"{direction}:")
+        self._set_up = "factorization" if linear.configuration == "direct" else "tangent"
         self.note(f"  {linear.configuration} linear solver: {linear.why}")
         if linear.note:
             self.note(f"  {linear.note}")
@@ -228,9 +230,9 @@ class Progress(Observer):
     def solved(self, event: SolveEvent) -> None:
         solve, now = event.solve, time.perf_counter()
         seconds, self._last = now - self._last, now
-        effort = f"{_count(len(solve.iterations), 'iteration')}, {_count(solve.factorizations, 'factorization')}"
+        effort = f"{_count(len(solve.iterations), 'iteration')}, {_count(solve.factorizations, self._set_up)}"
         if solve.linear_iterations:
-            effort = f"{effort.replace('factorization', 'tangent')}, {solve.linear_iterations} Krylov iterations"
+            effort += f", {solve.linear_iterations} Krylov iterations"
         if solve.outcome.accepted:
             F = {"forward": "det F", "inverse": "det F^-1"}[self._direction]
             state = f"largest displacement {event.largest_displacement:.4g} m, {F} > {event.min_mesh_J:.4g}"

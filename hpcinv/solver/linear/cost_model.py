@@ -21,7 +21,9 @@ from hpcinv.parallel.runtime import MPI
 if TYPE_CHECKING:
     from hpcinv.model.spaces import Unknowns
 
-FACTORIZATIONS, CORRECTIONS = 4, 8  # of a typical solution
+TANGENTS, CORRECTIONS = 4, 8  # of a typical solution
+SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
+_REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
 
 @dataclass(frozen=True)
@@ -78,17 +80,23 @@ class Forecast:
 
     @property
     def direct(self) -> float:
-        """Time of the factorizations (s)."""
-        return FACTORIZATIONS * (self.operations / 48e9 + 1.2e-8 * self.entries)
+        """Time of the factorizations (s), and of their refinement."""
+        if self.operations < SINGLE:
+            return TANGENTS * (self.operations / 48e9 + 1.2e-8 * self.entries)
+        factorizations = TANGENTS * (1 - 0.5 / self.shape.aspect)  # chunky bodies can keep more factors
+        compressed = 0.7 if self.operations >= LOW_RANK else 1.0
+        factorization = compressed * (self.operations / 1e11 + 7e-9 * self.entries)
+        refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
+        return factorizations * factorization + CORRECTIONS * _REFINEMENTS * refinement
 
     @property
     def iterative(self) -> float:
         """Time of the multigrid set-up and the Krylov iterations (s)."""
-        return self.multigrid_time(FACTORIZATIONS, CORRECTIONS * self.krylov)
+        return self.multigrid_time(TANGENTS, CORRECTIONS * self.krylov)
 
     def multigrid_time(self, tangents: int, iterations: float) -> float:
         """Return the time (s) of a number of multigrid set-ups and of Krylov iterations."""
-        return (tangents * 1.7e-5 + iterations * 2.9e-7) * self.unknowns * self.degree**2 / 4
+        return (tangents * 2.5e-5 + iterations * 5e-7) * self.unknowns * self.degree**2 / 4
 
     @property
     def krylov(self) -> float:

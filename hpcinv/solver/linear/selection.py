@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from hpcinv.parallel.available_memory import available
-from hpcinv.solver.linear.cost_model import CORRECTIONS, Forecast, shape_of
+from hpcinv.solver.linear.cost_model import CORRECTIONS, LOW_RANK, SINGLE, Forecast, shape_of
 
 if TYPE_CHECKING:
     from hpcinv.job.settings import Solver
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 _WORTH = 1.5  # least gain of multigrid: factorizations also give signs along the path, and fail at once
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
 _ROOM = 0.8  # share of the memory that factors may take
-SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which these pay
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
 _OWN = frozenset({"ksp_type", "pc_type"})
 

@@ -67,16 +67,17 @@ def test_memory_is_shared_by_the_ranks_of_a_node(comm: MPI.Intracomm) -> None:
 @pytest.mark.parametrize(
     ("shape", "unknowns", "expected"),
     [
-        (Shape(cut=1900, aspect=1.0), 49_000, "iterative"),
+        (Shape(cut=14_400, aspect=1.0), 1_000_000, "iterative"),
+        (Shape(cut=1900, aspect=1.0), 49_000, "direct"),  # with a factorization that is kept
         (Shape(cut=500, aspect=1.1), 7_000, "direct"),
         (Shape(cut=236, aspect=40.0), 82_000, "direct"),
     ],
 )
-def test_chunky_bodies_are_solved_iteratively_and_slender_ones_directly(
+def test_large_chunky_bodies_are_solved_iteratively_and_others_directly(
     shape: Shape, unknowns: int, expected: str, comm: MPI.Intracomm
 ) -> None:
     chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
-    chooser.forecast = Forecast(unknowns, 2, shape)
+    chooser.forecast, chooser.room = Forecast(unknowns, 2, shape), 1e12
     chosen = chooser.choose(job(**SOFT, mesh=box()).solver)
     assert chosen.configuration == expected
     assert "times as long" in chosen.why
