@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from hpcinv.certificate.confirmation import known_displacement
 from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
-from hpcinv.solver.linear.cost_model import FACTORIZATIONS
 
 if TYPE_CHECKING:
     from hpcinv.results.solution import Solution
@@ -43,8 +42,8 @@ class ForwardFactors:
             solve = chooser.forecast.multigrid_time(
                 solution.factorizations, sum(one.linear_iterations for one in solution.solves)
             )
-            # L D Lᵀ takes half the operations of one of the factorizations that are forecast.
-            if chooser.forecast.direct / (2 * FACTORIZATIONS) > SHARE * solve:
+            # L D Lᵀ takes half the operations of L U.
+            if chooser.forecast.factorization / 2 > SHARE * solve:
                 return False
         return chooser.can_factorize_symmetric
 

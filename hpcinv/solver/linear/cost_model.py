@@ -79,15 +79,20 @@ class Forecast:
         return min(self.factors, self.multigrid)
 
     @property
+    def factorization(self) -> float:
+        """Time of one factorization L U in double precision (s)."""
+        return self.operations / 48e9 + 1.2e-8 * self.entries
+
+    @property
     def direct(self) -> float:
         """Time of the factorizations (s), and of their refinement."""
         if self.operations < SINGLE:
-            return TANGENTS * (self.operations / 48e9 + 1.2e-8 * self.entries)
+            return TANGENTS * self.factorization
         factorizations = TANGENTS * (1 - 0.5 / self.shape.aspect)  # chunky bodies can keep more factors
         compressed = 0.7 if self.operations >= LOW_RANK else 1.0
-        factorization = compressed * (self.operations / 1e11 + 7e-9 * self.entries)
+        in_single = compressed * (self.operations / 1e11 + 7e-9 * self.entries)
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
-        return factorizations * factorization + CORRECTIONS * _REFINEMENTS * refinement
+        return factorizations * in_single + CORRECTIONS * _REFINEMENTS * refinement
 
     @property
     def iterative(self) -> float:
