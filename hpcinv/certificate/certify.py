@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
-from hpcinv.certificate.estimate import Estimate, estimate
+from hpcinv.certificate.estimate import Estimate, estimate, finer_forecast
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.ineffective_loads import ineffective_loads
 from hpcinv.certificate.limit_points import limit_points
@@ -24,7 +24,6 @@ from hpcinv.solver.observer import SILENT, Observer
 if TYPE_CHECKING:
     from hpcinv.results.quantities_of_interest import Value
     from hpcinv.results.solution import Solution
-    from hpcinv.solver.linear.cost_model import Forecast
     from hpcinv.solver.problem import Model
 
 DISCRETISATION = "discretisation error of the shape, relative to the displacement"
@@ -61,7 +60,7 @@ def certify(
 
     def discretisation() -> Iterable[Line]:
         nonlocal found
-        if found is None and model.job.certificate.estimate and _can_estimate(model):
+        if found is None and model.job.certificate.estimate:
             found = estimate(model, solution, computed)
         yield _discretisation(model, solution, found)
 
@@ -89,19 +88,9 @@ def certify(
     return Certificate(tuple(lines)), found
 
 
-def _can_estimate(model: Model) -> bool:
-    """Return whether there is memory for spaces of one degree more."""
-    return _finer(model).least <= model.chooser.room
-
-
-def _finer(model: Model) -> Forecast:
-    forecast = model.chooser.forecast
-    return forecast.of_degree(forecast.degree + 1)
-
-
 def _discretisation(model: Model, solution: Solution, found: Estimate | None) -> Line:
     if found is None:
-        needed = f"there is no memory for {_finer(model).least / 1e9:.2g} GB"
+        needed = f"there is no memory for {finer_forecast(model).least / 1e9:.2g} GB, and iterations did not converge"
         return skipped(
             DISCRETISATION, needed if model.job.certificate.estimate else "switched off: certificate.estimate"
         )

@@ -2,7 +2,8 @@
 
 A two-level estimate: ``u_h`` is put in the spaces of degree ``k + 1`` on the same mesh, and one Newton correction
 ``K δ = -R(u_h)`` there gives ``u_h + δ``, whose own error is of higher order. Then ``Q(u_h + δ) - Q(u_h)`` estimates
-the error of any quantity ``Q``, that of the quadrature included.
+the error of any quantity ``Q``, that of the quadrature included. In small bodies K is factorized; in large ones the
+factors of the solve precondition Krylov iterations (`hpcinv.certificate.two_level`).
 
 Where more is known of the body's geometry than the mesh has (`Body.with_finer_geometry`), the finer problem is posed on
 the same cells with a geometry of a higher degree. ``u_h`` is taken there by reference coordinates, and so the residual,
@@ -25,6 +26,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from hpcinv.certificate import two_level
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.location import locate
 from hpcinv.mesh.moved import placed
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from hpcinv.job.sections import QuantityOfInterest
     from hpcinv.mesh import Body
     from hpcinv.results.solution import Solution
+    from hpcinv.solver.linear.cost_model import Forecast
 
 
 @dataclass(frozen=True)
@@ -80,12 +83,15 @@ class Estimate:
         }
 
 
-def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) -> Estimate:
+def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) -> Estimate | None:
     """Estimate the discretisation errors of a solution; collective.
 
     Args:
         model: the model that the solution was computed with.
         computed: values of the job's quantities of interest.
+
+    Returns:
+        ``None`` if iterations do not find the correction and there is no memory to factorize the finer problem.
     """
     with placed(model.body.mesh, solution.mesh_nodes / model.body.length_scale):
         with model.timings("mesh"):
@@ -97,13 +103,16 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
         if p is not None:
             assert solution.pressure is not None
             p.interpolate(on_mesh(body.mesh, solution.pressure))
-        scene = finer.scene(solution.direction)
         with finer.at(body.mesh.geometry.x * body.length_scale, u, p):
             finer.unknowns.state.x.scatter_forward()
-            equilibrium = finer.equilibrium(scene)
-            equilibrium.correct(1.0)
-            equilibrium.destroy()
-            better = solution_of(finer, solution.direction, scene, ())
+            forecast = finer_forecast(model)
+            if not (forecast.operations > two_level.MANY and two_level.correct(model, solution, finer)):
+                if forecast.least > model.chooser.room:
+                    return None
+                equilibrium = finer.equilibrium(finer.scene(solution.direction))
+                equilibrium.correct(1.0)
+                equilibrium.destroy()
+            better = solution_of(finer, solution.direction, finer.scene(solution.direction), ())
         at_nodes = better if body is model.body else _at_given_nodes(model, better)
         corrected = _corrected(model, at_nodes, better, finer)
         comm = body.mesh.comm
@@ -120,6 +129,12 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
             unknowns=finer.unknowns.size,
             without_geometry=without_geometry,
         )
+
+
+def finer_forecast(model: Model) -> Forecast:
+    """Return the forecast for a factorization in spaces of one degree more."""
+    forecast = model.chooser.forecast
+    return forecast.of_degree(forecast.degree + 1)
 
 
 def _at_given_nodes(model: Model, better: Solution) -> Solution:
