@@ -17,7 +17,8 @@ doi:10.1090/S0025-5718-1985-0777265-X; Ainsworth & Oden, *A Posteriori Error Est
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -93,9 +94,42 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
     Returns:
         ``None`` if iterations do not find the correction and there is no memory to factorize the finer problem.
     """
+    with in_finer_spaces(model, solution) as finer:
+        body, forecast = finer.body, finer_forecast(model)
+        before, _ = finer.solution()
+        if not (forecast.operations > two_level.MANY and two_level.correct(model, solution, finer)):
+            if forecast.least > model.chooser.room:
+                return None
+            equilibrium = finer.equilibrium(finer.scene(solution.direction))
+            equilibrium.correct(1.0)
+            equilibrium.destroy()
+        better = solution_of(finer, solution.direction, finer.scene(solution.direction), ())
+        at_nodes = better if body is model.body else _at_given_nodes(model, better)
+        corrected = _corrected(model, at_nodes, better, finer)
+        largest = float(np.linalg.norm(at_nodes.u - solution.u, axis=1).max(initial=0.0))
+        delta = better.displacement
+        delta.x.array[:] -= before.x.array
+        return Estimate(
+            quantities={
+                name: _difference(corrected[name], value) for name, value in computed.items() if name in corrected
+            },
+            corrected=corrected,
+            shape=body.mesh.comm.allreduce(largest, op=MPI.MAX),
+            cells=_by_cell(delta, body.length_scale),
+            unknowns=finer.unknowns.size,
+            without_geometry=model.body.with_finer_geometry[1],
+        )
+
+
+@contextmanager
+def in_finer_spaces(model: Model, solution: Solution) -> Iterator[Model]:
+    """Context with a model in spaces of one degree more, on the finer geometry if one is known; collective.
+
+    Its state is the solution, and its mesh lies where that was computed.
+    """
     with placed(model.body.mesh, solution.mesh_nodes / model.body.length_scale):
         with model.timings("mesh"):
-            curved, without_geometry = model.body.with_finer_geometry
+            curved, _ = model.body.with_finer_geometry
         body = curved or model.body
         finer = Model(one_degree_more(model.job), body, model.timings)
         u, p = finer.solution()
@@ -105,30 +139,7 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
             p.interpolate(on_mesh(body.mesh, solution.pressure))
         with finer.at(body.mesh.geometry.x * body.length_scale, u, p):
             finer.unknowns.state.x.scatter_forward()
-            forecast = finer_forecast(model)
-            if not (forecast.operations > two_level.MANY and two_level.correct(model, solution, finer)):
-                if forecast.least > model.chooser.room:
-                    return None
-                equilibrium = finer.equilibrium(finer.scene(solution.direction))
-                equilibrium.correct(1.0)
-                equilibrium.destroy()
-            better = solution_of(finer, solution.direction, finer.scene(solution.direction), ())
-        at_nodes = better if body is model.body else _at_given_nodes(model, better)
-        corrected = _corrected(model, at_nodes, better, finer)
-        comm = body.mesh.comm
-        largest = float(np.linalg.norm(at_nodes.u - solution.u, axis=1).max(initial=0.0))
-        delta = better.displacement
-        delta.x.array[:] -= u.x.array
-        return Estimate(
-            quantities={
-                name: _difference(corrected[name], value) for name, value in computed.items() if name in corrected
-            },
-            corrected=corrected,
-            shape=comm.allreduce(largest, op=MPI.MAX),
-            cells=_by_cell(delta, body.length_scale),
-            unknowns=finer.unknowns.size,
-            without_geometry=without_geometry,
-        )
+            yield finer
 
 
 def finer_forecast(model: Model) -> Forecast:

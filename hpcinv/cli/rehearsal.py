@@ -8,8 +8,9 @@ held by itself. What asks for a kernel in a run does so here, whatever it is.
 import numpy as np
 
 from hpcinv.assembly.tangent import as_for
-from hpcinv.certificate import certify
+from hpcinv.certificate import certify, two_level
 from hpcinv.certificate.confirmation import known_displacement, second_variation
+from hpcinv.certificate.estimate import in_finer_spaces
 from hpcinv.certificate.round_trip import way_back
 from hpcinv.job.job import Job
 from hpcinv.job.sections import Support
@@ -57,6 +58,9 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     quantities = evaluate(job.quantities, body, solutions[0], model)
     sensitivities(model, solutions[0])
     certify(model, solutions, quantities)
+    if job.certificate.estimate:
+        with in_finer_spaces(model, solutions[0]) as finer_model:
+            two_level.correct(model, solutions[0], finer_model)  # needed for large bodies
     if job.certificate.stability:
         second_variation(model, known_displacement(model))  # needed where the body is not stable
         Iterative(model.scene("forward")).pressure_scale()  # needed where factors are not affordable

@@ -72,7 +72,9 @@ def test_the_iterations_find_the_correction(name: str, comm: MPI.Intracomm, monk
 
 
 @pytest.mark.parallel([2, 3])
-@pytest.mark.parametrize("name", ["sphere of straight tetrahedra", "cubic tetrahedra", "multigrid", "prescribed motion"])
+@pytest.mark.parametrize(
+    "name", ["sphere of straight tetrahedra", "cubic tetrahedra", "multigrid", "prescribed motion"]
+)
 def test_they_find_it_on_more_ranks(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     compare(name, comm, monkeypatch)
 
