@@ -59,7 +59,9 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
             equilibrium.system.linearise(1.0)
         equilibrium.linear.factorize(may_keep=True)
         with finer.timings("linear solve"):
-            converged = _FinerProblem(finer, direction).solve(_Coarse(given, finer.unknowns, equilibrium.linear))
+            coarse = _Coarse(given, finer.unknowns, equilibrium.linear)
+            converged = _FinerProblem(finer, direction, coarse).solve()
+            coarse.destroy()
         given.release(equilibrium)
     if given is not model:
         given.destroy()
@@ -109,8 +111,9 @@ class _Coarse:
 class _FinerProblem:
     """``K δ = -R`` of the finer problem, at the present state of its model."""
 
-    def __init__(self, finer: Model, direction: Direction) -> None:
-        self._unknowns, self._timings, self._conditions = finer.unknowns, finer.timings, finer.supports.conditions
+    def __init__(self, finer: Model, direction: Direction, coarse: _Coarse) -> None:
+        self._coarse = coarse
+        self._unknowns, self._conditions = finer.unknowns, finer.supports.conditions
         scene, state = finer.scene(direction), finer.unknowns.state.x
         scene.parameters.set_load(1.0)
         finer.supports.scale(1.0)
@@ -127,11 +130,10 @@ class _FinerProblem:
         if self._unknowns.p is not None:
             diagonals.append(pressure_diagonal(scene))
         _join(self._unknowns, [one.x.petsc_vec for one in diagonals], self._diagonal)
-        self._coarse: _Coarse | None = None
+        self._start, self._last = 0.0, fem_petsc.create_vector(self._unknowns.displacement_space)
 
-    def solve(self, coarse: _Coarse) -> bool:
+    def solve(self) -> bool:
         """Add the solution to the state, if the iterations converge; return whether they did."""
-        self._coarse = coarse
         sizes, comm = self._residual.getSizes(), self._residual.comm
         matrix = PETSc.Mat().createPython((sizes, sizes), self, comm=comm)
         self._smoother = _krylov(PETSc.KSP.Type.GMRES, matrix, self._divide, 1e-3, _SMOOTHING)
@@ -146,7 +148,7 @@ class _FinerProblem:
         if converged:
             state.petsc_vec.axpy(-1.0, x)
             state.scatter_forward()
-        for one in (x, ksp, self._smoother, matrix, self._residual, self._diagonal, coarse):
+        for one in (x, ksp, self._smoother, matrix, self._residual, self._diagonal, self._last):
             one.destroy()
         return converged
 
@@ -163,15 +165,13 @@ class _FinerProblem:
         self._assemble(y)
         y.axpby(-1.0 / share, 1.0 / share, self._residual)
 
-    def _test_convergence(
-        self, ksp: PETSc.KSP, iteration: int, residual: float
-    ) -> Any:  # an int, whatever the stub says
+    def _test_convergence(self, ksp: PETSc.KSP, iteration: int, residual: float) -> Any:  # an int for PETSc
         """Convergence test of PETSc: a small residual alone does not tell that soft motions are right."""
         reasons, x = PETSc.KSP.ConvergedReason, self._residual.duplicate()
         ksp.buildSolution(x)
         displacement, *_ = _split(self._unknowns, x)
         if iteration == 0:
-            self._start, self._last = residual, displacement.x.petsc_vec.copy()
+            self._start = residual
         u = displacement.x.petsc_vec  # its memory belongs to the function
         self._last.aypx(-1.0, u)
         settled = norm(self._last) <= _ACCURACY * norm(u)
@@ -195,7 +195,6 @@ class _FinerProblem:
         x.pointwiseDivide(b, self._diagonal)
 
     def _precondition(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        assert self._coarse is not None
         self._smoother.solve(b, x)
         left, more = b.duplicate(), b.duplicate()
         self._smoother.getOperators()[0].mult(x, left)
