@@ -17,6 +17,7 @@ from hpcinv.certificate.limit_points import limit_points
 from hpcinv.certificate.round_trip import closure_error, round_trip
 from hpcinv.certificate.shape import cells, self_overlap
 from hpcinv.certificate.stability import stability
+from hpcinv.certificate.two_level import MANY
 from hpcinv.certificate.volume import volume
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.observer import SILENT, Observer
@@ -90,7 +91,9 @@ def certify(
 
 def _discretisation(model: Model, solution: Solution, found: Estimate | None) -> Line:
     if found is None:
-        needed = f"there is no memory for {finer_forecast(model).least / 1e9:.2g} GB, and iterations did not converge"
+        forecast = finer_forecast(model)
+        tried = ", and iterations did not converge" if forecast.operations > MANY else ""
+        needed = f"there is no memory for {forecast.least / 1e9:.2g} GB{tried}"
         return skipped(
             DISCRETISATION, needed if model.job.certificate.estimate else "switched off: certificate.estimate"
         )

@@ -17,7 +17,7 @@ import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.certificate.element_diagonals import displacement_diagonal, pressure_diagonal
+from hpcinv.certificate.stiffness_diagonal import stiffness_diagonal
 from hpcinv.effects import Direction
 from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.mesh.source import Floats
@@ -25,6 +25,7 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.results.solution import Solution
+from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.problem import Model
 
@@ -125,11 +126,12 @@ class _FinerProblem:
         self._at: Floats = state.array.copy()
         self._residual = fem_petsc.create_vector(self._unknowns.space)
         self._assemble(self._residual)
-        self._diagonal = self._residual.duplicate()
-        diagonals = [displacement_diagonal(scene)]
+        self._diagonal, stiffness = self._residual.duplicate(), stiffness_diagonal(scene)
+        _join(self._unknowns, [stiffness.x.petsc_vec], self._diagonal)
         if self._unknowns.p is not None:
-            diagonals.append(pressure_diagonal(scene))
-        _join(self._unknowns, [one.x.petsc_vec for one in diagonals], self._diagonal)
+            configuration = Iterative(scene)
+            self._diagonal.array[self._unknowns.owned_pressure_dofs] = -configuration.pressure_scale()
+            configuration.destroy()
         self._start, self._last = 0.0, fem_petsc.create_vector(self._unknowns.displacement_space)
 
     def solve(self) -> bool:
@@ -153,7 +155,11 @@ class _FinerProblem:
         return converged
 
     def mult(self, _matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Set ``y`` to ``K x``, for PETSc."""
+        """Multiply by K, for PETSc."""
+        self._apply(x, y)
+
+    def _apply(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set ``y`` to ``K x``."""
         length, state = norm(x), self._unknowns.state.x
         if length == 0.0:
             y.set(0.0)
@@ -197,7 +203,7 @@ class _FinerProblem:
     def _precondition(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         self._smoother.solve(b, x)
         left, more = b.duplicate(), b.duplicate()
-        self._smoother.getOperators()[0].mult(x, left)
+        self._apply(x, left)
         left.aypx(-1.0, b)
         self._coarse.apply(left, more)
         x.axpy(1.0, more)
@@ -239,7 +245,7 @@ def _split(unknowns: Unknowns, x: PETSc.Vec) -> list[fem.Function]:
 
 
 def _join(unknowns: Unknowns, parts: list[PETSc.Vec], x: PETSc.Vec) -> None:
-    """Set a vector of all unknowns to displacement and pressure."""
+    """Set a vector of all unknowns to displacement and pressure; the latter may be left out."""
     state = unknowns.state.x
     kept = state.array.copy()
     spaces = [unknowns.displacement_space, *([] if unknowns.p is None else [unknowns.pressure_space])]
