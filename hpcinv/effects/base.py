@@ -1,9 +1,10 @@
 """Base class of the effects: everything besides the material law that loads or strains the body."""
 
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.schema import Name
+from hpcinv.quantity.schema import Location, Name
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation as Deformation
@@ -32,6 +33,17 @@ class Effect(Ingredient):
     def holds(self) -> frozenset[str]:
         """Axes along which it resists rigid motions of the body."""
         return frozenset()
+
+    def faults(self, first: Direction) -> Iterator[tuple[Location, str]]:
+        """Yield faults of its fields, with their places, if the body given is that of the ``first`` direction solved."""
+        yield from ()
+
+    def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:
+        """Return number of components and Lagrange degree, by name, of functions that the solver updates.
+
+        ``par`` holds them beside the quantities. ``degree`` is that of the displacement.
+        """
+        return {}
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any | None:
         """Return the external virtual work, a UFL form linear in the virtual displacement ``v``."""

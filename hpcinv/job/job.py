@@ -288,6 +288,12 @@ class Job(Spec):
             for i, effect in enumerate(effects)
             if needed - effect.directions
         )
+        is_forward = analysis == "forward" or info.data.get("first") == "forward"
+        raise_if_any(
+            ((i, *place), text)
+            for i, effect in enumerate(effects)
+            for place, text in effect.faults("forward" if is_forward else "inverse")
+        )
         raise_if_any(
             ((i, *place), text)
             for i, effect in enumerate(effects)
@@ -369,6 +375,11 @@ class Job(Spec):
         owners = _owners(*(info.data[section] for section in ("material", "effects", "fibres", "supports")))
         found, problems = read_sensitivities(given, owners)
         raise_if_any(problems)
+        if found and any("multiplier" in effect.functions(1) for effect in info.data["effects"]):
+            raise ValueError(
+                "are not possible with contact with a rigid obstacle, whose pressure is found by iteration; give it the"
+                " 'stiffness' of an elastic layer"
+            )
         return found
 
     @field_validator("quantities")

@@ -199,6 +199,15 @@ class Kinematics(ABC):
         """Return the value of the reference and the value of the current body."""
         return (mesh, other) if self.sign > 0 else (other, mesh)
 
+    @abstractmethod
+    def at_load(self, load: Any) -> tuple[Any, Any]:
+        """Return two factors at a load factor: of forces given by the current position, and of motions in space.
+
+        In forward problems such forces, of an obstacle say, act at every load, on a body that reaches its position
+        while the obstacle moves. In inverse ones the current position is known, and so are these forces: they grow with
+        the load, and motions are complete.
+        """
+
     @cached_property
     def X(self) -> Any:
         """Reference position in scaled lengths."""
@@ -290,6 +299,9 @@ class ForwardKinematics(Kinematics):
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v)
 
+    def at_load(self, load: Any) -> tuple[Any, Any]:
+        return 1, load
+
 
 class InverseKinematics(Kinematics):
     """Kinematics of inverse problems: the mesh is the current body, the undeformed body is unknown.
@@ -318,3 +330,6 @@ class InverseKinematics(Kinematics):
 
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v) * self._F
+
+    def at_load(self, load: Any) -> tuple[Any, Any]:
+        return load, 1

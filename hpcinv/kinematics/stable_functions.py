@@ -54,6 +54,14 @@ def positive_part(x: Any) -> Any:
     return ufl.conditional(ufl.gt(x, 0), x, 0.0)
 
 
+def rounded_positive_part(x: Any, width: Any) -> Any:
+    """``max(x, 0)`` with a parabola for ``|x| < width``, so that its derivative is continuous; 1/2 at 0."""
+    import ufl
+
+    parabola = (x + width) ** 2 / (4 * width)
+    return ufl.conditional(ufl.gt(x, width), x, ufl.conditional(ufl.gt(x, -width), parabola, 0.0))
+
+
 def polynomial(x: Any, coefficients: list[Any]) -> Any:
     """``c₀ + c₁ x + c₂ x² + …`` by Horner's rule."""
     total = coefficients[-1]

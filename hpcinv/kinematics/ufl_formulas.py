@@ -5,8 +5,11 @@ from functools import reduce
 from typing import Any
 
 import ufl
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from hpcinv.kinematics.kinematics import Kinematics
+from hpcinv.kinematics.staged_derivatives import without_stages
 from hpcinv.quantity.expressions import Expression
 
 UFL_FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -34,3 +37,11 @@ def at_position(formula: Expression, k: Kinematics, metre: Any, constants: Mappi
     positions = {name: (k.X, i) for i, name in enumerate("XYZ")} | {name: (k.x, i) for i, name in enumerate("xyz")}
     found = {name: metre * positions[name][0][positions[name][1]] for name in formula.names & positions.keys()}
     return formula.apply(found | dict(constants), UFL_FUNCTIONS)
+
+
+def value_and_gradient(formula: Expression, position: Any) -> tuple[Any, Any]:
+    """Return a formula of ``x, y, z`` at a position (UFL vector, SI) and its gradient, without UFL variables."""
+    at = ufl.variable(position)
+    value = formula.apply({name: at[i] for i, name in enumerate("xyz")}, UFL_FUNCTIONS)
+    slope = apply_derivatives(apply_algebra_lowering(ufl.diff(value, at)))
+    return without_stages(value), without_stages(slope)

@@ -8,6 +8,7 @@ from hpcinv.methods.fallbacks import Problem, reach
 from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.solver.augmentation import augment
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
@@ -26,8 +27,26 @@ class DirectMethod(Method):
 
     def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
         self.reached = start.load
+        contacts, tolerance = self.equilibrium.system.scene.contacts, self.problem.model.job.solver.tolerance
+        if start.load == 0.0 and start.solution is None:
+            self.equilibrium.system.set_load(0.0 if contacts.is_iterated else 1.0)
+            contacts.check_start()
+        if contacts.is_iterated:
+            contacts.reset()
+            if start.load == 1.0:  # a checkpoint has no contact pressures
+                self.reached = 0.0
+                solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
+                yield solve
+                if solve.outcome.accepted:
+                    yield from self._augment(tolerance)
+                return
         # The other strategies are chosen for the path that they take, which a guess would skip.
-        if start.guess is not None and start.load == 0.0 and isinstance(self.steps, AdaptiveSteps):
+        if (
+            start.guess is not None
+            and start.load == 0.0
+            and not contacts.is_iterated
+            and isinstance(self.steps, AdaptiveSteps)
+        ):
             solve = start.guess.solve(self.problem.model, self.equilibrium)
             if solve.outcome.accepted:
                 self.reached = 1.0
@@ -37,12 +56,24 @@ class DirectMethod(Method):
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return
         for solve in reach(self.problem, self.steps, load=start.load, passed=start.limit_points):
-            if solve.outcome.accepted:
+            is_last = solve.outcome.accepted and solve.load == 1.0 and contacts.is_iterated
+            if solve.outcome.accepted and not is_last:
                 self.reached = solve.load
             yield solve
+            if is_last:
+                yield from self._augment(tolerance)
+
+    def _augment(self, tolerance: float) -> Iterator[Solve]:
+        """Yield the solves of the contacts; the full load is reached when these have settled."""
+        solve = None
+        for solve in augment(self.equilibrium, tolerance):
+            yield solve
+        if solve is None or solve.outcome.accepted:
+            self.reached = 1.0
 
     def can_restart_after(self, solve: Solve) -> bool:
-        return solve.outcome.accepted
+        is_between = self.equilibrium.system.scene.contacts.is_iterated and solve.load == 1.0
+        return solve.outcome.accepted and not is_between
 
     def min_mesh_J(self) -> float:
         return self.equilibrium.system.min_mesh_J()

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
+import basix.ufl
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -24,6 +25,15 @@ class BodyFields:
 
     def __init__(self, body: Body) -> None:
         self.body = body
+        self._updated: dict[str, fem.Function] = {}
+
+    def updated(self, name: str, components: int, degree: int) -> fem.Function:
+        """Return the function of a name that the solver updates, zero at first, the same for all scenes; collective."""
+        if name not in self._updated:
+            shape = () if components == 1 else (components,)
+            element = basix.ufl.element("Lagrange", self.body.mesh.basix_cell(), degree, shape=shape)
+            self._updated[name] = fem.Function(fem.functionspace(self.body.mesh, element), name=name)
+        return self._updated[name]
 
     def function(self, value: ByRegion | ByData, scale: float, where: str) -> fem.Function:
         """Return values in units of ``scale`` (SI), constant in each cell or nodal; collective.

@@ -33,6 +33,10 @@ class Outcome(enum.Enum):
     )
     LIMIT_POINT = "the load reaches a limit point here"
     ANOTHER_PATH = "the solution found there does not belong to the path from the unloaded body"
+    CONTACT_LIMIT = (
+        "the pressure of a rigid obstacle did not settle: the penetration remains above the tolerated one",
+        "Raise effects.penalty tenfold, or effects.penetration; refine the mesh where the body touches.",
+    )
     STEP_LIMIT = "the path was followed for as many steps as it may"
     INTERRUPTED = "interrupted by a signal"
 

@@ -31,6 +31,7 @@ from hpcinv.job.job import Job
 from hpcinv.kinematics.kinematics import Deformation, Kinematics
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.materials import MaterialLaw
+from hpcinv.model.contacts import Contacts
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.parameters import ParameterDerivative, Parameters
@@ -119,6 +120,12 @@ class Scene:
         of_effects = [
             (effect, par.load(job.case_of(effect)), par.of(count + i)) for i, effect in enumerate(job.effects)
         ]
+        degree = job.discretisation.displacement
+        for (where, _), (effect, _, p) in zip(job.named_effects, of_effects, strict=True):
+            for name, (components, of_degree) in effect.functions(degree).items():
+                setattr(p, name, fields.updated(f"{where}.{name}", components, of_degree))
+        named = tuple(zip((where for where, _ in job.named_effects), of_effects, strict=True))
+        self.contacts = Contacts(named, kin, fields.body, job.resolve)
         directions = {
             name.removeprefix("fibres."): _unit(material, family.given_on, par.of(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))

@@ -283,6 +283,17 @@ class _Phase:
     details: list[str] = field(default_factory=list)
 
 
+def _contact(contact: Mapping[str, Any]) -> str:
+    penetration = f"penetration at most {_number(contact['penetration'])} m"
+    if contact["tolerance"]:
+        penetration += f" (tolerated: {_number(contact['tolerance'])} m)"
+    return (
+        f"  {contact['effect']} contact on '{contact['region']}': force {_value(contact['force'], unit='N')}, area"
+        f" {_number(contact['area'])} m², largest pressure {_number(contact['largest_pressure'])} Pa, {penetration};"
+        f" {contact['assumption']}"
+    )
+
+
 def _in_short(statistics: Mapping[str, Any], directory: str) -> list[str]:
     """Return the report of a quiet run: lines of the certificate that do not pass, and the outcome."""
     certificate, seconds = statistics["certificate"], statistics["timings"]["total"]
@@ -309,6 +320,7 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
             f"  {solution['direction']}: J from {_number(solution['J']['min'])} to {_number(solution['J']['max'])}, "
             f"strain energy {_number(solution['strain_energy'])} J"
         )
+        lines += map(_contact, solution["contacts"])
     if unused := statistics["unused_petsc_options"]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
     lines += _certificate(statistics["certificate"])

@@ -115,6 +115,7 @@ def _solution(solution: Solution, displacement: int) -> dict[str, Any]:
         "largest_displacement": solution.largest_displacement,
         "J": {"min": solution.J_range[0], "max": solution.J_range[1]},
         "strain_energy": solution.strain_energy,
+        "contacts": [contact.as_data() for contact in solution.contacts],
         "solves": [_solve(s) for s in solution.solves],
     }
 

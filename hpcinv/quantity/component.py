@@ -55,6 +55,11 @@ class Ingredient(Spec):
         return {n: (found[n], dimension) for n, (_, dimension) in self.quantities().items() if not vanishes(found[n])}
 
     @property
+    def files(self) -> tuple[str, ...]:
+        """Paths, relative to the job file, of the files that it reads."""
+        return ()
+
+    @property
     def families(self) -> dict[str, str]:
         """Names of the families of fibres that it needs, with the field that contains each name."""
         return self._named("fibres")

@@ -7,6 +7,7 @@ from dolfinx.fem import Function
 
 from hpcinv.effects import Direction
 from hpcinv.mesh.source import Floats
+from hpcinv.model.contacts import ContactReport
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.selection import Used
@@ -28,6 +29,7 @@ class Solution:
         J_range: smallest and largest volume ratio at any quadrature point.
         solves: every solve of the method, failed ones included.
         load: load factor that was reached, 1 at the end.
+        contacts: contacts of the job, in its order.
     """
 
     direction: Direction
@@ -42,6 +44,7 @@ class Solution:
     solves: tuple[Solve, ...]
     load: float = 1.0
     linear: Used | None = None
+    contacts: tuple[ContactReport, ...] = ()
 
     @property
     def sign(self) -> int:
@@ -107,4 +110,5 @@ def solution_of(
             solves=solves,
             load=load,
             linear=linear,
+            contacts=scene.contacts.reports(model.scales),
         )

@@ -94,6 +94,7 @@ class Diagnosis(enum.Enum):
         "Take it from the beginning, without that limit (solver: {strategy: arc-length}): it shows whether the load has"
         " a limit point here. Else refine the mesh where the body deforms most.",
     )
+    CONTACT = (Outcome.CONTACT_LIMIT.text, Outcome.CONTACT_LIMIT.advice)
     FORWARD_FAILED = (
         "the fixed-point method did not find the shape",
         "Try 'method: direct', which needs no forward solves, or a smaller fixed_point.relaxation.",
@@ -112,6 +113,7 @@ _OF_OUTCOME = {
     Outcome.LINEAR_SOLVER: Diagnosis.LINEAR_SOLVER,
     Outcome.KRYLOV_LIMIT: Diagnosis.KRYLOV_LIMIT,
     Outcome.ITERATION_LIMIT: Diagnosis.ITERATION_LIMIT,
+    Outcome.CONTACT_LIMIT: Diagnosis.CONTACT,
     Outcome.STEP_LIMIT: Diagnosis.STEP_LIMIT,
     Outcome.NOT_FINITE: Diagnosis.NOT_FINITE,
     Outcome.FORWARD_FAILED: Diagnosis.FORWARD_FAILED,
@@ -119,7 +121,13 @@ _OF_OUTCOME = {
     Outcome.FIXED_POINT_DIVERGED: Diagnosis.FORWARD_FAILED,
 }
 # Ends of the path for any strategy, which loss of stability does not explain.
-_DECISIVE = {Diagnosis.LIMIT_POINT, Diagnosis.KRYLOV_LIMIT, Diagnosis.LAW_DOMAIN, Diagnosis.FORWARD_FAILED}
+_DECISIVE = {
+    Diagnosis.CONTACT,
+    Diagnosis.LIMIT_POINT,
+    Diagnosis.KRYLOV_LIMIT,
+    Diagnosis.LAW_DOMAIN,
+    Diagnosis.FORWARD_FAILED,
+}
 _DEGENERATE = {Diagnosis.INVERSION, Diagnosis.VOLUME_CHANGED}
 # Strategies whose last outcome is used for the diagnosis, in order of preference.
 _PREFERRED = ("arc-length", "load steps")

@@ -131,6 +131,7 @@ class Equilibrium:
         """
         system, linear = self.system, self.linear
         system.set_load(load)
+        system.scene.contacts.locate()
         self._now = now = _Progress(self._monitor(tolerance, begins_near=begins_near and self.reuse > 0))
         now.factorizations = linear.factorizations
         if predicted is not None:

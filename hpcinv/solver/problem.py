@@ -78,6 +78,7 @@ class Model:
             self._is_held = not any(effect.holds for effect in job.effects)
             for scene in self._scenes.values():
                 scene.update_parameters(job, self.scales)
+                scene.contacts.reset()
 
     @cached_property
     def chooser(self) -> Chooser:
@@ -119,6 +120,7 @@ class Model:
                 reuse=0.3 if solver.reuse_tangent else 0.0,
             )
         equilibrium.linear.options.restore()
+        scene.contacts.locate()
         equilibrium.system.timings, equilibrium.observer = self.timings, observer
         if not self._is_held:
             try:

@@ -1,0 +1,201 @@
+"""Rigid obstacles of contact: shapes with a signed distance, positive where a body may be."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from math import hypot
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ValidationInfo, field_validator
+
+from hpcinv.files.untrusted import REFUSED, applies
+from hpcinv.quantity import Length, Triple
+from hpcinv.quantity.expressions import Expression
+from hpcinv.quantity.quantity import Dimensionless, Size
+from hpcinv.quantity.schema import OneOf, Spec, shown
+from hpcinv.quantity.units import Dimension
+
+LENGTH, NUMBER = Dimension(length=1), Dimension()
+FORMATS = (".stl", ".ply", ".obj", ".vtp")
+
+
+class Obstacle(Spec):
+    """A rigid body; a subclass with a literal field ``shape`` is registered under that name."""
+
+    shape: str
+
+    def quantities(self) -> dict[str, tuple[Any, Dimension]]:
+        """Values (SI) and dimensions of the numbers that `distance` uses."""
+        return {}
+
+    def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:
+        """Functions that `distance` uses, as `Effect.functions`."""
+        return {}
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Paths, relative to the job file, of files that define the shape."""
+        return ()
+
+    @abstractmethod
+    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
+        """Return the signed distance of points ``x`` (UFL, scaled lengths) and its gradient, a unit vector."""
+
+
+def _unit(vector: Any) -> tuple[float, ...]:
+    return tuple(c / hypot(*vector) for c in vector)
+
+
+def _is_direction(vector: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(vector):
+        raise ValueError("must not be zero: it is a direction")
+    return vector
+
+
+class Plane(Obstacle):
+    """The half-space behind a plane."""
+
+    shape: Literal["plane"]
+    point: Triple[Length]
+    """a point on the plane"""
+    normal: Triple[Dimensionless]
+    """direction out of the obstacle, towards the body, of any length"""
+
+    _check_normal = field_validator("normal")(_is_direction)
+
+    def quantities(self) -> dict[str, tuple[Any, Dimension]]:
+        return {"point": (self.point, LENGTH), "normal": (_unit(self.normal), NUMBER)}
+
+    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
+        import ufl
+
+        return ufl.inner(x - par.point, par.normal), par.normal
+
+
+class Sphere(Obstacle):
+    """A ball, or all that is outside of it."""
+
+    shape: Literal["sphere"]
+    centre: Triple[Length]
+    """its centre"""
+    radius: Size
+    """its radius"""
+    hollow: bool = False
+    """whether the body is inside of it, as in a mould"""
+
+    def quantities(self) -> dict[str, tuple[Any, Dimension]]:
+        return {"centre": (self.centre, LENGTH), "radius": (self.radius, LENGTH)}
+
+    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
+        return _round(x - par.centre, par.radius, self.hollow)
+
+
+class Cylinder(Obstacle):
+    """A round bar without ends, or all that is outside of it."""
+
+    shape: Literal["cylinder"]
+    point: Triple[Length]
+    """a point on its axis"""
+    axis: Triple[Dimensionless]
+    """direction of its axis, of any length"""
+    radius: Size
+    """its radius"""
+    hollow: bool = False
+    """whether the body is inside of it, as in a tube"""
+
+    _check_axis = field_validator("axis")(_is_direction)
+
+    def quantities(self) -> dict[str, tuple[Any, Dimension]]:
+        return {
+            "point": (self.point, LENGTH),
+            "axis": (_unit(self.axis), NUMBER),
+            "radius": (self.radius, LENGTH),
+        }
+
+    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
+        import ufl
+
+        arm = x - par.point
+        return _round(arm - ufl.inner(arm, par.axis) * par.axis, par.radius, self.hollow)
+
+
+def _round(arm: Any, radius: Any, hollow: bool) -> tuple[Any, Any]:
+    import ufl
+
+    size = ufl.sqrt(ufl.inner(arm, arm))
+    return (radius - size, -arm / size) if hollow else (size - radius, arm / size)
+
+
+class LevelSet(Obstacle):
+    """The points where a formula φ of position is negative; its distance is ``φ/|∇φ|``, exact to first order."""
+
+    shape: Literal["level-set"]
+    formula: Expression
+    """a formula of x, y, z of any dimension: negative inside of the obstacle, positive where the body may be"""
+
+    @field_validator("formula")
+    @classmethod
+    def _check_formula(cls, formula: Expression) -> Expression:
+        if formula.check(dict.fromkeys("xyz", LENGTH)) is True:
+            raise ValueError(f"must be a number, negative inside of the obstacle, but '{formula}' is a condition")
+        if not formula.names:
+            raise ValueError(f"must depend on x, y or z, but '{formula}' does not")
+        return formula
+
+    def quantities(self) -> dict[str, tuple[Any, Dimension]]:
+        return {"metre": (1.0, LENGTH)}
+
+    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
+        import ufl
+
+        from hpcinv.kinematics.ufl_formulas import value_and_gradient
+
+        value, slope = value_and_gradient(self.formula, x / par.metre)
+        size = ufl.sqrt(ufl.inner(slope, slope))
+        return par.metre * value / size, slope / size
+
+
+class Surface(Obstacle):
+    """A triangulated surface.
+
+    Before each solve the nearest point of the surface to each node of the body's region is found. During the solve the
+    distance of a node is that from the plane through this point, which is normal to the surface; planes and solves are
+    repeated until they agree. Normals vary continuously over triangles that meet at less than 30°.
+    """
+
+    shape: Literal["surface"]
+    file: str
+    """path from the job file to triangles (.stl, .ply, .obj, .vtp) whose normals point towards the body"""
+    unit: Size = 1.0
+    """length unit of the coordinates in the file, such as 1 mm"""
+    flip: bool = False
+    """whether the normals in the file point away from the body"""
+
+    @field_validator("file")
+    @classmethod
+    def _check_file(cls, file: str, info: ValidationInfo) -> str:
+        path = (info.context or {}).get("directory", Path()) / file
+        if path.suffix.lower() not in FORMATS:
+            raise ValueError(f"{shown(file)} is not a readable surface; valid suffixes are {', '.join(FORMATS)}")
+        if applies(info):
+            raise ValueError(f"{shown(file)} is read by VTK in this process, and is {REFUSED}")
+        if not path.is_file():
+            raise ValueError(f"there is no file '{path}'. Paths start from the directory of the job file")
+        return file
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        return (self.file,)
+
+    def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:
+        return {"distance": (1, degree), "direction": (3, degree), "position": (3, degree)}
+
+    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
+        import ufl
+
+        return par.distance + ufl.inner(par.direction, x - par.position), par.direction
+
+
+AnyObstacle = Annotated[Obstacle, OneOf("shape")]

@@ -1,0 +1,302 @@
+"""Contacts of a scene: their pressures, which a solver updates between solves, and their resultants."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from hpcinv.effects.contact import TOLERANCE, Contact
+from hpcinv.effects.obstacles import Surface
+from hpcinv.errors import MeshError
+from hpcinv.kinematics.kinematics import Kinematics
+from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.mesh import Body
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.surface_distance import SurfaceDistance
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.quantity.nondimensional import Scales
+
+
+_EXACT = 2.0**-10
+"""Change of distances from a triangulated surface at which it has settled, in tolerated penetrations."""
+_OVERLAP = 2.0**-6
+"""Overlap of a rigid obstacle and the undeformed body that is refused, in lengths of the body."""
+
+
+@dataclass(frozen=True)
+class ContactReport:
+    """Result of one contact.
+
+    Attributes:
+        where: its place in the job.
+        force: resultant on the body, in N.
+        area: current area in contact, in m².
+        penetration: largest penetration at a vertex, in m.
+        distance: largest distance from the obstacle (m) of vertices with more than 1 % of the largest pressure.
+        largest_pressure: at a vertex, in Pa.
+        tolerance: tolerated penetration, in m; ``None`` if the obstacle is not rigid.
+        pressure: contact pressure in Pa, linear between the vertices, 0 outside of the region.
+    """
+
+    where: str
+    region: str
+    assumption: str
+    force: tuple[float, float, float]
+    area: float
+    penetration: float
+    distance: float
+    largest_pressure: float
+    tolerance: float | None
+    pressure: fem.Function
+
+    def as_data(self) -> dict[str, Any]:
+        """The report as JSON data."""
+        names = ("region", "assumption", "area", "penetration", "distance", "largest_pressure", "tolerance")
+        return {"effect": self.where, "force": list(self.force)} | {name: getattr(self, name) for name in names}
+
+
+class Contacts:
+    """All contacts of a scene; methods are collective.
+
+    Args:
+        resolve: path of a file of the job.
+    """
+
+    def __init__(
+        self,
+        effects: tuple[tuple[str, tuple[Any, Any, Any]], ...],
+        k: Kinematics,
+        body: Body,
+        resolve: Callable[[str], Path],
+    ) -> None:
+        found = [(where, e) for where, e in effects if isinstance(e[0], Contact)]
+        self._all = [_OneContact(where, *e, k, body, resolve) for where, e in found]
+        self.is_iterated = any(one.is_iterated for one in self._all)
+
+    def reset(self) -> None:
+        """Set the pressures of augmented contacts to zero."""
+        for one in self._all:
+            if one.effect.is_augmented:
+                one.par.multiplier.x.array[:] = 0.0
+
+    def locate(self) -> None:
+        """Find the nearest points of triangulated surfaces to the present state."""
+        for one in self._all:
+            one.locate()
+
+    def update(self) -> bool:
+        """Update pressures and nearest points, unless they have settled; return whether they had not."""
+        changes = [one.change() for one in self._all]
+        if max((size for size, _ in changes), default=0.0) <= 1.0:
+            return False
+        for _, apply in changes:
+            apply()
+        return True
+
+    def check_start(self) -> None:
+        """Check the present state, that of the unloaded body, before the first solve.
+
+        Raises:
+            MeshError: on all ranks, if a rigid obstacle overlaps the undeformed body, or if no contact pressure acts on
+                a known current body.
+        """
+        for one in self._all:
+            one.check_start()
+
+    def reports(self, scales: Scales) -> tuple[ContactReport, ...]:
+        """Return the results of the present state."""
+        return tuple(one.report(scales) for one in self._all)
+
+
+class _OneContact:
+    def __init__(
+        self,
+        where: str,
+        effect: Contact,
+        load: Any,
+        par: Any,
+        k: Kinematics,
+        body: Body,
+        resolve: Callable[[str], Path],
+    ) -> None:
+        self.where, self.effect, self.load, self.par = where, effect, load, par
+        self._k, self._body, self._resolve = k, body, resolve
+        self._comm, self._depends_on_state = body.mesh.comm, k.sign > 0
+
+    @property
+    def is_iterated(self) -> bool:
+        return self._depends_on_state and bool(self.effect.functions(1))
+
+    @cached_property
+    def _surface(self) -> SurfaceDistance | None:
+        obstacle = self.effect.obstacle
+        if not isinstance(obstacle, Surface):
+            return None
+        return SurfaceDistance(self._resolve(obstacle.file), obstacle.unit, obstacle.flip, self._comm)
+
+    def _nodes(self, space: fem.FunctionSpace) -> Ints:
+        facets = self._body.boundary_facets(self.effect.region)
+        return np.asarray(fem.locate_dofs_topological(space, 2, facets), dtype=np.int64)
+
+    @cached_property
+    def _at_vertices(self) -> _Nodal:
+        """Pressure, gap, and mismatch of the pressure (0 without one) at the vertices."""
+        args = self._k, self.load, self.par
+        mismatch = self.effect.mismatch(*args) if self.effect.is_augmented else ufl.as_ufl(0.0)
+        parts = [self.effect.contact_pressure(*args), self.effect.gap(*args)[0], mismatch]
+        return _Nodal(ufl.as_vector(parts), self._body, 1)
+
+    @cached_property
+    def _vertices(self) -> Ints:
+        return self._nodes(self._at_vertices.space)
+
+    @cached_property
+    def _position(self) -> _Nodal:
+        degree = self.par.obstacle_position.function_space.ufl_element().degree
+        return _Nodal(self.effect.position(self._k, self.load, self.par), self._body, degree)
+
+    def locate(self) -> None:
+        if self._surface is not None:
+            self._nearest()[1]()
+
+    def _nearest(self) -> tuple[float, Callable[[], None]]:
+        """Find the nearest points of a triangulated surface.
+
+        Returns:
+            The largest change of the distance of a node on this rank (scaled), and a function that sets the points.
+        """
+        assert self._surface is not None
+        names = ("obstacle_distance", "obstacle_direction", "obstacle_position")
+        distance, direction, position = (getattr(self.par, name).x.array for name in names)
+        nodes = self._nodes(self.par.obstacle_distance.function_space)
+        direction, position = direction.reshape(-1, 3), position.reshape(-1, 3)
+        x, length = self._position()[nodes].copy(), self._body.length_scale
+        found, normals = self._surface(x * length)
+
+        def apply() -> None:
+            distance[nodes], direction[nodes], position[nodes] = found / length, normals, x
+
+        before = distance[nodes] + np.einsum("ni,ni->n", direction[nodes], x - position[nodes])
+        return float(np.abs(found / length - before).max(initial=0.0)), apply
+
+    def change(self) -> tuple[float, Callable[[], None]]:
+        """Return the change by an update, over the largest at which it has settled, and a function that makes it."""
+        sizes, updates = [0.0], list[Callable[[], None]]()
+        if self.effect.is_augmented:
+            found = self._at_vertices()[self._vertices].copy()
+            sizes.append(float(np.abs(found[:, 2]).max(initial=0.0)))
+            updates.append(lambda: self._set_pressure(found[:, 0]))
+        if self._surface is not None:
+            moved, locate = self._nearest()
+            sizes.append(moved / (_EXACT * self._tolerance))
+            updates.append(locate)
+        size = float(self._comm.allreduce(max(sizes), op=MPI.MAX))
+
+        def apply() -> None:
+            for update in updates:
+                update()
+
+        return size, apply
+
+    def _set_pressure(self, values: Floats) -> None:
+        self.par.multiplier.x.array[self._vertices] = values
+
+    def check_start(self) -> None:
+        p, gap = self._owned[:, :2].T
+        if not self._depends_on_state:
+            if self._largest(p) == 0.0:
+                raise MeshError(
+                    f"{self.where}: no pressure acts on '{self.effect.region}' of the given body: its gap to the"
+                    f" obstacle is at least {-self._largest(-gap, -np.inf) * self._body.length_scale:.3g} m",
+                    "Check place, travel and unit of the obstacle, or give a stand_off or a pressure.",
+                )
+        elif self.effect.is_augmented and (depth := self._largest(-gap)) > _OVERLAP:
+            raise MeshError(
+                f"{self.where}: the obstacle overlaps '{self.effect.region}' of the undeformed body by"
+                f" {depth * self._body.length_scale:.3g} m before anything is loaded",
+                "Move it back and let it 'travel' into place, or turn its normal; check its unit.",
+            )
+
+    @property
+    def _owned(self) -> Floats:
+        """Present pressure, gap and mismatch at the owned vertices of the region."""
+        nodes = self._vertices
+        owned: Floats = self._at_vertices()[nodes[nodes < self._at_vertices.space.dofmap.index_map.size_local]]
+        return owned
+
+    def _largest(self, values: Floats, least: float = 0.0) -> float:
+        return float(self._comm.allreduce(float(values.max(initial=least)), op=MPI.MAX))
+
+    @property
+    def _tolerance(self) -> float:
+        """Tolerated penetration in scaled lengths."""
+        given = self.effect.penetration
+        return TOLERANCE if given is None else given / self._body.length_scale
+
+    @cached_property
+    def _totals(self) -> fem.Form:
+        """Linear form on four components, whose sums are the force and the area in contact."""
+        k, effect = self._k, self.effect
+        args = k, self.load, self.par
+        mesh = self._body.mesh
+        w = ufl.TestFunction(fem.functionspace(mesh, basix.ufl.element("Lagrange", mesh.basix_cell(), 1, shape=(4,))))
+        p, (_, m) = effect.contact_pressure(*args), effect.gap(*args)
+        touches = ufl.conditional(ufl.gt(effect.pressing(*args), 0), 1.0, 0.0)
+        integrand = sum(p * m[i] * w[i] for i in range(3)) + touches * w[3]
+        return fem.form(without_stages(k.da(integrand, effect.region)), jit_options=JIT_OPTIONS)
+
+    def report(self, scales: Scales) -> ContactReport:
+        totals = fem.assemble_vector(self._totals).array.reshape(-1, 4).sum(axis=0)
+        *force, area = (float(t) for t in self._comm.allreduce(totals))
+        p, gap = self._owned[:, :2].T
+        most = self._largest(p)
+        pressure = fem.Function(self._at_vertices.scalars, name="contact_pressure")
+        if self.effect.is_augmented:
+            exact = self.par.multiplier.x.array[self._vertices]
+        else:
+            exact = self._at_vertices()[self._vertices, 0]
+        pressure.x.array[self._vertices] = exact * scales.stress
+        unit = scales.stress * scales.length**2
+        return ContactReport(
+            where=self.where,
+            region=self.effect.region,
+            assumption=self.effect.assumption,
+            force=(force[0] * unit, force[1] * unit, force[2] * unit),
+            area=area * scales.length**2,
+            penetration=self._largest(-gap) * scales.length,
+            distance=self._largest(np.abs(gap[p > 0.01 * most])) * scales.length,
+            largest_pressure=most * scales.stress,
+            tolerance=self._tolerance * scales.length if self.effect.is_augmented else None,
+            pressure=pressure,
+        )
+
+
+class _Nodal:
+    """A UFL vector at the nodes of Lagrange elements; a call returns its present values (local nodes, components)."""
+
+    def __init__(self, vector: Any, body: Body, degree: int) -> None:
+        mesh, count = body.mesh, vector.ufl_shape[0]
+        element = basix.ufl.element("Lagrange", mesh.basix_cell(), degree, shape=(count,))
+        self.space = fem.functionspace(mesh, element)
+        self.scalars = fem.functionspace(mesh, basix.ufl.element("Lagrange", mesh.basix_cell(), degree))
+        points = self.space.element.interpolation_points
+        self._compiled = fem.Expression(without_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._values, self._count = fem.Function(self.space), count
+
+    def __call__(self) -> Floats:
+        # On all cells: a rank may own a node on the edge of a region of which it has no facet.
+        self._values.interpolate(self._compiled)
+        self._values.x.scatter_forward()
+        found: Floats = self._values.x.array.reshape(-1, self._count)
+        return found

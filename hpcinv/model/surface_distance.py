@@ -1,0 +1,83 @@
+"""Signed distance from a triangulated surface."""
+
+from pathlib import Path
+
+import numpy as np
+
+import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+from hpcinv.errors import MeshError
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.parallel.runtime import MPI, on_root
+
+_SMOOTH = 30.0  # degrees between triangles, below which their normals are averaged
+
+
+class SurfaceDistance:
+    """A triangulated surface that is read on rank 0; collective.
+
+    Args:
+        unit: SI value of the length unit of the file.
+        flip: whether the normals of the file are reversed.
+
+    Raises:
+        MeshError: on all ranks, if the file cannot be read or has no triangles.
+    """
+
+    def __init__(self, path: Path, unit: float, flip: bool, comm: MPI.Intracomm) -> None:
+        import pyvista
+
+        points, triangles = comm.bcast(on_root(comm, lambda: _read(path)))
+        surface = pyvista.PolyData.from_regular_faces(points * unit, triangles[:, ::-1] if flip else triangles)
+        self._surface = surface.compute_normals(
+            feature_angle=_SMOOTH,
+            split_vertices=True,
+            consistent_normals=False,
+            auto_orient_normals=False,
+            cell_normals=False,
+        )
+        self._triangles = np.asarray(self._surface.regular_faces)
+        self._normals = np.asarray(self._surface.point_data["Normals"], dtype=np.float64)
+
+    def __call__(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return signed distances (n,) m and normals (n, 3) of the surface at the nearest points; not collective."""
+        import pyvista
+
+        if not len(points):
+            return np.zeros(0), np.zeros((0, 3))
+        cells, nearest = self._surface.find_closest_cell(points, return_closest_point=True)
+        corners = self._surface.points[self._triangles[cells]].astype(np.float64)
+        normals = np.einsum(
+            "nv,nvi->ni", _barycentric(corners, np.asarray(nearest)), self._normals[self._triangles[cells]]
+        )
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        signed = pyvista.PolyData(points).compute_implicit_distance(self._surface)["implicit_distance"]
+        return np.asarray(signed, dtype=np.float64), normals
+
+
+def _read(path: Path) -> tuple[Floats, Ints]:
+    import pyvista
+
+    try:
+        surface = pyvista.read(path)
+        surface = surface.extract_surface(algorithm=None) if not isinstance(surface, pyvista.PolyData) else surface
+        triangles = surface.triangulate().clean()
+        points, faces = np.asarray(triangles.points, dtype=np.float64), np.asarray(triangles.regular_faces)
+    except (OSError, ValueError, RuntimeError) as error:
+        raise MeshError(
+            f"{path}: cannot be read as triangles: {error}", "Is it an STL, PLY, OBJ or VTP file?"
+        ) from None
+    if not len(faces) or not np.isfinite(points).all():
+        raise MeshError(f"{path}: has no triangles with finite coordinates", "Is it an STL, PLY, OBJ or VTP file?")
+    return points, faces
+
+
+def _barycentric(corners: Floats, points: Floats) -> Floats:
+    """Return barycentric coordinates (n, 3) of points in their triangles (n, 3, 3)."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    c = points - corners[:, 0]
+    aa, ab, bb, ca, cb = (np.einsum("ni,ni->n", x, y) for x, y in ((a, a), (a, b), (b, b), (c, a), (c, b)))
+    size = aa * bb - ab**2
+    size = np.where(size > 0, size, 1.0)
+    v, w = (bb * ca - ab * cb) / size, (aa * cb - ab * ca) / size
+    found: Floats = np.clip(np.stack([1 - v - w, v, w], axis=1), 0.0, 1.0)
+    return found
