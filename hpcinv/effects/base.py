@@ -35,7 +35,7 @@ class Effect(Ingredient):
         return frozenset()
 
     def faults(self, first: Direction) -> Iterator[tuple[Location, str]]:
-        """Yield faults of its fields, with their places, if the body given is that of the ``first`` direction solved."""
+        """Yield faults, with their places, if the given body is that of the ``first`` direction solved."""
         yield from ()
 
     def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:

@@ -62,8 +62,8 @@ class Contact(Effect):
     pressure: StressField | None = None
     """known contact pressure, for an inverse analysis"""
     penalty: StiffnessField | None = None
-    """pressure per penetration of a rigid obstacle in each solve, by default 1024 shear moduli per length of the body;
-    beside a 'pressure' by default 0"""
+    """pressure per penetration of a rigid obstacle in each solve; by default 1024 shear moduli per length of the body
+    or, beside a known pressure, 0"""
     penetration: Size | None = None
     """largest penetration of a rigid obstacle at vertices; by default 1/65536 of the length of the body"""
 
