@@ -16,6 +16,7 @@ from hpcinv.cli.explain import add_explain
 from hpcinv.cli.laws import add_laws
 from hpcinv.cli.mesh import add_mesh
 from hpcinv.cli.run import add_run
+from hpcinv.cli.show import add_show
 from hpcinv.cli.study import add_study, with_action
 from hpcinv.cli.sweep import add_sweep
 from hpcinv.cli.validate import add_validate
@@ -68,7 +69,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="command")
-    for add in (add_run, add_study, add_sweep, add_validate, add_explain, add_laws, add_mesh, add_compile, add_bench):
+    for add in (
+        add_run,
+        add_study,
+        add_sweep,
+        add_validate,
+        add_explain,
+        add_show,
+        add_laws,
+        add_mesh,
+        add_compile,
+        add_bench,
+    ):
         add(commands)
     return parser
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from hpcinv.mesh.topology import unique_rows
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
+    from hpcinv.mesh.regions import LocalIndices
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Surface:
         tags: numbers of the facets' nodes, (f, n), in the order of the reference facet.
         nodes: their coordinates, (f, n, 3) in m.
         outward: whether the reference facet's normal points out of the body, (f,).
+        values: what was gathered for each facet, (f, m).
     """
 
     kind: str
@@ -49,6 +52,7 @@ class Surface:
     tags: Ints
     nodes: Floats
     outward: npt.NDArray[np.bool_]
+    values: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def is_flat(self) -> bool:
@@ -76,7 +80,15 @@ class Surface:
         return Triangles(shared, corners.reshape(-1, 3), np.repeat(facets, len(triangles)))
 
 
-def gather_surface(body: Body, nodes: Floats) -> Surface | None:
+type Evaluation = Callable[[LocalIndices, LocalIndices], Floats]
+"""values (f, m) of local facets (f,) and of the cells (f,) that they belong to"""
+
+
+def _nothing(facets: LocalIndices, _cells: LocalIndices) -> Floats:
+    return np.zeros((len(facets), 0))
+
+
+def gather_surface(body: Body, nodes: Floats, evaluate: Evaluation = _nothing) -> Surface | None:
     """Gather on rank 0 the boundary of a body with its local geometry nodes at ``nodes`` (n, 3) m; collective."""
     mesh, kind, degree = body.mesh, body.source.kind, body.source.degree
     topology, geometry = mesh.topology, mesh.geometry
@@ -84,7 +96,8 @@ def gather_surface(body: Body, nodes: Floats) -> Surface | None:
     topology.create_connectivity(3, 2)
     facets = dolfinx.mesh.exterior_facet_indices(topology)
     of_facet = topology.connectivity(2, 3)
-    cells = of_facet.array[of_facet.offsets[facets]].astype(np.int64)
+    local_cells = of_facet.array[of_facet.offsets[facets]]
+    cells = local_cells.astype(np.int64)
     of_cell = topology.connectivity(3, 2).array.reshape(-1, len(sub_entities(kind, 2)))
     which = (of_cell[cells] == facets[:, None]).argmax(axis=1)
 
@@ -95,12 +108,12 @@ def gather_surface(body: Body, nodes: Floats) -> Surface | None:
     outward = turned[which] == (determinants > 0)  # normals are reversed in a mesh that is left-handed throughout
     order = np.stack([np.asarray(topology.original_cell_index)[cells], which], axis=1)
     tags = geometry.input_global_indices[local].astype(np.int64)
-    gathered = mesh.comm.gather((order, tags, nodes[local], outward))
+    gathered = mesh.comm.gather((order, tags, nodes[local], outward, evaluate(facets, local_cells)))
     if gathered is None:
         return None
-    order, tags, points, outward = map(np.concatenate, zip(*gathered, strict=True))
+    order, tags, points, outward, values = map(np.concatenate, zip(*gathered, strict=True))
     first = np.lexsort(order.T[::-1])
-    return Surface(FACET_KIND[kind], degree, tags[first], points[first], outward[first])
+    return Surface(FACET_KIND[kind], degree, tags[first], points[first], outward[first], values[first])
 
 
 @cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,8 @@ from hpcinv.quantity.units import length_symbol
 if TYPE_CHECKING:
     from hpcinv.mesh import MeshSource
 
-_OF_JOBS = (".yaml", ".yml")
+JOBS = (".yaml", ".yml")
+"""suffixes of job files"""
 
 
 def add_mesh(commands: Any) -> None:
@@ -53,7 +55,7 @@ def _partition(options: argparse.Namespace) -> int:
     if options.parts < 1:
         raise OutputError(f"--parts {options.parts}: there must be one at least")
     spec, path = _asked_for(options)
-    _on_one_process()
+    on_one_process("mesh")
     from hpcinv.mesh.body import read_source
     from hpcinv.mesh.checks import check
     from hpcinv.mesh.distributed.partitioned import write_partitioned
@@ -77,7 +79,7 @@ def _gather(options: argparse.Namespace) -> int:
         raise OutputError(f"{options.input}: is no partitioned mesh ({SUFFIX})")
     if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
         raise JobError([f"{options.input}: {fault}"])
-    _on_one_process()
+    on_one_process("mesh")
     from hpcinv.mesh.export import SAVERS, save
     from hpcinv.mesh.readers import FILES
 
@@ -98,16 +100,25 @@ def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
         "geometry_degree": options.geometry_degree,
     }
     given = {key: value for key, value in given.items() if value}
-    if options.input.suffix in _OF_JOBS:
+    if options.input.suffix in JOBS:
         if given:
             raise JobError([f"{options.input}: says itself which parameters, unit and degree its mesh has"])
         job = load(options.input)
         return job.mesh, job.resolve(job.mesh.file)
+    return mesh_spec(options.input, given), options.input
+
+
+def mesh_spec(path: Path, given: Mapping[str, Any]) -> MeshSpec:
+    """Return the mesh section for a mesh file or generator, with further entries of the section as ``given``.
+
+    Raises:
+        JobError: an entry is wrong.
+    """
     try:
-        context = {"directory": options.input.parent, "untrusted": is_asked()}
-        return MeshSpec.model_validate({"file": options.input.name} | given, context=context), options.input
+        context = {"directory": path.parent, "untrusted": is_asked()}
+        return MeshSpec.model_validate({"file": path.name} | dict(given), context=context)
     except ValidationError as error:
-        raise job_error(options.input, error, MeshSpec) from None
+        raise job_error(path, error, MeshSpec) from None
 
 
 def _parameter(text: str) -> tuple[str, Any]:
@@ -118,8 +129,9 @@ def _parameter(text: str) -> tuple[str, Any]:
     return name, read_text(value, f"--parameter {name}")
 
 
-def _on_one_process() -> None:
+def on_one_process(command: str) -> None:
+    """Raise ``OutputError`` if a command was started with several ranks."""
     from hpcinv.parallel.runtime import MPI
 
     if MPI.COMM_WORLD.size > 1:
-        raise OutputError("'hpcinv mesh' works on one process", "Start it without mpirun, or with 'mpirun -n 1'.")
+        raise OutputError(f"'hpcinv {command}' works on one process", "Start it without mpirun, or with 'mpirun -n 1'.")

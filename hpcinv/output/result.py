@@ -11,6 +11,10 @@ from hpcinv.certificate import Certificate, Estimate
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
+from hpcinv.parallel.runtime import on_root
+from hpcinv.pictures.boundary import boundary_of
+from hpcinv.pictures.drawing import Picture
+from hpcinv.pictures.result_picture import Colour, draw_result
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.sensitivity.analysis import Sensitivities
@@ -49,6 +53,25 @@ class Result:
     def shape(self) -> Floats:
         """Coordinates of the local geometry nodes in the unknown body, (n, 3) in m."""
         return self.solutions[0].other_nodes
+
+    def plot(self, colour: Colour = "displacement") -> Picture:
+        """Draw the given body beside the one that was found; collective.
+
+        A notebook displays the picture, and ``picture.save(path)`` writes it as PNG.
+
+        Args:
+            colour: field on the bodies.
+
+        Raises:
+            OutputError: the run has no values of this colour.
+        """
+        boundary = boundary_of(self.body, self.solutions[0], self.estimate)
+
+        def draw() -> Picture:
+            assert boundary is not None  # on rank 0
+            return draw_result(self.statistics, boundary, colour)
+
+        return on_root(self.body.mesh.comm, draw)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a copy of the content of ``summary.json``, the same on every rank."""

@@ -20,12 +20,13 @@ from hpcinv.job.job import Job, load, parse
 from hpcinv.job.yaml_reader import read_yaml
 
 _JOB, _ORIGIN = "job.yaml", "origin.json"
-_CONTENT = (_JOB, "checkpoints", "fields", "shape.*", "summary.*", "run.log", ".*.partial")
+_CONTENT = (_JOB, "checkpoints", "fields", "shape.*", "surface.npz", "summary.*", "run.log", ".*.partial")
 
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``.
+    """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``, and
+    ``surface.npz`` for pictures.
 
     A run that is killed at its beginning leaves nothing, ``.lock``, or ``origin.json`` without ``job.yaml``: never a
     partial file.

@@ -11,6 +11,8 @@ from hpcinv.output.result import Result
 from hpcinv.output.run_directory import relative
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.summary import statistics, write_summary
+from hpcinv.pictures.boundary import NAME as BOUNDARY
+from hpcinv.pictures.boundary import write_boundary
 from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
@@ -117,7 +119,10 @@ class RunReport(Observer):
         result = replace(result, directory=store.path, accuracy=self._record, totals=self._totals)
         size = model.unknowns.size
         found = statistics(result, status, size, self._unused_options, model.timings, store.comm)
-        if store.path is not None:
+        if (path := store.path) is not None:
             store.check_in_place()
-            write_summary(store.path, found, store.comm, formats=model.job.output.summary)
+            if result.solutions and model.job.output.fields:
+                with model.timings("output"):
+                    write_boundary(path / BOUNDARY, model.body, result.solutions[0], result.estimate)
+            write_summary(path, found, store.comm, formats=model.job.output.summary)
         return replace(result, statistics=found)

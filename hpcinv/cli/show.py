@@ -1,0 +1,96 @@
+"""``hpcinv show``: draw a job before it runs, a mesh, or the result of a run as PNG."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.cli.mesh import JOBS, mesh_spec, on_one_process
+from hpcinv.errors import OutputError
+from hpcinv.files.untrusted import add_option
+from hpcinv.job.job import load
+
+if TYPE_CHECKING:
+    from hpcinv.pictures.drawing import Picture
+
+_COLOURS = ("displacement", "von-mises", "pressure", "J", "error")
+_EPILOG = """examples:
+  hpcinv show jobs/thick-sphere.yaml          the mesh with supports and loads, before an hour of compute
+  hpcinv show body.msh                        the named regions of a mesh
+  hpcinv show results/thick-sphere --colour von-mises"""
+
+
+def add_show(commands: Any) -> None:
+    show = commands.add_parser(
+        "show",
+        help="draw a job before it runs, a mesh, or the result of a run, as a PNG, without a display",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    show.add_argument("input", type=Path, help="job file, mesh or generator of one, or directory of a run")
+    show.add_argument("--output", type=Path, help="the PNG; by default NAME.png in the working directory")
+    show.add_argument("--colour", choices=_COLOURS, help="field on the bodies of a run; by default displacement")
+    show.add_argument("--unit", help="length unit of a mesh, as mesh.unit of a job")
+    add_option(show)
+    show.set_defaults(command=_show)
+
+
+def _show(options: argparse.Namespace) -> int:
+    given: Path = options.input
+    if not given.exists():
+        raise OutputError(f"{given}: no such file or directory", "Give a job file, a mesh, or the directory of a run.")
+    path = options.output or Path(f"{given.resolve().stem}.png")
+
+    from hpcinv.pictures.drawing import check_png
+
+    check_png(path)
+    on_one_process("show")
+    is_run = given.is_dir() and given.suffix != ".bp"
+    if options.colour and not is_run:
+        raise OutputError(f"{given}: --colour is for results, and this is not the directory of a run")
+    if options.unit and (is_run or given.suffix in JOBS):
+        raise OutputError(f"{given}: --unit is for meshes; jobs and results state theirs")
+    picture = _of_run(given, options.colour or "displacement") if is_run else _of_body(given, options.unit)
+    picture.save(path)
+    print(path)
+    return 0
+
+
+def _of_run(directory: Path, colour: str) -> Picture:
+    from hpcinv.pictures.boundary import NAME, read_boundary
+    from hpcinv.pictures.result_picture import draw_result
+
+    try:
+        summary = json.loads((directory / "summary.json").read_text())
+        boundary = read_boundary(directory / NAME)
+        return draw_result(summary, boundary, colour)
+    except (OSError, ValueError, KeyError, TypeError):
+        raise OutputError(
+            f"{directory}: has no summary of a run", "Give the directory that 'run' printed at its beginning."
+        ) from None
+
+
+def _of_body(path: Path, unit: str | None) -> Picture:
+    job = load(path) if path.suffix in JOBS else None
+    spec = job.mesh if job else mesh_spec(path, {"unit": unit} if unit else {})
+
+    from hpcinv.mesh import build_body
+    from hpcinv.parallel.runtime import MPI
+    from hpcinv.pictures.boundary import boundary_of
+    from hpcinv.pictures.job_picture import draw_job, draw_mesh
+
+    def report(text: str) -> None:
+        print(f"meshing {spec.file}: {text}", file=sys.stderr, flush=True)
+
+    regions, resolve = (job.regions, job.resolve) if job else ({}, lambda _file: path)
+    body = build_body(spec, regions, MPI.COMM_SELF, resolve=resolve, report=report)
+    if job:
+        for part in (*job.supports, *job.effects):
+            if (name := getattr(part, "region", None)) is not None:
+                body.facets(name)  # raises MeshError if the mesh lacks it
+    boundary = boundary_of(body)
+    assert boundary is not None  # there is one rank
+    return draw_job(job, boundary) if job else draw_mesh(path.name, boundary)

@@ -1,0 +1,1 @@
+"""Pictures of bodies and results, drawn without a display."""

@@ -1,0 +1,196 @@
+"""Rendering of triangles without a display (pyvista), and figures of such renderings with text (matplotlib)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from hpcinv.errors import OutputError, SystemPartMissing
+from hpcinv.files.atomic import output_errors, replace
+from hpcinv.mesh.source import Floats, Ints
+
+COLOUR_MAP = "viridis"
+_PIXELS = (1000, 800)  # of one view
+_SHARP = 35.0  # degrees between triangles whose common side is drawn
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture as PNG, which notebooks display."""
+
+    png: bytes
+
+    def save(self, path: Path) -> None:
+        """Write the picture to a file; raises ``OutputError`` if it cannot be written."""
+        with output_errors(path):
+            replace(path, self.png)
+
+    def _repr_png_(self) -> bytes:
+        return self.png
+
+
+@dataclass(frozen=True)
+class Body:
+    """Triangles to draw, in one colour or with values (triangles,) or (points,) on a colour map."""
+
+    points: Floats
+    triangles: Ints
+    colour: str = "#d9d9d9"
+    values: Floats | None = None
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Glyphs:
+    """Symbols at points (n, 3): arrows that end there, or cubes around them.
+
+    Attributes:
+        vectors: from tail to tip, (n, 3); left out for cubes.
+        size: side of the cubes.
+    """
+
+    points: Floats
+    colour: str
+    vectors: Floats | None = None
+    size: float = 0.0
+
+
+@dataclass(frozen=True)
+class View:
+    """One rendering: what is drawn, and from which direction."""
+
+    parts: Sequence[Body | Glyphs]
+    towards: Floats
+    up: Floats
+    title: str = ""
+
+
+def extent(points: Floats) -> float:
+    """Return the diagonal of the bounding box of points."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def directions(points: Floats, up: Floats | None = None) -> tuple[Floats, Floats, Floats]:
+    """Return the directions of two views, from above in front and from below behind, and the one that is drawn upwards."""
+    sizes = np.ptp(points, axis=0)
+    up = np.array([0.0, 0.0, 1.0]) if up is None else up / np.linalg.norm(up)
+    level = [axis for axis in np.eye(3) if abs(axis @ up) < 0.9][:2]
+    wide, deep = sorted(level, key=lambda axis: -(axis @ sizes))
+    # With the wide side to the right, x and y have the orientation that readers expect.
+    front = np.cross(up, wide)
+    front = front if front @ deep else deep
+    return 0.45 * wide + front - 0.4 * up, -0.45 * wide - front + 0.4 * up, up
+
+
+def figure(
+    views: Sequence[View],
+    title: str,
+    *,
+    legend: Sequence[tuple[str, str]] = (),
+    notes: str = "",
+    colours: tuple[str, float, float] | None = None,
+) -> Picture:
+    """Return a figure with views side by side.
+
+    Args:
+        legend: texts and their colours.
+        notes: lines below the title.
+        colours: name of the values on the colour map, and their smallest and largest.
+
+    Raises:
+        SystemPartMissing: there is no OpenGL on this machine, not even in software.
+    """
+    limits = None if colours is None else colours[1:]
+    images = [_rendered(view, limits) for view in views]
+    sheet = Figure(figsize=(6.4 * len(views), 6.6), dpi=130, layout="constrained")
+    axes = np.atleast_1d(sheet.subplots(1, len(views)))
+    for axis, image, view in zip(axes, images, views, strict=True):
+        axis.imshow(image)
+        axis.set_title(view.title, fontsize=11)
+        axis.set_axis_off()
+    sheet.suptitle(title + (f"\n{notes}" if notes else ""), fontsize=12, x=0.01, ha="left")
+    if colours is not None:
+        mapped = ScalarMappable(Normalize(*colours[1:]), COLOUR_MAP)
+        sheet.colorbar(mapped, ax=axes.tolist(), orientation="horizontal", label=colours[0], shrink=0.5, pad=0.02)
+    if legend:
+        patches = [Patch(color=colour, label=text) for text, colour in legend]
+        sheet.legend(handles=patches, loc="outside lower left", fontsize=9, frameon=False)
+    stream = io.BytesIO()
+    with mpl.rc_context({"savefig.facecolor": "white"}):
+        sheet.savefig(stream, format="png")
+    return Picture(stream.getvalue())
+
+
+def _rendered(view: View, limits: tuple[float, float] | None) -> npt.NDArray[np.uint8]:
+    import pyvista as pv
+    from vtkmodules.vtkCommonCore import vtkLogger
+
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)  # VTK warns of a missing display before it does without
+    try:
+        plotter: Any = pv.Plotter(off_screen=True, window_size=list(_PIXELS))
+    except Exception as error:  # VTK raises nothing narrower
+        raise SystemPartMissing(f"no picture can be drawn: {error}", _ADVICE) from error
+    plotter.set_background("white")
+    for part in view.parts:
+        _add(plotter, part, limits)
+    plotter.add_axes(line_width=2)
+    plotter.enable_parallel_projection()
+    plotter.view_vector((-view.towards).tolist(), view.up.tolist())
+    plotter.camera.zoom(1.25)
+    plotter.enable_anti_aliasing("ssaa")
+    image = plotter.screenshot(return_img=True)
+    plotter.close()
+    if image is None or image.max() == image.min():
+        raise SystemPartMissing("no picture can be drawn: the rendering is empty", _ADVICE)
+    return np.asarray(image)
+
+
+_ADVICE = "Install OpenGL in software: on Debian, libegl1 and libgl1-mesa-dri."
+
+
+def _add(plotter: Any, part: Body | Glyphs, limits: tuple[float, float] | None) -> None:
+    import pyvista as pv
+
+    if isinstance(part, Glyphs):
+        plotter.add_mesh(_symbols(part), color=part.colour, ambient=0.3)
+        return
+    mesh = pv.PolyData.from_regular_faces(part.points, part.triangles)
+    look: dict[str, Any] = {"color": part.colour}
+    if part.values is not None:
+        look = {"scalars": part.values, "cmap": COLOUR_MAP, "clim": limits, "show_scalar_bar": False}
+    plotter.add_mesh(mesh, opacity=part.opacity, ambient=0.25, smooth_shading=False, **look)
+    sharp = mesh.extract_feature_edges(_SHARP, boundary_edges=True, manifold_edges=False, non_manifold_edges=True)
+    if sharp.n_cells:
+        plotter.add_mesh(sharp, color="#303030", line_width=1.5, opacity=part.opacity)
+
+
+def _symbols(glyphs: Glyphs) -> Any:
+    import pyvista as pv
+
+    cloud = pv.PolyData(glyphs.points)
+    if glyphs.vectors is None:
+        return cloud.glyph(geom=pv.Cube(), scale=False, orient=False, factor=glyphs.size)
+    lengths = np.linalg.norm(glyphs.vectors, axis=1)
+    cloud = pv.PolyData(glyphs.points - glyphs.vectors)
+    cloud["vectors"] = glyphs.vectors / np.maximum(lengths, np.finfo(float).tiny)[:, None]
+    arrow = pv.Arrow(tip_length=0.35, tip_radius=0.12, shaft_radius=0.04)
+    return cloud.glyph(geom=arrow, orient="vectors", scale=False, factor=float(lengths.max(initial=0.0)))
+
+
+def check_png(path: Path) -> None:
+    """Raise ``OutputError`` for a picture that is not a PNG, before it is drawn."""
+    if path.suffix.lower() != ".png":
+        raise OutputError(f"{path}: pictures are PNG files", f"Name it {path.with_suffix('.png').name}.")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path.parent}: no such directory")

@@ -1,0 +1,150 @@
+"""Picture of a job before it runs: the mesh with regions, supports and loads."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from hpcinv.effects import Effect
+from hpcinv.job.job import Job
+from hpcinv.mesh.source import Floats
+from hpcinv.pictures.boundary import Boundary
+from hpcinv.pictures.drawing import Body, Glyphs, Picture, View, directions, extent, figure
+
+_BODY = "#d9d9d9"
+_SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")
+_LOADS = ("#D55E00", "#E69F00", "#CC79A7", "#8B2500")
+_REGIONS = ("#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0072B2", "#D55E00", "#F0E442", "#666666")
+_SYMBOLS = 40  # of one support or load
+_SIZE = 0.07  # of an arrow, relative to the body
+_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
+_TEXT = 90  # characters of a line of the legend
+
+
+def draw_job(job: Job, boundary: Boundary) -> Picture:
+    """Draw the given mesh of a job from two sides, with its supports in blue and its loads in red and yellow."""
+    size = extent(boundary.points)
+    parts: list[Body | Glyphs] = []
+    legend, marked = [], np.zeros(len(boundary.triangles), dtype=bool)
+    up = None
+    for support, colour, given in zip(job.supports, _cycle(_SUPPORTS), _rows(job, "supports"), strict=False):
+        inside = _triangles(boundary, support.region)
+        legend.append((f"support {_text(given, f'region: {support.region}')}", colour))
+        marked |= inside
+        parts.append(Body(boundary.points, boundary.triangles[inside], colour))
+        parts.extend(_fixings(boundary, inside, sorted(support.held), colour, size))
+    for effect, colour, given in zip(job.effects, _cycle(_LOADS), _rows(job, "effects"), strict=False):
+        legend.append(
+            (_text({name: value for name, value in given.items() if name != "effect"}, _kind(effect)), colour)
+        )
+        region, vector = getattr(effect, "region", None), _numbers(getattr(effect, "acceleration", None))
+        if vector is not None:
+            up = -vector
+            parts.append(_beside(boundary.points, vector, colour, size))
+        if region is None:
+            continue
+        inside = _triangles(boundary, region)
+        new = inside & ~marked
+        marked |= inside
+        parts.append(Body(boundary.points, boundary.triangles[new], colour))
+        centres, normals = _sample(boundary, inside)
+        vector = _numbers(getattr(effect, "traction", None))
+        pull = -normals if vector is None else np.broadcast_to(vector / np.linalg.norm(vector), normals.shape)
+        parts.append(Glyphs(centres, colour, pull * _SIZE * size))
+    parts.append(Body(boundary.points, boundary.triangles[~marked], _BODY))
+    front, back, up = directions(boundary.points, up)
+    views = [View(parts, front, up, "from in front, above"), View(parts, back, up, "from behind, below")]
+    return figure(views, f"{job.job}: {job.analysis}", legend=legend, notes=_size(boundary.points))
+
+
+def draw_mesh(name: str, boundary: Boundary) -> Picture:
+    """Draw a mesh from two sides, each named region in a colour; of regions that overlap the last is on top."""
+    parts, legend = [], list[tuple[str, str]]()
+    hidden = np.zeros(len(boundary.triangles), dtype=bool)
+    for (region, inside), colour in zip(reversed(list(boundary.regions.items())), _cycle(_REGIONS), strict=False):
+        visible = inside & ~hidden
+        legend.append((f"{region}: {inside.sum()} triangles of the boundary", colour))
+        if visible.any():
+            parts.append(Body(boundary.points, boundary.triangles[visible], colour))
+        hidden |= inside
+    parts.append(Body(boundary.points, boundary.triangles[~hidden], _BODY))
+    front, back, up = directions(boundary.points)
+    views = [View(parts, front, up, "from in front, above"), View(parts, back, up, "from behind, below")]
+    return figure(views, name, legend=legend, notes=_size(boundary.points))
+
+
+def _triangles(boundary: Boundary, region: str) -> npt.NDArray[np.bool_]:
+    every = np.ones(len(boundary.triangles), dtype=bool)
+    return every if region == "boundary" else boundary.regions[region]
+
+
+def _sample(boundary: Boundary, inside: npt.NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Centres and unit normals of some triangles, evenly distributed: each the nearest to a cell of a coarse grid."""
+    corners = boundary.points[boundary.triangles[inside]]
+    centres = corners.mean(axis=1)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
+    chosen = [0] if len(centres) else []
+    distance = np.full(len(centres), np.inf)
+    while chosen and len(chosen) < min(_SYMBOLS, len(centres)):  # the farthest from those chosen before
+        distance = np.minimum(distance, np.linalg.norm(centres - centres[chosen[-1]], axis=1))
+        chosen.append(int(distance.argmax()))
+    return centres[chosen], normals[chosen]
+
+
+def _fixings(
+    boundary: Boundary, inside: npt.NDArray[np.bool_], axes: Sequence[str], colour: str, size: float
+) -> Iterator[Glyphs]:
+    """Cubes where all displacements are prescribed, else arrows along each prescribed axis, from outside."""
+    centres, normals = _sample(boundary, inside)
+    if len(axes) == 3:
+        yield Glyphs(centres, colour, size=0.2 * _SIZE * size)
+        return
+    for axis in axes:
+        along = np.eye(3)["xyz".index(axis)]
+        sides = np.where(normals @ along > 0, -1.0, 1.0)
+        yield Glyphs(centres, colour, 0.6 * _SIZE * size * sides[:, None] * along)
+
+
+def _beside(points: Floats, vector: Floats, colour: str, size: float) -> Glyphs:
+    """An arrow that ends in front of the body."""
+    along = vector / np.linalg.norm(vector)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    reach = ((points - middle) @ -along).max() + 0.03 * size
+    return Glyphs((middle - reach * along)[None], colour, 2 * _SIZE * size * along[None])
+
+
+def _numbers(value: Any) -> Floats | None:
+    """Three numbers that are not all zero, else ``None``: formulas are not drawn."""
+    if isinstance(value, list | tuple) and len(value) == 3 and all(isinstance(v, int | float) for v in value):
+        return np.array(value, dtype=float) if any(value) else None
+    return None
+
+
+def _kind(effect: Effect) -> str:
+    return str(getattr(effect, "effect", type(effect).__name__))
+
+
+def _rows(job: Job, section: str) -> list[Mapping[str, Any]]:
+    """The section as the user wrote it."""
+    return [row if isinstance(row, Mapping) else {} for row in job.data.get(section, [])]
+
+
+def _text(given: Mapping[str, Any], head: str) -> str:
+    kept = {name: value for name, value in given.items() if f"{name}: {value}" != head}
+    more = yaml.safe_dump(kept, default_flow_style=True, sort_keys=False, width=10_000).strip()[1:-1] if kept else ""
+    text = f"{head}, {more}" if more else head
+    return text if len(text) <= _TEXT else text[: _TEXT - 1] + "…"
+
+
+def _size(points: Floats) -> str:
+    sides = np.ptp(points, axis=0)
+    unit, name = next((unit, name) for unit, name in _UNITS if sides.max() >= unit or name == "nm")
+    return " x ".join(f"{side / unit:.3g}" for side in sides) + f" {name}"
+
+
+def _cycle(colours: Sequence[str]) -> Iterator[str]:
+    while True:
+        yield from colours

@@ -1,0 +1,74 @@
+"""The boundary that pictures are drawn from: the same triangles on any number of ranks, closed, with the results."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import BLOCK
+from helpers.verification import job
+
+import hpcinv
+from hpcinv.errors import OutputError
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI
+from hpcinv.pictures.boundary import NAME, Boundary, boundary_of, read_boundary
+from hpcinv.pictures.result_picture import FIELDS
+
+SHEAR: dict[str, Any] = {
+    "analysis": "forward",
+    "mesh": {"file": "../meshes/box.py", "parameters": {"nx": 2, "ny": 1, "nz": 1}, "geometry_degree": 2},
+    "material": BLOCK["material"],
+    "supports": [{"region": "boundary", "displacement": ["0.2*y", "0", "0"]}],
+}
+
+
+def sheared(comm: MPI.Intracomm, directory: Path) -> tuple[Result, Boundary | None]:
+    result = hpcinv.run(job(**SHEAR), comm, directory=directory, overwrite=True)
+    return result, boundary_of(result.body, result.solutions[0])
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_the_boundary_is_closed_and_has_the_solution(comm: MPI.Intracomm, run_directory: Path) -> None:
+    _, boundary = sheared(comm, run_directory / "run")
+    if boundary is None:
+        assert comm.rank != 0
+        return
+    corners = boundary.points[boundary.triangles]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    assert np.allclose(areas.sum(axis=0), 0.0, atol=1e-12)  # closed
+    assert np.isclose(np.einsum("ti,ti->", corners.mean(axis=1), areas) / 3, 1.0)  # the volume: normals point outwards
+    sides = np.sort(np.concatenate([boundary.triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))]), axis=1)
+    assert (np.unique(sides, axis=0, return_counts=True)[1] == 2).all()  # no point is there twice
+    assert np.allclose(boundary.displacement, boundary.points[:, [1]] * [0.2, 0, 0], atol=1e-9)
+    assert np.allclose(boundary.others, boundary.points + boundary.displacement)
+    x = corners[boundary.regions["x1"]][:, :, 0]
+    assert x.size
+    assert np.allclose(x, 1.0)
+    mu = 10e3  # simple shear γ of a neo-Hookean body: σ = μ (b - I), b - I = [[γ², γ, 0], [γ, 0, 0], [0, 0, 0]]
+    expected = np.sqrt(0.2**4 + 3 * 0.2**2) * mu
+    assert np.allclose(FIELDS["von-mises"].evaluate(boundary), expected, rtol=1e-6)
+    assert np.allclose(FIELDS["J"].evaluate(boundary), 1.0, atol=1e-8)
+
+
+@pytest.mark.parallel(2)
+def test_a_run_keeps_its_boundary(comm: MPI.Intracomm, run_directory: Path) -> None:
+    result, boundary = sheared(comm, run_directory / "run")
+    picture = result.plot("von-mises")
+    assert picture.png.startswith(b"\x89PNG")
+    if boundary is not None:
+        kept = read_boundary(run_directory / "run" / NAME)
+        assert np.array_equal(kept.points, boundary.points)
+        assert np.array_equal(kept.triangles, boundary.triangles)
+        assert kept.regions.keys() == boundary.regions.keys()
+        assert kept.direction == "forward"
+        assert kept.error is None
+    with pytest.raises(OutputError, match="no values for the colour 'error'"):
+        result.plot("error")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no archive"])
+def test_a_damaged_file_is_refused(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / NAME).write_bytes(content)
+    with pytest.raises(OutputError, match=r"surface\.npz: cannot be read"):
+        read_boundary(tmp_path / NAME)

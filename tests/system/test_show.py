@@ -1,0 +1,68 @@
+"""``hpcinv show``: pictures of jobs, meshes and results, from the command line."""
+
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from helpers.command_line import BLOCK, NO_CERTIFICATE, hpcinv, write_job
+
+MESHES = Path(__file__).parents[2] / "meshes"
+BLUE, ORANGE = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)
+
+
+def pixels(path: Path, colour: tuple[int, int, int]) -> int:
+    """Number of pixels of about the hue of a colour, whatever the light."""
+    image = matplotlib.image.imread(path)[:, :, :3]
+    norms = np.linalg.norm(image, axis=2)
+    wanted = np.array(colour) / np.linalg.norm(colour)
+    return int(((image @ wanted > 0.985 * norms) & (norms > 0.2)).sum())
+
+
+def show(directory: Path, *arguments: object) -> str:
+    done = hpcinv(1, "show", *arguments, cwd=directory)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_supports_and_loads_are_seen_before_a_run(tmp_path: Path) -> None:
+    pressed = [*BLOCK["effects"], {"effect": "pressure", "region": "x1", "pressure": "1 kPa"}]
+    write_job(tmp_path / "block.yaml", BLOCK, effects=pressed)
+    assert show(tmp_path, "block.yaml").split() == ["block.png"]
+    both = pixels(tmp_path / "block.png", BLUE)
+    assert both > 2_000
+    write_job(tmp_path / "bare.yaml", BLOCK, effects=[], supports=[{"region": "z0", "fix": ["x", "y", "z"]}])
+    show(tmp_path, "bare.yaml")
+    assert pixels(tmp_path / "block.png", ORANGE) > 500 > pixels(tmp_path / "bare.png", ORANGE)
+
+
+def test_a_mesh_and_a_run_are_drawn(tmp_path: Path) -> None:
+    show(tmp_path, MESHES / "box.py", "--output", "box.png")
+    assert (tmp_path / "box.png").stat().st_size > 10_000
+    write_job(tmp_path / "block.yaml", BLOCK, certificate=NO_CERTIFICATE | {"estimate": True})
+    assert hpcinv(2, "run", "block.yaml", "--output", "run", cwd=tmp_path).returncode == 0
+    show(tmp_path, "run")
+    show(tmp_path, "run", "--colour", "error", "--output", "error.png")
+    first, second = (matplotlib.image.imread(tmp_path / name) for name in ("run.png", "error.png"))
+    assert not np.array_equal(first, second)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nothing.yaml"], "nothing.yaml: no such file or directory"),
+        (["."], "has no summary of a run"),
+        ([MESHES / "box.py", "--output", "box.jpg"], "box.jpg: pictures are PNG files"),
+        ([MESHES / "box.py", "--output", "no/box.png"], "no: no such directory"),
+        ([MESHES / "box.py", "--colour", "J"], "--colour is for results"),
+        (["wrong.yaml"], "no region 'bottom'"),
+        (["wrong.yaml", "--unit", "mm"], "--unit is for meshes"),
+    ],
+)
+def test_what_cannot_be_drawn_gets_one_message(arguments: list[object], message: str, tmp_path: Path) -> None:
+    write_job(tmp_path / "wrong.yaml", BLOCK, supports=[{"region": "bottom", "fix": ["x", "y", "z"]}])
+    done = hpcinv(1, "show", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.glob("*.png"))
