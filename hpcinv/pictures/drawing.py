@@ -82,7 +82,7 @@ def extent(points: Floats) -> float:
 
 
 def directions(points: Floats, up: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-    """Return the directions of two views, from above in front and from below behind, and the one that is drawn upwards."""
+    """Return the directions of two views, from above in front and from below behind, and that which is upwards."""
     sizes = np.ptp(points, axis=0)
     up = np.array([0.0, 0.0, 1.0]) if up is None else up / np.linalg.norm(up)
     level = [axis for axis in np.eye(3) if abs(axis @ up) < 0.9][:2]
