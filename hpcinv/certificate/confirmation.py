@@ -37,7 +37,7 @@ from hpcinv.certificate.inertia import inertia
 from hpcinv.job.sections import AXES
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.parallel.jit import JIT_OPTIONS
-from hpcinv.quantity.spatial_fields import ByFormula
+from hpcinv.quantity.spatial_fields import ByFormula, entries
 from hpcinv.solver.problem import default_quadrature
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Confirmed:
 
 
 def known_displacement(model: Model) -> fem.Function | None:
-    """Return the state's displacement if fibres or parameters of laws are given on the loaded body, else ``None``.
+    """Return the state's displacement if properties of the material are given on the loaded body, else ``None``.
 
     The forward scene needs it, to keep them attached to the material.
     """
@@ -89,13 +89,15 @@ def known_displacement(model: Model) -> fem.Function | None:
 
 
 def _seen_on_the_current_body(job: Job) -> bool:
-    """Return whether fibres or parameters of laws are given on the current body."""
+    """Return whether fibres, inelastic strains or parameters of the material are given on the current body."""
+    effects = [effect for effect in job.effects if not effect.is_load]
     if any(family.given_on == "current" for family in job.families.values()):
         return True
-    parts = (*job.laws.values(), *job.families.values())
-    values = [value for part in parts for value, _ in part.quantities().values()]
-    flat = [v for value in values for v in (value if isinstance(value, tuple) else (value,))]
-    return any(isinstance(v, ByFormula) and not v.formula.names.isdisjoint(AXES) for v in flat)
+    if any(effect.strain_given_on == "current" for effect in effects):
+        return True
+    parts = (*job.laws.values(), *job.families.values(), *effects)
+    values = [v for part in parts for value, _ in part.quantities().values() for v in entries(value)]
+    return any(isinstance(v, ByFormula) and not v.formula.names.isdisjoint(AXES) for v in values)
 
 
 @contextmanager

@@ -29,6 +29,19 @@ class Effect(Ingredient):
     case: Name | None = None
     """load case (a name from 'load_cases') in which it grows from nothing to its full size; left out, the first"""
 
+    writes_its_stress: ClassVar[bool] = False
+    """Whether results have the stress that its inelastic strain alone causes in the body's reference shape."""
+
+    @property
+    def is_load(self) -> bool:
+        """Whether it acts in space; fields of other effects are attached to the material, as those of laws are."""
+        return type(self).virtual_work is not Effect.virtual_work
+
+    @property
+    def strain_given_on(self) -> Configuration:
+        """Body on which `inelastic_strain` is given; the scene pulls ``F_g`` of the current body back, ``F⁻¹F_g F``."""
+        return "reference"
+
     @property
     def holds(self) -> frozenset[str]:
         """Axes along which it resists rigid motions of the body."""
@@ -50,9 +63,18 @@ class Effect(Ingredient):
         return None
 
     def inelastic_strain(self, k: Deformation, load: Any, par: Any) -> Any | None:
-        """Return ``F_g - I`` of a stress-free stretch ``F_g`` of the reference body, a UFL tensor."""
+        """Return ``F_g - I`` of a stress-free stretch ``F_g``, a UFL tensor; several ones multiply in their order."""
         return None
 
     def potential(self, k: Deformation, load: Any, par: Any) -> Any | None:
         """Return a potential per reference volume whose derivative by ``F`` is added to the stress ``P``."""
         return None
+
+    def positive(self, par: Any, directions: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return numbers that must be positive everywhere, by their names in messages.
+
+        Args:
+            par: samples (SI) of its quantities by name, arrays of (cells, points, …) or numbers.
+            directions: samples of the unit vectors of its families of fibres, (cells, points, 3).
+        """
+        return {}

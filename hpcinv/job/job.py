@@ -41,7 +41,7 @@ from hpcinv.quantity.schema import (
     repeated,
     shown,
 )
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion
+from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, entries
 
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
@@ -493,10 +493,10 @@ def _named_regions(job: Job) -> Iterator[tuple[Location, str]]:
 
 
 def _in_values(value: object, where: Location) -> Iterator[tuple[Location, str]]:
-    if isinstance(value, ByRegion):
-        for name in value.values:
-            if name != ELSEWHERE:
-                yield (*where, name), name
+    names = dict.fromkeys(name for entry in entries(value) if isinstance(entry, ByRegion) for name in entry.values)
+    for name in names:
+        if name != ELSEWHERE:
+            yield (*where, name), name
 
 
 def json_schema() -> dict[str, Any]:

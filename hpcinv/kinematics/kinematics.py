@@ -23,7 +23,7 @@ numerics for finite-strain elasticity", 2024, doi:10.1002/nme.7563).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -114,6 +114,29 @@ class Deformation:
     def I8(self, family: str, other: str) -> Any:
         """Return ``a0·(C - I) b0`` of two families: ``a·b`` of the deformed fibres, if ``a0·b0 = 0``."""
         return 2 * ufl.inner(self.fibres[family], self.E * self.fibres[other])
+
+    def along(self, families: Sequence[str], strains: Sequence[Any]) -> Any:
+        """Return ``Σ ε_i a_i⊗aⁱ``, which strains lines along three families ``a_i``; ``aⁱ`` are reciprocal to them.
+
+        A third direction that is left out is normal to the other two.
+        """
+        axes = [self.fibres[family] for family in families]
+        if len(axes) == 2:
+            axes.append(ufl.cross(*axes))
+        pairs = [ufl.cross(axes[1], axes[2]), ufl.cross(axes[2], axes[0]), ufl.cross(axes[0], axes[1])]
+        volume = ufl.inner(axes[0], pairs[0])
+        return sum(e / volume * ufl.outer(a, pair) for e, a, pair in zip(strains, axes, pairs, strict=True))
+
+    def after(self, stretch: Deformation) -> Deformation:
+        """Return ``F F_g⁻¹`` for a stretch ``F_g`` that precedes it, with fibres ``F_g a0 / |F_g a0|``.
+
+        Fibres are lines of the material, so that a rotation in ``F_g`` changes no invariant.
+        """
+        fibres = {}
+        for family, direction in self.fibres.items():
+            a = stretch.F * direction
+            fibres[family] = a / ufl.sqrt(ufl.inner(a, a))
+        return Deformation((self.H - stretch.H) * ufl.inv(stretch.F), fibres)
 
     @stage
     def _cbrt_J_minus_1(self) -> Any:

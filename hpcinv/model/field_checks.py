@@ -15,7 +15,7 @@ from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import quantities_of, quantity_of
-from hpcinv.quantity.spatial_fields import is_uniform
+from hpcinv.quantity.spatial_fields import entries, is_uniform
 
 
 def check_fields(job: Job, fields: BodyFields) -> None:
@@ -35,7 +35,7 @@ def check_fields(job: Job, fields: BodyFields) -> None:
             if value is None or is_uniform(value):
                 continue
             expected = quantity_of(type(ingredient), name)
-            for entry in value if isinstance(value, tuple) else (value,):
+            for entry in entries(value):
                 samples = fields.samples(entry, f"{where}.{name}")
                 _require(
                     fields, samples, np.vectorize(expected.admits, otypes=[bool]), f"{where}.{name}", expected.bounds
@@ -53,6 +53,11 @@ def check_fields(job: Job, fields: BodyFields) -> None:
         ((direction, _),) = family.quantities().values()
         length = np.linalg.norm(fields.vector_samples(direction, where), axis=-1)
         _require(fields, length, lambda values: values > 0, f"{where}: the length of the direction", "positive")
+    for where, effect in job.named_effects:
+        if any(not is_uniform(value) for value, _ in effect.quantities().values()) or effect.families:
+            directions = {name: _directions(fields, job.families[f"fibres.{name}"], where) for name in effect.families}
+            for what, values in effect.positive(_samples(fields, where, effect), directions).items():
+                _require(fields, np.atleast_1d(values), lambda values: values > 0, f"{where}: {what}", "positive")
 
 
 def shear_modulus(job: Job, fields: BodyFields) -> float:
@@ -82,6 +87,14 @@ def _samples(fields: BodyFields, where: str, law: MaterialLaw | Ingredient) -> A
         return value if value is None or is_uniform(value) else fields.samples(value, f"{where}.{name}")
 
     return SimpleNamespace(**{name: sampled(name, value) for name, (value, _) in law.quantities().items()})
+
+
+def _directions(fields: BodyFields, family: Ingredient, where: str) -> Floats:
+    """Return samples of a family's unit vectors, (cells, points, 3) after broadcasting."""
+    ((direction, _),) = family.quantities().values()
+    vectors = fields.vector_samples(direction, where)
+    unit: Floats = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return unit
 
 
 def _require(fields: BodyFields, values: Floats, admits: Callable[[Floats], Any], what: str, wanted: str) -> None:

@@ -50,13 +50,17 @@ class BodyFields:
         return function
 
     def samples(self, value: float | Varying, where: str) -> Floats:
-        """Return values (SI) at points inside of each local cell, to be broadcast to (cells, points); collective."""
+        """Return values (SI) at points inside of each local cell; collective.
+
+        They are to be broadcast to (cells, points), those of an array of nine components to (cells, points, 3, 3).
+        """
         match value:
             case ByRegion():
                 function = self._by_region(value, where)
                 return np.asarray(function.x.array[function.function_space.dofmap.list])
             case ByData():
-                return self._data(value)[..., 0] * value.factor
+                values = self._data(value) * value.factor
+                return values[..., 0] if value.components == 1 else values.reshape(*values.shape[:2], 3, 3)
             case ByFormula():
                 return self._formula(value)
             case _:
@@ -81,7 +85,7 @@ class BodyFields:
         if (found := array.values.shape[1]) != value.components:
             raise MeshError(
                 f"{self.body.source.path}: the array '{value.array}' has {found} components, not {value.components}",
-                "A parameter is an array of one component, a direction one of three.",
+                "A parameter is an array of one component, a direction one of three, a tensor one of nine.",
             )
         return array
 

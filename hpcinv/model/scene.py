@@ -16,6 +16,7 @@ of the forward one.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -85,8 +86,8 @@ class Scene:
     """Material, effects and kinematics composed into one residual.
 
     Args:
-        known: fixed displacement (scaled) by which fibres and fields given on the current body are transformed to the
-            reference body; by default the unknown displacement.
+        known: fixed displacement (scaled) by which fibres, strains and fields given on the current body are transformed
+            to the reference body; by default the unknown displacement.
 
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
@@ -114,7 +115,9 @@ class Scene:
         integration = Integration(fields.body, quadrature_degree, cells)
         self.kinematics = kin = kinematics(unknowns.u, integration)
         material = kin if known is None else kinematics(known, integration)
-        ingredients = [(n, part, kin if isinstance(part, Effect) else material) for n, part in _ingredients(job)]
+        ingredients = [
+            (n, part, kin if isinstance(part, Effect) and part.is_load else material) for n, part in _ingredients(job)
+        ]
         self.parameters = par = Parameters(ingredients, fields, scales, job.case_count)
         count = len(job.laws)
         of_effects = [
@@ -132,7 +135,15 @@ class Scene:
         }
         self.H = H = Variable(kin.H, LABEL)
         total = Deformation(H, directions)
-        elastic, J_g = _elastic(total, of_effects)
+        strains = [
+            (effect, strain)
+            for effect, load, p in of_effects
+            if (strain := _strain(effect, effect.inelastic_strain(total, load, p), material)) is not None
+        ]
+        elastic, J_g = _elastic(total, [strain for _, strain in strains])
+        own = [strain for effect, strain in strains if effect.writes_its_stress]
+        self._in_reference_shape = _elastic(Deformation(ufl.zero(3, 3), directions), own)[0] if own else None
+        self._laws = tuple(job.laws.values())
         potentials = [e.potential(total, load, p) for e, load, p in of_effects]
 
         def part(number: int, law: MaterialLaw) -> Part:
@@ -212,12 +223,31 @@ class Scene:
         F = ufl.Identity(3) + self.kinematics.H
         return [(without_stages(part.P * F.T / self.J), part.cells) for part in self.parts]
 
+    @property
+    def prestrain_stress(self) -> list[tuple[Any, npt.NDArray[np.int32] | None]]:
+        """Cauchy stress at ``F = I`` that prestrain alone causes, as `cauchy_stress`; empty without prestrain.
+
+        It is the deviator where the law is incompressible, since the strain does not determine the pressure.
+        """
+        if self._in_reference_shape is None:
+            return []
+        H = Variable(self._in_reference_shape.H, LABEL)
+        elastic, found = Deformation(H, self._in_reference_shape.fibres), []
+        for number, (law, part) in enumerate(zip(self._laws, self.parts, strict=True)):
+            psi = law.isochoric_energy(elastic, self.parameters.of(number))
+            if part.volumetric_modulus is not None:
+                psi = psi + part.volumetric_modulus * law.dilatation(elastic) ** 2 / 2
+            sigma = gradient(psi, H) * elastic.F.T / elastic.J
+            found.append((without_stages(ufl.dev(sigma) if law.is_incompressible else sigma), part.cells))
+        return found
+
 
 class SceneMeans:
     """Evaluations of a scene in its present state, at the present coordinates of the mesh, in scaled units.
 
     Attributes:
         cauchy_stress: returns the means of the Cauchy stress in each cell, (3, 3).
+        prestrain_stress: the same of the prestrain stress, ``None`` without prestrain.
         J: returns the means of the volume ratio in each cell.
         J_at_points: volume ratio at the quadrature points.
     """
@@ -225,6 +255,8 @@ class SceneMeans:
     def __init__(self, scene: Scene) -> None:
         mesh, degree = scene.unknowns.mesh, scene.quadrature_degree
         self.cauchy_stress = CellMeans(scene.cauchy_stress, mesh, degree)
+        own = scene.prestrain_stress
+        self.prestrain_stress = CellMeans(own, mesh, degree) if own else None
         self.J = CellMeans([(scene.J, None)], mesh, degree)
         self.J_at_points = QuadratureValues(scene.J, mesh, degree)
         self._energy, self._comm = fem.form(scene.strain_energy, jit_options=JIT_OPTIONS), mesh.comm
@@ -239,14 +271,19 @@ def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
     return [*job.laws.items(), *job.named_effects, *job.families.items()]
 
 
-def _elastic(total: Deformation, effects: list[Any]) -> tuple[Deformation, Any]:
+def _strain(effect: Effect, strain: Any, material: Kinematics) -> Any:
+    """Return an inelastic strain ``F_g - I`` of the reference body, ``None`` if there is none."""
+    if strain is None or effect.strain_given_on == "reference":
+        return strain
+    return material.F_inverse * strain * (ufl.Identity(3) + material.H)
+
+
+def _elastic(total: Deformation, strains: Iterable[Any]) -> tuple[Deformation, Any]:
+    """Return ``F F_g⁻¹`` and ``J_g`` of inelastic strains, the first one first."""
     elastic, J_g = total, 1
-    for effect, load, p in effects:
-        H_g = effect.inelastic_strain(total, load, p)
-        if H_g is not None:
-            stretch = Deformation(H_g)
-            elastic = Deformation((elastic.H - H_g) * ufl.inv(stretch.F), total.fibres)
-            J_g = J_g * stretch.J
+    for strain in strains:
+        stretch = Deformation(strain)
+        elastic, J_g = elastic.after(stretch), J_g * stretch.J
     return elastic, J_g
 
 

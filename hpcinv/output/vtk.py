@@ -23,9 +23,9 @@ def write_fields(directory: Path, body: Body, solution: Solution, more: Sequence
     """Write ``fields.pvd`` and its data files into ``directory``, which appears whole or not at all; collective.
 
     On the solution's mesh in metres: ``displacement`` (m) and ``pressure`` (Pa, of the mixed form) at the nodes of
-    Lagrange cells of the higher of the displacement's and the geometry's degree; in each cell the means ``J`` and
-    ``cauchy_stress`` (Pa, row by row), and ``region:NAME``, 1 in the cells of that region. A directory of that name is
-    replaced.
+    Lagrange cells of the higher of the displacement's and the geometry's degree; in each cell the means ``J``,
+    ``cauchy_stress`` and, with prestrain, ``prestrain_stress`` (Pa, row by row), and ``region:NAME``, 1 in the cells of
+    that region. A directory of that name is replaced.
 
     Args:
         more: further fields of the displacement's degree at the nodes, by their names.
@@ -94,7 +94,10 @@ def _at_nodes(solution: Solution, more: Sequence[fem.Function]) -> list[fem.Func
 
 def _in_cells(body: Body, solution: Solution) -> list[fem.Function]:
     found = []
-    for name, function in (("J", solution.J), ("cauchy_stress", solution.cauchy_stress)):
+    means = {name: getattr(solution, name) for name in ("J", "cauchy_stress", "prestrain_stress")}
+    for name, function in means.items():
+        if function is None:
+            continue
         named = function.copy()
         named.name = name
         found.append(named)

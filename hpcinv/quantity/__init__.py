@@ -40,3 +40,4 @@ from hpcinv.quantity.spatial_fields import StiffnessField as StiffnessField
 from hpcinv.quantity.spatial_fields import StressField as StressField
 from hpcinv.quantity.spatial_fields import TemperatureField as TemperatureField
 from hpcinv.quantity.spatial_fields import VaryingQuantity as VaryingQuantity
+from hpcinv.quantity.tensor_fields import TensorField as TensorField

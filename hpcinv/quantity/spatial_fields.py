@@ -5,7 +5,7 @@ Formulas can use the reference position ``X, Y, Z`` and the current position ``x
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -122,14 +122,16 @@ class VaryingQuantity(Quantity):
         return ByData(array, unit)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
-        def plain(value: float | Varying, info: SerializationInfo) -> Any:
+        def plain(value: Any, info: SerializationInfo) -> Any:
+            if isinstance(value, tuple):
+                return [plain(entry, info) for entry in value]
             if isinstance(value, ByFormula) and with_definitions(info):
                 return value.whole
             if isinstance(value, VARYING):
                 return value.plain()
             return self.infinite if value == float("inf") else value
 
-        def read(value: object, info: ValidationInfo) -> float | Varying:
+        def read(value: object, info: ValidationInfo) -> Any:
             return self.read(value, definitions_in(info))
 
         return core_schema.with_info_plain_validator_function(
@@ -169,6 +171,13 @@ TemperatureField = Annotated[Any, VaryingQuantity("K")]
 
 def is_uniform(value: object) -> bool:
     """Return whether a quantity, or each entry of a tuple of quantities, is constant over the body."""
+    return not any(isinstance(entry, VARYING) for entry in entries(value))
+
+
+def entries(value: object) -> Iterator[Any]:
+    """Yield the numbers and fields of a quantity, a vector or a tensor."""
     if isinstance(value, tuple):
-        return all(map(is_uniform, value))
-    return not isinstance(value, VARYING)
+        for part in value:
+            yield from entries(part)
+    else:
+        yield value

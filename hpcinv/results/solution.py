@@ -26,6 +26,7 @@ class Solution:
         pressure: pressure of the mixed form in Pa, else ``None``.
         J: mean volume ratio of each cell, piecewise constant.
         cauchy_stress: mean Cauchy stress of each cell in Pa, piecewise constant, (3, 3).
+        prestrain_stress: the same that prestrain alone causes in the body's reference shape, else ``None``.
         J_range: smallest and largest volume ratio at any quadrature point.
         solves: every solve of the method, failed ones included.
         load: load factor that was reached, 1 at the end.
@@ -45,6 +46,7 @@ class Solution:
     load: float = 1.0
     linear: Used | None = None
     contacts: tuple[ContactReport, ...] = ()
+    prestrain_stress: Function | None = None
 
     @property
     def sign(self) -> int:
@@ -97,6 +99,9 @@ def solution_of(
         u, p = model.solution()
         sigma = means.cauchy_stress()
         sigma.x.array[:] *= stress
+        own = None if means.prestrain_stress is None else means.prestrain_stress()
+        if own is not None:
+            own.x.array[:] *= stress
         return Solution(
             direction=direction,
             mesh_nodes=body.mesh.geometry.x * length,
@@ -111,4 +116,5 @@ def solution_of(
             load=load,
             linear=linear,
             contacts=scene.contacts.reports(model.scales),
+            prestrain_stress=own,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ def case(effect: dict[str, Any], **changes: Any) -> Job:
     return job(**(common | {"effects": [given]} | changes))
 
 
+TENSOR = "must be a tensor, 3 rows of 3 numbers, or 3 numbers on its diagonal, not "
+AXES = {"effect": "prestrain", "tensor": ..., "given_on": ..., "fibres": ["muscle"]}
 ALONG = {"fibre": "muscle", "stretch": ..., "along": 1.2, "across": 0.9}
 
 CASES: list[tuple[dict[str, Any], str]] = [
@@ -57,6 +60,29 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"effect": "growth"} | ALONG | {"across": ...}, ".across: is needed in growth along fibres"),
     ({"effect": "growth"} | ALONG | {"along": -0.1}, ".along: must be above 0, not -0.1"),
     ({"effect": "growth"} | ALONG | {"fibre": "muscel"}, ".fibre: there are no fibres 'muscel'; define them in"),
+    ({"effect": "prestrain", "tensor": ...}, ": needs exactly one of 'tensor' (F0) and 'fibres' (with stretches"),
+    ({"effect": "prestrain", "given_on": ...}, ".given_on: is needed: body on which the tensor is given"),
+    ({"effect": "prestrain", "tensor": 1.1}, f".tensor: {TENSOR}1.1"),
+    ({"effect": "prestrain", "tensor": [[1, 0], [0, 1]]}, f".tensor: {TENSOR}[[1, 0], [0, 1]]"),
+    ({"effect": "prestrain", "tensor": [[1, 0, 0], [0, 1], [0, 0, 1]]}, ".tensor[1]: must be a row of 3 numbers, not"),
+    ({"effect": "prestrain", "tensor": [1, "1 mm", 1]}, ".tensor[1][1]: must be a pure number, but '1 mm' is a length"),
+    ({"effect": "prestrain", "tensor": [1, 1, math.nan]}, ".tensor[2][2]: must be finite, not nan"),
+    ({"effect": "prestrain", "tensor": {"data": "F0", "unit": "mm"}}, ".tensor: must be a pure number, but 'mm' is a"),
+    ({"effect": "prestrain", "tensor": {}}, ".tensor: must name regions"),
+    ({"effect": "prestrain", "tensor": {"block": [1, 1], "elsewhere": [1, 1, 1]}}, f".tensor.block: {TENSOR}[1, 1]"),
+    ({"effect": "prestrain", "tensor": [1, -1, 1]}, ".tensor: inverts the material: det F0 must be above 0, not -1"),
+    ({"effect": "prestrain", "tensor": {"block": [1, 0, 1]}}, ".tensor.block: inverts the material: det F0 must be"),
+    ({"effect": "prestrain", "tensor": [-1.1, -1, 1]}, ".tensor: inverts the material on the way from I to F0"),
+    ({"effect": "prestrain", "stretches": [1, 1]}, ".stretches: are not valid without 'fibres'"),
+    (AXES, ".stretches: must be 2, along and across the fibres, not 0"),
+    (AXES | {"stretches": [1, 1, 1]}, ".stretches: must be 2, along and across the fibres, not 3"),
+    (AXES | {"stretches": [1, -1]}, ".stretches[1]: must be above 0, not -1"),
+    (
+        AXES | {"stretches": [1, 1], "given_on": "current"},
+        ".given_on: is not valid with 'fibres', which say themselves",
+    ),
+    (AXES | {"fibres": ["muscle"] * 2, "stretches": [1, 1, 1]}, ".fibres[1]: 'muscle' is duplicated"),
+    (AXES | {"fibres": ["muscel"], "stretches": [1, 1]}, ".fibres: there are no fibres 'muscel'; define them in"),
     ({"effect": "active-stress", "fibre": "muscel"}, ".fibre: there are no fibres 'muscel'; define them in 'fibres'"),
     ({"effect": "active-stress", "fibre": "muscel"}, "Did you mean 'muscle'?"),
     ({"effect": "gravity", "case": "secnd"}, ".case: 'secnd' is not among 'load_cases'. Did you mean 'second'?"),
@@ -120,3 +146,27 @@ def test_a_region_must_be_one_of_the_boundary(name: str, tmp_path: Path) -> None
 def test_a_stretch_that_is_not_positive_somewhere_is_told_before_the_solve() -> None:
     message = refused(case({"effect": "growth", "stretch": "1 - 2*X/(1 m)"}))
     assert "box.py: effects[0].stretch must be above 0, but is " in message
+
+
+def test_a_prestrain_that_inverts_somewhere_or_has_no_axes_is_told_before_the_solve() -> None:
+    def prestrained(**data: Any) -> str:
+        axes = {"tensor": ..., "given_on": ...} if "fibres" in data else {}
+        fibres = FIBRES | {"other": {"direction": [2, "0*Y/(1 m)", 0], "given_on": "current"}}
+        return refused(case({"effect": "prestrain"} | axes | data, fibres=fibres))
+
+    def diagonal(first: str) -> str:
+        return prestrained(tensor=[first, -1 if first.startswith("-") else 1, 1])
+
+    assert "box.py: effects[0]: det F0 must be positive, but is " in diagonal("1 - 2*X/(1 m)")
+    assert "effects[0].tensor must be finite, but is " in diagonal("sqrt(x/(1 m) - 0.5)")
+    assert "det F0 on the way from I to F0 (give it without rotation) must be positive, but is " in diagonal(
+        "-1 - Z/(1 m)"
+    )
+    spanned = "effects[0]: the volume that the directions of its fibres span must be positive, but is 0 in some cell"
+    assert spanned in prestrained(fibres=["muscle", "other"], stretches=[1.1, 1, 1])
+    missing = prestrained(tensor={"data": "F0"})
+    assert "box.py: no data array 'F0'" in missing
+    assert "The mesh has none." in missing
+    unknown = prestrained(tensor={"blok": [1, 1, 1]})
+    assert unknown.startswith("effects[0].tensor: ")
+    assert "no region 'blok'. Did you mean 'block'?" in unknown
