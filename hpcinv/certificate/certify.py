@@ -9,6 +9,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
+from hpcinv.certificate.contact import contacts
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.certificate.estimate import Estimate, estimate, finer_forecast
 from hpcinv.certificate.forward_factors import ForwardFactors
@@ -75,6 +76,8 @@ def certify(
     with model.timings.as_one("certificate"):
         if is_checked:
             check("equilibrium", lambda: equilibrium_residual(model, solution))
+            if solution.contacts:
+                check("contact", lambda: contacts(model, solution))
             check("volume", lambda: volume(model, solution))
         check("discretisation error", discretisation)
         if is_checked:

@@ -9,7 +9,7 @@ from dolfinx import fem
 from hpcinv.errors import MeshError
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.distributed.rows import Rows
-from hpcinv.mesh.source import DataArray
+from hpcinv.mesh.source import DataArray, Floats
 from hpcinv.quantity.suggestions import did_you_mean
 
 SHAPES: dict[int, tuple[int, ...]] = {1: (), 3: (3,), 9: (3, 3)}  # by the number of components
@@ -44,6 +44,18 @@ def as_function(body: Body, array: DataArray) -> fem.Function:
     of_cells = array.values[geometry.dofmaps[0]] if array.on == "nodes" else array.values[:, None]
     function.x.array.reshape(-1, components)[function.function_space.dofmap.list] = of_cells
     return function
+
+
+def at_geometry_nodes(body: Body, function: fem.Function) -> Floats:
+    """Values (local nodes, 1) of a continuous scalar function at the geometry nodes of its mesh; collective."""
+    mesh, degree = body.mesh, body.source.degree
+    element = basix.ufl.element("Lagrange", mesh.basix_cell(), degree)
+    nodal = fem.Function(fem.functionspace(mesh, element))
+    nodal.interpolate(function)
+    nodal.x.scatter_forward()
+    values = np.empty((mesh.geometry.x.shape[0], 1))
+    values[mesh.geometry.dofmaps[0], 0] = nodal.x.array[nodal.function_space.dofmap.list]
+    return values
 
 
 def _find(body: Body, name: str) -> DataArray:

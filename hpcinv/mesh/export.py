@@ -1,8 +1,9 @@
 """Mesh files of a body at other coordinates, with the topology, tags, groups and data of its source."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from hpcinv.errors import OutputError
 from hpcinv.job.mesh_header import SUFFIX
@@ -10,28 +11,33 @@ from hpcinv.mesh.body import Body, in_source_order
 from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.io.vtu import save_vtu
-from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.parallel.runtime import on_root
 
 SAVERS: dict[str, Callable[[Path, MeshSource, Floats], None]] = {".msh": save_msh, ".vtu": save_vtu}
 
 
-def write_mesh(path: Path, body: Body, coordinates: Floats) -> None:
+def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, Floats] = MappingProxyType({})) -> None:
     """Write the body at ``coordinates`` (m) of its local geometry nodes, in the format of the suffix; collective.
 
     Node order, node and cell tags, physical groups and data arrays are those of the source (vectors are not rotated
     with the body); the file is written completely or not at all. A ``.bp`` is written by all ranks, in metres. Other
     formats are written by rank 0, in the length unit of the source's file, and not from a partitioned mesh.
 
+    Args:
+        more: further data arrays (n, components) at the local geometry nodes, by name.
+
     Raises:
         OutputError: on every rank, if it cannot be written.
     """
     points, comm = in_source_order(body, coordinates), body.mesh.comm
+    arrays = {name: DataArray(name, "nodes", in_source_order(body, values)) for name, values in more.items()}
+    source = dataclasses.replace(body.source, data={**body.source.data, **arrays})
     if path.suffix == SUFFIX:
-        write_partitioned(path, comm, dataclasses.replace(body.source, points=points))
+        write_partitioned(path, comm, dataclasses.replace(source, points=points))
     else:
         assert not body.source.is_partitioned
-        on_root(comm, lambda: save(path, body.source, points))
+        on_root(comm, lambda: save(path, source, points))
 
 
 def save(path: Path, source: MeshSource, points: Floats) -> None:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import basix.ufl
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 
-from hpcinv.effects.contact import TOLERANCE, Contact
+from hpcinv.effects.contact import PENALTY, TOLERANCE, Contact
 from hpcinv.effects.obstacles import Surface
 from hpcinv.errors import MeshError
 from hpcinv.kinematics.kinematics import Kinematics
@@ -23,6 +23,7 @@ from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.spatial_fields import VARYING
 
 if TYPE_CHECKING:
     from hpcinv.quantity.nondimensional import Scales
@@ -42,11 +43,14 @@ class ContactReport:
         where: its place in the job.
         force: resultant on the body, in N.
         area: current area in contact, in m².
-        penetration: largest penetration at a vertex, in m.
-        distance: largest distance from the obstacle (m) of vertices with more than 1 % of the largest pressure.
-        largest_pressure: at a vertex, in Pa.
+        penetration: largest penetration at a node of the displacement, in m.
+        distance: largest distance from the obstacle (m) of nodes with more than 1 % of the largest pressure.
+        largest_pressure: at a node, in Pa.
         tolerance: tolerated penetration, in m; ``None`` if the obstacle is not rigid.
-        pressure: contact pressure in Pa, linear between the vertices, 0 outside of the region.
+        is_given: whether the job gives the pressure.
+        penalty: penalty in Pa/m, if the obstacle is rigid and the penalty uniform.
+        fields: contact pressure and, of a rigid obstacle, its multiplier ``q`` (both in Pa, linear between the
+            vertices, 0 outside of the region).
     """
 
     where: str
@@ -58,11 +62,13 @@ class ContactReport:
     distance: float
     largest_pressure: float
     tolerance: float | None
-    pressure: fem.Function
+    is_given: bool
+    penalty: float | None
+    fields: tuple[fem.Function, ...]
 
     def as_data(self) -> dict[str, Any]:
         """The report as JSON data."""
-        names = ("region", "assumption", "area", "penetration", "distance", "largest_pressure", "tolerance")
+        names = ("region", "assumption", "area", "penetration", "distance", "largest_pressure", "tolerance", "penalty")
         return {"effect": self.where, "force": list(self.force)} | {name: getattr(self, name) for name in names}
 
 
@@ -71,6 +77,7 @@ class Contacts:
 
     Args:
         resolve: path of a file of the job.
+        degree: polynomial degree of the displacement.
     """
 
     def __init__(
@@ -79,9 +86,14 @@ class Contacts:
         k: Kinematics,
         body: Body,
         resolve: Callable[[str], Path],
+        degree: int,
     ) -> None:
         found = [(where, e) for where, e in effects if isinstance(e[0], Contact)]
-        self._all = [_OneContact(where, *e, k, body, resolve) for where, e in found]
+        names = ["contact_pressure"] if len(found) == 1 else [f"contact_pressure_{i}" for i in range(len(found))]
+        self._all = [
+            _OneContact(name, where, *e, k, body, resolve, degree)
+            for name, (where, e) in zip(names, found, strict=True)
+        ]
         self.is_iterated = any(one.is_iterated for one in self._all)
 
     def reset(self) -> None:
@@ -114,6 +126,12 @@ class Contacts:
         for one in self._all:
             one.check_start()
 
+    def response(self) -> Floats:
+        """Return the present force (3,), scaled, of contacts that the state of the body determines."""
+        forces = [one.totals()[:3] for one in self._all if one.depends_on_state]
+        found: Floats = np.sum([np.zeros(3), *forces], axis=0)
+        return found
+
     def reports(self, scales: Scales) -> tuple[ContactReport, ...]:
         """Return the results of the present state."""
         return tuple(one.report(scales) for one in self._all)
@@ -122,6 +140,7 @@ class Contacts:
 class _OneContact:
     def __init__(
         self,
+        name: str,
         where: str,
         effect: Contact,
         load: Any,
@@ -129,14 +148,15 @@ class _OneContact:
         k: Kinematics,
         body: Body,
         resolve: Callable[[str], Path],
+        degree: int,
     ) -> None:
-        self.where, self.effect, self.load, self.par = where, effect, load, par
-        self._k, self._body, self._resolve = k, body, resolve
-        self._comm, self._depends_on_state = body.mesh.comm, k.sign > 0
+        self._name, self.where, self.effect, self.load, self.par = name, where, effect, load, par
+        self._k, self._body, self._resolve, self._degree = k, body, resolve, degree
+        self._comm, self.depends_on_state = body.mesh.comm, k.sign > 0
 
     @property
     def is_iterated(self) -> bool:
-        return self._depends_on_state and bool(self.effect.functions(1))
+        return self.depends_on_state and bool(self.effect.functions(1))
 
     @cached_property
     def _surface(self) -> SurfaceDistance | None:
@@ -150,21 +170,33 @@ class _OneContact:
         return np.asarray(fem.locate_dofs_topological(space, 2, facets), dtype=np.int64)
 
     @cached_property
-    def _at_vertices(self) -> _Nodal:
-        """Pressure, gap, and mismatch of the pressure (0 without one) at the vertices."""
+    def _at_nodes(self) -> _Nodal:
+        """Pressure, gap, and mismatch of the pressure (0 without one) at the nodes of the displacement."""
         args = self._k, self.load, self.par
         mismatch = self.effect.mismatch(*args) if self.effect.is_augmented else ufl.as_ufl(0.0)
         parts = [self.effect.contact_pressure(*args), self.effect.gap(*args)[0], mismatch]
-        return _Nodal(ufl.as_vector(parts), self._body, 1)
+        return _Nodal(ufl.as_vector(parts), self._body, self._degree)
+
+    @cached_property
+    def _at_vertices(self) -> fem.Function:
+        element = basix.ufl.element("Lagrange", self._body.mesh.basix_cell(), 1, shape=(3,))
+        return fem.Function(fem.functionspace(self._body.mesh, element))
 
     @cached_property
     def _vertices(self) -> Ints:
-        return self._nodes(self._at_vertices.space)
+        return self._nodes(self._at_vertices.function_space)
+
+    def _values_at_vertices(self) -> Floats:
+        """Return present values of `_at_nodes` at the vertices of the region."""
+        self._at_nodes()
+        self._at_vertices.interpolate(self._at_nodes.values)
+        self._at_vertices.x.scatter_forward()
+        found: Floats = self._at_vertices.x.array.reshape(-1, 3)[self._vertices]
+        return found
 
     @cached_property
     def _position(self) -> _Nodal:
-        degree = self.par.obstacle_position.function_space.ufl_element().degree
-        return _Nodal(self.effect.position(self._k, self.load, self.par), self._body, degree)
+        return _Nodal(self.effect.position(self._k, self.load, self.par), self._body, self._degree)
 
     def locate(self) -> None:
         if self._surface is not None:
@@ -194,7 +226,7 @@ class _OneContact:
         """Return the change by an update, over the largest at which it has settled, and a function that makes it."""
         sizes, updates = [0.0], list[Callable[[], None]]()
         if self.effect.is_augmented:
-            found = self._at_vertices()[self._vertices].copy()
+            found = self._values_at_vertices()
             sizes.append(float(np.abs(found[:, 2]).max(initial=0.0)))
             updates.append(lambda: self._set_pressure(found[:, 0]))
         if self._surface is not None:
@@ -214,7 +246,7 @@ class _OneContact:
 
     def check_start(self) -> None:
         p, gap = self._owned[:, :2].T
-        if not self._depends_on_state:
+        if not self.depends_on_state:
             if self._largest(p) == 0.0:
                 raise MeshError(
                     f"{self.where}: no pressure acts on '{self.effect.region}' of the given body: its gap to the"
@@ -230,9 +262,9 @@ class _OneContact:
 
     @property
     def _owned(self) -> Floats:
-        """Present pressure, gap and mismatch at the owned vertices of the region."""
-        nodes = self._vertices
-        owned: Floats = self._at_vertices()[nodes[nodes < self._at_vertices.space.dofmap.index_map.size_local]]
+        """Present pressure, gap and mismatch at the owned nodes of the region."""
+        nodes = self._nodes(self._at_nodes.space)
+        owned: Floats = self._at_nodes()[nodes[nodes < self._at_nodes.space.dofmap.index_map.size_local]]
         return owned
 
     def _largest(self, values: Floats, least: float = 0.0) -> float:
@@ -245,28 +277,52 @@ class _OneContact:
         return TOLERANCE if given is None else given / self._body.length_scale
 
     @cached_property
-    def _totals(self) -> fem.Form:
-        """Linear form on four components, whose sums are the force and the area in contact."""
-        k, effect = self._k, self.effect
+    def _weighted(self) -> fem.Form:
+        """Integrals over the current area of traction, contact, pressure and 1, weighted by the linear basis."""
+        k, effect, mesh = self._k, self.effect, self._body.mesh
         args = k, self.load, self.par
-        mesh = self._body.mesh
-        w = ufl.TestFunction(fem.functionspace(mesh, basix.ufl.element("Lagrange", mesh.basix_cell(), 1, shape=(4,))))
+        w = ufl.TestFunction(fem.functionspace(mesh, basix.ufl.element("Lagrange", mesh.basix_cell(), 1, shape=(6,))))
         p, (_, m) = effect.contact_pressure(*args), effect.gap(*args)
         touches = ufl.conditional(ufl.gt(effect.pressing(*args), 0), 1.0, 0.0)
-        integrand = sum(p * m[i] * w[i] for i in range(3)) + touches * w[3]
+        values = [*(p * m[i] for i in range(3)), touches, p, 1.0]
+        integrand = sum(value * w[i] for i, value in enumerate(values))
         return fem.form(without_stages(k.da(integrand, effect.region)), jit_options=JIT_OPTIONS)
 
+    def _penalty(self, scales: Scales) -> float | None:
+        given = self.effect.penalty
+        if not self.effect.is_augmented or isinstance(given, VARYING):
+            return None
+        return PENALTY * scales.stress / scales.length if given is None else float(given)
+
+    def totals(self) -> Floats:
+        """Return the present force and area in contact (4,), scaled."""
+        sums = fem.assemble_vector(self._weighted).array.reshape(-1, 6)[:, :4].sum(axis=0)
+        found: Floats = self._comm.allreduce(sums)
+        return found
+
+    def _mean_pressure(self, unit: float) -> fem.Function:
+        """Return the pressure, linear between the vertices, with the same resultant on flat facets."""
+        found = fem.assemble_vector(self._weighted)
+        found.scatter_reverse(la.InsertMode.add)
+        found.scatter_forward()
+        integrals, areas = found.array.reshape(-1, 6)[self._vertices, 4:].T
+        return self._linear(self._name, unit * integrals / areas)
+
+    def _linear(self, name: str, values: Floats) -> fem.Function:
+        """Return a function of a name that has these values at the vertices of the region."""
+        element = basix.ufl.element("Lagrange", self._body.mesh.basix_cell(), 1)
+        function = fem.Function(fem.functionspace(self._body.mesh, element), name=name)
+        function.x.array[self._vertices] = values
+        return function
+
     def report(self, scales: Scales) -> ContactReport:
-        totals = fem.assemble_vector(self._totals).array.reshape(-1, 4).sum(axis=0)
-        *force, area = (float(t) for t in self._comm.allreduce(totals))
+        *force, area = map(float, self.totals())
         p, gap = self._owned[:, :2].T
         most = self._largest(p)
-        pressure = fem.Function(self._at_vertices.scalars, name="contact_pressure")
+        fields = [self._mean_pressure(scales.stress)]
         if self.effect.is_augmented:
-            exact = self.par.multiplier.x.array[self._vertices]
-        else:
-            exact = self._at_vertices()[self._vertices, 0]
-        pressure.x.array[self._vertices] = exact * scales.stress
+            multiplier = self.par.multiplier.x.array[self._vertices] * scales.stress
+            fields.append(self._linear(self._name.replace("pressure", "multiplier"), multiplier))
         unit = scales.stress * scales.length**2
         return ContactReport(
             where=self.where,
@@ -278,7 +334,9 @@ class _OneContact:
             distance=self._largest(np.abs(gap[p > 0.01 * most])) * scales.length,
             largest_pressure=most * scales.stress,
             tolerance=self._tolerance * scales.length if self.effect.is_augmented else None,
-            pressure=pressure,
+            is_given=self.effect.pressure is not None,
+            penalty=self._penalty(scales),
+            fields=tuple(fields),
         )
 
 
@@ -289,14 +347,13 @@ class _Nodal:
         mesh, count = body.mesh, vector.ufl_shape[0]
         element = basix.ufl.element("Lagrange", mesh.basix_cell(), degree, shape=(count,))
         self.space = fem.functionspace(mesh, element)
-        self.scalars = fem.functionspace(mesh, basix.ufl.element("Lagrange", mesh.basix_cell(), degree))
         points = self.space.element.interpolation_points
         self._compiled = fem.Expression(without_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
-        self._values, self._count = fem.Function(self.space), count
+        self.values, self._count = fem.Function(self.space), count
 
     def __call__(self) -> Floats:
         # On all cells: a rank may own a node on the edge of a region of which it has no facet.
-        self._values.interpolate(self._compiled)
-        self._values.x.scatter_forward()
-        found: Floats = self._values.x.array.reshape(-1, self._count)
+        self.values.interpolate(self._compiled)
+        self.values.x.scatter_forward()
+        found: Floats = self.values.x.array.reshape(-1, self._count)
         return found

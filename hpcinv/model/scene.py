@@ -128,7 +128,7 @@ class Scene:
             for name, (components, of_degree) in effect.functions(degree).items():
                 setattr(p, name, fields.updated(f"{where}.{name}", components, of_degree))
         named = tuple(zip((where for where, _ in job.named_effects), of_effects, strict=True))
-        self.contacts = Contacts(named, kin, fields.body, job.resolve)
+        self.contacts = Contacts(named, kin, fields.body, job.resolve, degree)
         directions = {
             name.removeprefix("fibres."): _unit(material, family.given_on, par.of(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))

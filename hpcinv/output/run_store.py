@@ -6,6 +6,7 @@ from typing import Self
 from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.mesh import write_mesh
+from hpcinv.mesh.data import at_geometry_nodes
 from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest
 from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory
@@ -110,9 +111,12 @@ def _write_shape(
     path: Path, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress
 ) -> None:
     with model.timings("output"):
+        pressures = {field.name: field for contact in solution.contacts for field in contact.fields}
+        arrays = {name: at_geometry_nodes(model.body, pressure) for name, pressure in pressures.items()}
         for suffix in model.job.shape_formats:
             progress.detail(f"shape.{suffix}")
-            write_mesh(path / f"shape.{suffix}", model.body, solution.other_nodes)
+            write_mesh(path / f"shape.{suffix}", model.body, solution.other_nodes, arrays)
         if model.job.output.fields:
             progress.detail("fields")
-            write_fields(path / "fields", model.body, solution, slopes.fields() if slopes else ())
+            more = (*pressures.values(), *(slopes.fields() if slopes else ()))
+            write_fields(path / "fields", model.body, solution, more)
