@@ -13,6 +13,7 @@ import sys
 from hpcinv.cli.bench import add_bench
 from hpcinv.cli.compile import add_compile
 from hpcinv.cli.explain import add_explain
+from hpcinv.cli.fit import add_fit
 from hpcinv.cli.laws import add_laws
 from hpcinv.cli.mesh import add_mesh
 from hpcinv.cli.run import add_run
@@ -77,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
         add_explain,
         add_show,
         add_laws,
+        add_fit,
         add_mesh,
         add_compile,
         add_bench,

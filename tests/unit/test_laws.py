@@ -18,6 +18,7 @@ from dolfinx.mesh import CellType, create_unit_cube
 from mpmath import mp
 from ufl.classes import Variable
 
+from hpcinv.fitting.homogeneous import Response
 from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.isochoric import DILATATIONS
@@ -232,6 +233,27 @@ def test_every_volumetric_energy_is_that_of_its_formula(name: str) -> None:
         for strain in (1e-5, -1e-10):
             H = strain * DEFORMATIONS["large"]
             assert_close(law(H, number), reference.state(H), f"{choice.volumetric}, strain {strain}")
+
+
+@of_every_law
+def test_stress_in_material_tests_is_that_of_the_solver(name: str) -> None:
+    """Principal stresses and their slopes, as 'hpcinv fit' evaluates them."""
+    law = compiled(name)
+    if law.law.families:
+        return
+    places = [place for place, number in law.law.numbers().items() if place[0] not in ("young", "poisson")]
+    response = Response(law.law, places)
+    values = np.array([law.law.numbers()[place].value for place in places])  # type: ignore[union-attr]
+    for stretches in ((1.5, 0.8, 0.9), (0.7, 1.2, 1.1), (1.3, 1.3, 0.7)):
+        energy = response.energy(np.array([stretches]), values)
+        expected = law(np.diag(stretches) - np.eye(3))
+        size = np.abs(expected.P).max()
+        assert energy.value[0] == pytest.approx(expected.energy, rel=1e-11)
+        np.testing.assert_allclose(energy.gradient[0, :3], np.diag(expected.P), rtol=0, atol=1e-12 * size)
+        for i, step in enumerate(1e-5 * np.diag(values)):
+            ends = [response.energy(np.array([stretches]), values + s * step).gradient[0, :3] for s in (1, -1)]
+            slope, change = (ends[0] - ends[1]) / 2, energy.hessian[0, :3, 3 + i] * step[i]
+            np.testing.assert_allclose(change, slope, rtol=0, atol=1e-9 * size)
 
 
 @of_every_law

@@ -1,0 +1,194 @@
+"""``hpcinv fit``: parameters of material laws from tests."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.errors import JobError, OutputError
+
+if TYPE_CHECKING:
+    from hpcinv.fitting.candidate import Candidate
+    from hpcinv.fitting.measurements import Test
+    from hpcinv.fitting.report import Outcome
+
+_EPILOG = """examples:
+  hpcinv fit uniaxial.csv planar.csv --law mooney-rivlin --plot fit.png
+  hpcinv fit tests.csv --law mooney-rivlin --law yeoh --law ogden:2 --output fit.json --material material.yaml
+  hpcinv fit foam.csv --law neo-hookean --compressible --sd "2 %" --sd "0.5 kPa"
+  hpcinv fit skin.csv --mode uniaxial --law "{law: formula, energy: 'mu/2*(I1_bar - 3) + b*(I1_bar - 3)**2',
+      parameters: {mu: 10 kPa, b: 2 kPa}, kappa: incompressible}"
+
+A file has columns named with their units, such as
+  # mode: uniaxial
+  stretch [-], nominal stress [MPa]
+  1.10, 0.12
+Modes are uniaxial, equibiaxial, planar (pure shear), simple-shear and volumetric. docs/fit.md lists the columns."""
+
+
+def add_fit(commands: Any) -> None:
+    fit = commands.add_parser(
+        "fit",
+        help="fit parameters of material laws to tests",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    fit.add_argument("tests", type=Path, nargs="+", metavar="FILE", help="tests (CSV)")
+    fit.add_argument(
+        "--law",
+        action="append",
+        required=True,
+        help="law to fit, NAME, NAME:TERMS or a mapping as in a job, or 'all' isotropic ones; several are compared",
+    )
+    fit.add_argument("--mode", help="kind of test of files that do not state it")
+    fit.add_argument("--fix", action="append", default=[], metavar="NAME=VALUE", help="a parameter that is not fitted")
+    fit.add_argument(
+        "--compressible", action="store_true", help="fit the bulk modulus, too; otherwise it is infinite, unless fixed"
+    )
+    fit.add_argument(
+        "--sd",
+        action="append",
+        default=[],
+        help="standard deviation of the measured stress, such as '2 kPa' or '3 %%'; both are added as squares",
+    )
+    fit.add_argument("--largest-stretch", type=float, metavar="STRETCH", help="leave out points beyond it")
+    fit.add_argument("--plot", type=Path, metavar="FILE", help="plot of tests and laws (.png, .pdf, .svg)")
+    fit.add_argument("--material", type=Path, metavar="FILE", help="sections of a job for the best law (.yaml)")
+    fit.add_argument("--output", type=Path, metavar="FILE", help="all figures (.json, .yaml)")
+    fit.set_defaults(command=_fit)
+
+
+def _fit(options: argparse.Namespace) -> int:
+    from hpcinv.fitting.least_squares import FitError, fit
+    from hpcinv.fitting.plot import check_format, plot
+    from hpcinv.fitting.report import Outcome, describe
+
+    if options.plot is not None:
+        check_format(options.plot)
+    for path, endings in ((options.material, (".yaml", ".yml")), (options.output, (".json", ".yaml", ".yml"))):
+        if path is not None and path.suffix not in endings:
+            raise OutputError(f"{path}: must end in {' or '.join(endings)}")
+    fixed = _fixed(options.fix)
+    candidates = _candidates(options, fixed)
+    _check_fixed(fixed, candidates)
+    tests = _tests(options)
+    outcomes: list[Outcome] = []
+    failures: list[str] = []
+    for law in candidates:
+        try:
+            outcomes.append(Outcome.of(fit(law, tests)))
+        except FitError as error:
+            failures.append(str(error))
+    if not outcomes:
+        raise JobError(failures)
+    for test in tests:
+        if test.at_rest:
+            print(f"{test.name}: points without strain left out, where every law gives 0: {test.at_rest}")
+    for outcome in outcomes:
+        print("\n".join(describe(outcome)))
+    if len(outcomes) > 1:
+        _show_ranking(outcomes)
+    best = min(outcomes, key=lambda outcome: outcome.fit.aicc)
+    print(f"\n{best.as_yaml()}", end="", flush=True)
+    _write(options, outcomes, best)
+    if options.plot is not None:
+        plot(options.plot, outcomes)
+    for text in [*failures, *(text for outcome in outcomes for text in outcome.warnings())]:
+        print(f"warning: {text}", file=sys.stderr)
+    return 0
+
+
+def _candidates(options: argparse.Namespace, fixed: dict[str, str]) -> list[Candidate]:
+    from hpcinv.fitting.candidate import candidate
+    from hpcinv.materials import laws
+
+    named = [text for text in dict.fromkeys(options.law) if text != "all"]
+    found = [candidate(text, fixed, compressible=options.compressible) for text in named]
+    for name in laws() if "all" in options.law else ():
+        if name not in (*named, "formula"):
+            with contextlib.suppress(JobError):  # with fibres, or compressible only
+                found.append(candidate(name, fixed, compressible=options.compressible))
+    return found
+
+
+def _fixed(texts: list[str]) -> dict[str, str]:
+    found = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not name or not value:
+            raise JobError([f"--fix {text}: is written NAME=VALUE, such as --fix 'kappa=2 GPa'"])
+        found[name] = value
+    return found
+
+
+def _check_fixed(fixed: dict[str, str], candidates: list[Candidate]) -> None:
+    from hpcinv.quantity.suggestions import did_you_mean
+
+    known = [name for c in candidates for name in (*type(c.law).model_fields, *c.data.get("parameters", ()))]
+    for name in fixed:
+        if name.partition("[")[0] not in known:
+            raise JobError([f"--fix {name}: none of the laws has this parameter.{did_you_mean(name, known)}"])
+
+
+def _tests(options: argparse.Namespace) -> list[Test]:
+    from hpcinv.fitting.measurements import mode_named, read_tests, with_deviations
+
+    if options.mode is not None:
+        try:
+            mode_named(options.mode)
+        except ValueError as error:
+            raise JobError([f"--mode: {error}"]) from None
+    problems: list[str] = []
+    tests: list[Test] = []
+    for path in options.tests:
+        try:
+            tests += read_tests(path, options.mode)
+        except JobError as error:
+            problems += error.problems
+    if problems:
+        raise JobError(problems)
+    if options.largest_stretch is not None:
+        tests = [test.up_to(options.largest_stretch) for test in tests]
+    tests = [test.deformed() for test in tests]
+    if empty := [test.name for test in tests if not len(test)]:
+        raise JobError([f"{empty[0]}: no points with strain are left"])
+    return with_deviations(tests, options.sd)
+
+
+def _show_ranking(outcomes: list[Outcome]) -> None:
+    from rich.table import Table
+
+    from hpcinv.fitting.report import ranking
+    from hpcinv.output.console import Console
+
+    scatter = "residual / its sd" if outcomes[0].fit.deviations_known else "residual"
+    table = Table(
+        "law", "parameters", "R²", scatter, "AICc", "difference", "weight", "stable", box=None, pad_edge=False
+    )
+    for row in ranking(outcomes):
+        table.add_row(*row)
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 140  # a file has no width of its own
+    print()
+    console.print(table)
+
+
+def _write(options: argparse.Namespace, outcomes: list[Outcome], best: Outcome) -> None:
+    import yaml
+
+    from hpcinv.files.atomic import output_errors, replace
+    from hpcinv.files.json_data import json_data
+
+    if options.material is not None:
+        with output_errors(options.material):
+            replace(options.material, best.as_yaml().encode())
+    if options.output is not None:
+        data = json_data({"best": best.label, "laws": [outcome.as_data() for outcome in outcomes]})
+        text = json.dumps(data, indent=1) if options.output.suffix == ".json" else yaml.safe_dump(data, sort_keys=False)
+        with output_errors(options.output):
+            replace(options.output, text.encode())

@@ -1,0 +1,307 @@
+"""Weighted least squares of a law's parameters, and their covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.optimize
+from pydantic import ValidationError
+
+from hpcinv.fitting.candidate import Candidate
+from hpcinv.fitting.homogeneous import Response
+from hpcinv.fitting.measurements import Test
+from hpcinv.fitting.taylor import Floats
+from hpcinv.materials import MaterialLaw
+from hpcinv.quantity.schema import problems_in
+
+_DRAWS, _STARTS, _FINALISTS = 100, 8, 2  # random starting values; the best of them, and of these, are refined
+_SEED = 20120610
+_DEPENDENT = 1e-9  # ratio of singular values below which parameters cannot be told apart
+_LARGEST = 1e50  # magnitude of residuals and slopes whose squares are far from overflow
+_INVOLVED = 0.1  # smallest share of a parameter in a combination that is named
+_TOLERANCE, _FIRST_EVALUATIONS, _MOST_EVALUATIONS = 1e-13, 50, 1000
+
+
+class FitError(ValueError):
+    """A law cannot be fitted to these tests; the message is the reason."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters of a law that fit tests best.
+
+    Attributes:
+        values: of the parameters (SI), (k,).
+        covariance: (k, k), from given standard deviations of the stress, or from the scatter around the fit.
+        residuals: stress of the law minus that of each test, in Pa.
+        chi_squared: sum of squares of the residuals, relative to standard deviations if those are given.
+        deviations_known: whether the standard deviations of the stress were given.
+        law: with these values.
+    """
+
+    candidate: Candidate
+    tests: tuple[Test, ...]
+    values: Floats
+    covariance: Floats
+    residuals: tuple[Floats, ...]
+    chi_squared: float
+    deviations_known: bool
+    law: MaterialLaw
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return sum(map(len, self.tests))
+
+    @property
+    def freedom(self) -> int:
+        return self.count - len(self.values)
+
+    @property
+    def deviations(self) -> Floats:
+        """Standard deviations of the parameters (SI), (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Floats:
+        scale = np.where(self.deviations > 0, self.deviations, 1.0)
+        return np.asarray(self.covariance / np.outer(scale, scale))
+
+    @property
+    def scatter(self) -> float:
+        """Root of chi² per degree of freedom: in standard deviations if those are given, otherwise in Pa."""
+        return float(np.sqrt(self.chi_squared / self.freedom))
+
+    @cached_property
+    def response(self) -> Response:
+        return Response(self.candidate.law, self.candidate.places)
+
+    def of(self, number: int) -> tuple[float, float, float]:
+        """Return root-mean-square residual (Pa), largest residual (Pa) and R² of a test."""
+        return _quality(self.residuals[number], self.tests[number].stress)
+
+    @property
+    def r_squared(self) -> float:
+        return _quality(np.concatenate(self.residuals), np.concatenate([t.stress for t in self.tests]))[2]
+
+    @property
+    def aicc(self) -> float:
+        """Akaike's information criterion, corrected for few data; infinite if there are too few for it.
+
+        Source: Hurvich & Tsai (1989), doi:10.1093/biomet/76.2.297.
+        """
+        n, k = self.count, len(self.values)
+        if self.deviations_known:
+            deviance = self.chi_squared
+        else:
+            k += 1  # the variance is estimated, too
+            deviance = n * np.log(max(self.chi_squared, np.finfo(float).tiny) / n)
+        return float(deviance + 2 * k + 2 * k * (k + 1) / (n - k - 1)) if n > k + 1 else np.inf
+
+
+def _quality(residuals: Floats, stress: Floats) -> tuple[float, float, float]:
+    squares, spread = float((residuals**2).sum()), float(((stress - stress.mean()) ** 2).sum())
+    r_squared = 1 - squares / spread if spread > 0 else np.nan
+    return float(np.sqrt(squares / len(stress))), float(np.abs(residuals).max()), r_squared
+
+
+def fit(candidate: Candidate, tests: Sequence[Test]) -> Fit:
+    """Fit the parameters of a law to tests.
+
+    All points weigh alike, unless the tests have standard deviations. Parameters in which the stress is not linear
+    begin at several values: published ones, and the best of some hundred random ones.
+
+    Raises:
+        FitError: with the reason, which names the law.
+    """
+    problem = _Problem(candidate, tests)
+    problem.check()
+    starts = problem.starts()
+    first = _FIRST_EVALUATIONS if len(starts) > 1 else _MOST_EVALUATIONS
+    found = [solution for start in starts if (solution := problem.solved(start, first)) is not None]
+    if not found:
+        raise FitError(
+            f"{candidate.label}: no values were found for which the law is defined at all points of the tests; leave "
+            "out large strains (--largest-stretch), or choose another law"
+        )
+    if len(starts) == 1:
+        return problem.conclude(found[0])
+    found.sort(key=_cost)
+    refined = [problem.solved(solution.x * problem.unit, _MOST_EVALUATIONS) for solution in found[:_FINALISTS]]
+    return problem.conclude(min((solution for solution in refined if solution is not None), key=_cost))
+
+
+def _cost(solution: scipy.optimize.OptimizeResult) -> float:
+    return float(solution.cost)
+
+
+class _Problem:
+    def __init__(self, candidate: Candidate, tests: Sequence[Test]) -> None:
+        self._candidate, self._tests = candidate, tuple(tests)
+        self._response = Response(candidate.law, candidate.places)
+        self._data = np.concatenate([test.stress for test in tests])
+        self._known = all(test.deviation is not None for test in tests)
+        self._size = float(np.sqrt((self._data**2).mean())) or 1.0
+        sizes = [test.deviation for test in tests if test.deviation is not None]
+        self._deviation = np.concatenate(sizes) if self._known else np.full(len(self._data), self._size)
+        self._is_stress = np.array([p.is_stress for p in candidate.parameters])
+        self._lower, self._upper = (np.array([getattr(p, s) for p in candidate.parameters]) for s in ("lower", "upper"))
+        # Parameters are divided by their sizes, so that steps are alike.
+        self.unit = np.where(self._is_stress, self._size, 1.0)
+        self._last: tuple[Floats, tuple[Floats, Floats]] | None = None  # values, and their stress
+
+    def check(self) -> None:
+        """Raise ``FitError`` if the tests cannot determine the parameters, whatever their values are."""
+        k, n = len(self._candidate.parameters), len(self._data)
+        label = self._candidate.label
+        if n <= k:
+            raise FitError(
+                f"{label}: has {k} parameters, which {n} points of the tests cannot determine with their standard "
+                "deviations; choose a law with fewer, fix some (--fix), or add tests"
+            )
+        if self._response.is_incompressible and (only := [t.name for t in self._tests if t.mode.is_volumetric]):
+            raise FitError(f"{label}: is incompressible, but {only[0]} is a volumetric test; give --compressible")
+
+    def starts(self) -> list[Floats]:
+        """Return starting values: one if the stress is linear in all parameters."""
+        named = [self._candidate.start, *self._candidate.published()]
+        if self._is_stress.all():
+            return [self.linear_part_solved(named[0])]
+        tried = [self.linear_part_solved(start) for start in (*named, *self._random())]
+        costs = [self._cost_at(start) for start in tried]
+        order = [i for i in np.argsort(costs) if np.isfinite(costs[i])]
+        return [tried[i] for i in order[:_STARTS]]
+
+    def _random(self) -> Iterator[Floats]:
+        """Yield values drawn over several decades, within the bounds."""
+        generator = np.random.default_rng(_SEED)
+        start = self._candidate.start
+        for _ in range(_DRAWS):
+            size = 10 ** generator.uniform(-1.0, 2.0, len(start))
+            sign = np.where(generator.random(len(start)) < 0.5, -1.0, 1.0)
+            free = np.isneginf(self._lower)
+            drawn = np.where(free, sign * size / 8, np.where(free, 0.0, self._lower) + size)
+            within = np.isfinite(self._lower) & np.isfinite(self._upper)
+            share = generator.random(len(start))
+            span = np.where(within, self._upper - np.where(within, self._lower, 0.0), 0.0)
+            drawn = np.where(within, np.where(within, self._lower, 0.0) + share * span, drawn)
+            yield np.where(self._is_stress, start, np.minimum(drawn, self._upper))
+
+    def linear_part_solved(self, values: Floats) -> Floats:
+        """Return values whose stresses fit best, as energies are linear in parameters that are stresses."""
+        linear = self._is_stress
+        if not linear.any():
+            return values
+        matrix = self._jacobian(values / self.unit)[:, linear]
+        if not (np.abs(matrix) < _LARGEST).all():
+            return values
+        bounds = (self._lower[linear] / self._size, self._upper[linear] / self._size)
+        solution = scipy.optimize.lsq_linear(matrix, self._data / self._deviation, bounds=bounds)
+        found = values.copy()
+        found[linear] = solution.x * self._size
+        return found
+
+    def solved(self, start: Floats, evaluations: int) -> scipy.optimize.OptimizeResult | None:
+        """Return the least squares from a start; ``None`` if the law is not defined there."""
+        x = np.clip(start / self.unit, self._inside(self._lower, 1), self._inside(self._upper, -1))
+        if not (np.abs(self._residuals(x)) < _LARGEST).all():
+            return None
+        return scipy.optimize.least_squares(
+            self._residuals,
+            x,
+            jac=self._jacobian,
+            bounds=(self._lower / self.unit, self._upper / self.unit),
+            x_scale="jac",
+            ftol=_TOLERANCE,
+            xtol=_TOLERANCE,
+            gtol=_TOLERANCE,
+            max_nfev=evaluations,
+        )
+
+    def _inside(self, bound: Floats, sign: int) -> Floats:
+        bound = bound / self.unit
+        return bound + sign * 1e-10 * np.where(np.isfinite(bound), np.maximum(np.abs(bound), 1e-3), 0.0)
+
+    def conclude(self, solution: scipy.optimize.OptimizeResult) -> Fit:
+        values = solution.x * self.unit
+        jacobian = solution.jac
+        lengths = np.linalg.norm(jacobian, axis=0)
+        self._check_determined(jacobian, lengths)
+        scaled = jacobian / lengths
+        inverse = np.linalg.inv(scaled.T @ scaled) / np.outer(lengths, lengths)
+        residuals = solution.fun * self._deviation
+        chi_squared = float((solution.fun**2).sum()) * (1.0 if self._known else self._size**2)
+        n, k = jacobian.shape
+        variance = 1.0 if self._known else float((solution.fun**2).sum()) / (n - k)
+        ends = np.cumsum([len(test) for test in self._tests])[:-1]
+        return Fit(
+            self._candidate,
+            self._tests,
+            values,
+            variance * inverse * np.outer(self.unit, self.unit),
+            tuple(np.split(residuals, ends)),
+            chi_squared,
+            self._known,
+            self._admitted(values),
+        )
+
+    def _check_determined(self, jacobian: Floats, lengths: Floats) -> None:
+        """Raise ``FitError`` if a combination of parameters changes no stress of the tests."""
+        names = [parameter.name for parameter in self._candidate.parameters]
+        label = self._candidate.label
+        sizes = lengths / (np.abs(self._data / self._deviation).max() * np.sqrt(len(self._data)))
+        if idle := [name for name, size in zip(names, sizes, strict=True) if not size > _DEPENDENT]:
+            raise FitError(
+                f"{label}: the tests do not depend on {' and '.join(idle)}: fix it (--fix {idle[0]}=…), or add a test "
+                "that does"
+            )
+        _, singular, directions = np.linalg.svd(jacobian / lengths, full_matrices=False)
+        if singular[-1] < _DEPENDENT * singular[0]:
+            involved = [n for n, share in zip(names, directions[-1], strict=True) if abs(share) > _INVOLVED]
+            raise FitError(
+                f"{label}: the tests do not tell {' and '.join(involved)} apart; fix all but one of them "
+                f"(--fix {involved[-1]}=…), add a test of another mode, or choose a law with fewer parameters"
+            )
+
+    def _admitted(self, values: Floats) -> MaterialLaw:
+        """Return the law with these values; ``FitError`` if it does not admit them."""
+        try:
+            return self._candidate.law_with([float(v) for v in values])
+        except ValidationError as error:
+            texts = [text for _, text in problems_in(error, type(self._candidate.law))]
+            found = self._candidate.section([float(v) for v in values])
+            shown = ", ".join(f"{p.name} = {_entry(found, p.place)}" for p in self._candidate.parameters)
+            raise FitError(
+                f"{self._candidate.label}: the values that fit best, {shown}, are not admissible: {'; '.join(texts)}; "
+                "leave out large strains (--largest-stretch), or choose another law"
+            ) from None
+
+    def _stress(self, values: Floats) -> tuple[Floats, Floats]:
+        """Return the stress (n,) at all points, and its slopes (n, k)."""
+        if self._last is not None and np.array_equal(self._last[0], values):
+            return self._last[1]
+        parts = [self._response.stress(t.mode, t.measure, values, cauchy=t.is_cauchy) for t in self._tests]
+        stress, slopes = zip(*parts, strict=True)
+        self._last = values.copy(), (np.concatenate(stress), np.concatenate(slopes))
+        return self._last[1]
+
+    def _residuals(self, x: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            return np.asarray((self._stress(x * self.unit)[0] - self._data) / self._deviation)
+
+    def _jacobian(self, x: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            return np.asarray(self._stress(x * self.unit)[1] * self.unit / self._deviation[:, None])
+
+    def _cost_at(self, values: Floats) -> float:
+        with np.errstate(all="ignore"):
+            return float((self._residuals(values / self.unit) ** 2).sum())
+
+
+def _entry(section: object, place: tuple[int | str, ...]) -> object:
+    for part in place:
+        section = section[part]  # type: ignore[index]
+    return section

@@ -1,0 +1,188 @@
+"""Results of fits as text, as plain data, and as sections of a job."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hpcinv.fitting.candidate import STRESS, quantity
+from hpcinv.fitting.least_squares import Fit
+from hpcinv.fitting.stability import Range, stability
+from hpcinv.quantity.units import Dimension, readable
+
+_FEW, _STRONG = 3, 0.9  # number of parameters of which all correlations are shown; others from this on
+_POOR = 2.0  # scatter in standard deviations above which the law does not describe the tests
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A fit with its stability; the better of two has the smaller criterion."""
+
+    fit: Fit
+    ranges: tuple[Range, ...]
+
+    @classmethod
+    def of(cls, fit: Fit) -> Outcome:
+        return cls(fit, tuple(stability(fit.response, fit.values, fit.tests)))
+
+    @property
+    def label(self) -> str:
+        return self.fit.candidate.label
+
+    def job_sections(self) -> dict[str, Any]:
+        """Return the sections ``material`` and ``sensitivities`` of a job."""
+        fit = self.fit
+        parameters = fit.candidate.parameters
+        return {
+            "material": fit.candidate.section([float(v) for v in fit.values]),
+            "sensitivities": {
+                p.key: _rounded(float(s), p.dimension) for p, s in zip(parameters, fit.deviations, strict=True) if s > 0
+            },
+        }
+
+    def as_yaml(self) -> str:
+        """Return the sections as YAML, with the source of the figures in comments."""
+        fit = self.fit
+        tests = "; ".join(f"{t.name} ({len(t)} points)" for t in fit.tests)
+        lines = [f"# fitted by 'hpcinv fit' to {tests}; R² {fit.r_squared:.6f}"]
+        if len(fit.values) > 1:
+            lines.append(f"# correlation of the parameters: {_correlations(fit)}")
+            lines.append("# (sensitivities take the standard deviations as independent of each other)")
+        lines += [f"# {warning}" for warning in self.warnings()]
+        body = yaml.safe_dump(
+            self.job_sections(), sort_keys=False, allow_unicode=True, width=120, default_flow_style=None
+        )
+        return "\n".join(lines) + "\n" + body
+
+    def warnings(self) -> list[str]:
+        """Return what a user should know before the law is used."""
+        found = []
+        for r in self.ranges:
+            if r.lost_at is not None:
+                where = "within the tested range" if r.tested else "in a mode that was not tested"
+                found.append(
+                    f"{self.label} is not stable {where}: {r.mode.name}, {r.mode.measure} {r.lost_at:.4g}"
+                    f" (Drucker's condition, checked from {r.low:.4g} to {r.high:.4g})"
+                )
+        fit = self.fit
+        if fit.deviations_known and fit.scatter > _POOR:
+            found.append(
+                f"{self.label} does not describe the tests within their standard deviations: residuals are"
+                f" {fit.scatter:.3g} of them, so that those of the parameters are too small"
+            )
+        for p, value in zip(fit.candidate.parameters, fit.values, strict=True):
+            for bound in (p.lower, p.upper):
+                if np.isfinite(bound) and abs(value - bound) <= 1e-6 * max(abs(bound), abs(value), 1e-3):
+                    found.append(f"{self.label}: {p.name} is at the end of its range, {bound:.4g}; it has no use here")
+        return found
+
+    def as_data(self) -> dict[str, Any]:
+        """Return all figures, in SI, as plain data."""
+        fit = self.fit
+        parameters = zip(fit.candidate.parameters, fit.values, fit.deviations, strict=True)
+        return {
+            "law": self.label,
+            "parameters": [
+                {"key": p.key, "value": float(v), "unit": p.dimension.unit, "standard_deviation": float(s)}
+                for p, v, s in parameters
+            ],
+            "covariance": fit.covariance,
+            "correlation": fit.correlation,
+            "points": fit.count,
+            "r_squared": fit.r_squared,
+            "aicc": fit.aicc,
+            "chi_squared": fit.chi_squared if fit.deviations_known else None,
+            "residual_standard_deviation": None if fit.deviations_known else fit.scatter,
+            "tests": [
+                {
+                    "name": test.name,
+                    "mode": test.mode.name,
+                    "stress": "cauchy" if test.is_cauchy else "nominal",
+                    "points": len(test),
+                    "points_at_rest": test.at_rest,
+                    **dict(zip(("rms_residual", "largest_residual", "r_squared"), fit.of(i), strict=True)),
+                    "measure": test.measure,
+                    "measured": test.stress,
+                    "fitted": test.stress + fit.residuals[i],
+                }
+                for i, test in enumerate(fit.tests)
+            ],
+            "stability": [
+                {"mode": r.mode.name, "from": r.low, "to": r.high, "tested": r.tested, "lost_at": r.lost_at}
+                for r in self.ranges
+            ],
+            "warnings": self.warnings(),
+            **self.job_sections(),
+        }
+
+
+def describe(outcome: Outcome) -> list[str]:
+    """Return the lines on one law: parameters, residuals of each test, stability."""
+    fit = outcome.fit
+    lines = [f"{outcome.label}:"]
+    for p, value, deviation in zip(fit.candidate.parameters, fit.values, fit.deviations, strict=True):
+        share = f" ({deviation / abs(value):.1%})" if value else ""
+        lines.append(f"  {p.name} = {_short(value, p.dimension)} ± {_short(deviation, p.dimension, 2)}{share}")
+    if len(fit.values) > 1:
+        lines.append(f"  correlation: {_correlations(fit)}")
+    for i, test in enumerate(fit.tests):
+        rms, largest, r_squared = fit.of(i)
+        lines.append(
+            f"  {test.name}: {len(test)} points, residual {readable(rms, 'Pa')} (rms), {readable(largest, 'Pa')}"
+            f" (largest), R² {r_squared:.5f}"
+        )
+    stable = [r for r in outcome.ranges if r.lost_at is None]
+    if stable:
+        texts = [f"{r.mode.name} {r.low:.3g} to {r.high:.3g}{'' if r.tested else ' (not tested)'}" for r in stable]
+        lines.append(f"  stable: {', '.join(texts)}")
+    return lines
+
+
+def ranking(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+    """Return the rows of the comparison, best first: law, parameters, R², scatter, AICc, its difference, weight."""
+    known = outcomes[0].fit.deviations_known
+    ordered = sorted(outcomes, key=lambda outcome: outcome.fit.aicc)
+    differences = np.array([o.fit.aicc for o in ordered]) - ordered[0].fit.aicc
+    weights = np.exp(-np.nan_to_num(differences, nan=0.0, posinf=np.inf) / 2)
+    rows: list[tuple[str, ...]] = []
+    for outcome, difference, weight in zip(ordered, differences, weights / weights.sum(), strict=True):
+        fit = outcome.fit
+        lost = [r for r in outcome.ranges if r.lost_at is not None]
+        stable = "yes" if not lost else "not in the tests" if any(r.tested for r in lost) else "in the tests"
+        rows.append(
+            (
+                outcome.label,
+                str(len(fit.values)),
+                f"{fit.r_squared:.5f}",
+                f"{fit.scatter:.3g}" if known else readable(fit.scatter, "Pa"),
+                f"{fit.aicc:.1f}" if np.isfinite(fit.aicc) else "too few data",
+                f"{difference:.1f}" if np.isfinite(difference) else "",
+                f"{weight:.2g}" if np.isfinite(difference) else "",
+                stable,
+            )
+        )
+    return rows
+
+
+def _correlations(fit: Fit) -> str:
+    """Return the correlations as text; of more than three parameters the strong ones."""
+    names = [p.name for p in fit.candidate.parameters]
+    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
+    shown = [(i, j) for i, j in pairs if len(names) <= _FEW or abs(fit.correlation[i, j]) >= _STRONG]
+    texts = [f"{names[j]}–{names[i]} {fit.correlation[i, j]:.3f}" for i, j in shown]
+    return ", ".join(texts + ([f"others below {_STRONG:g}"] if len(shown) < len(pairs) else []))
+
+
+def _short(value: float, dimension: Dimension, digits: int = 5) -> str:
+    if dimension == STRESS and value:
+        scale, unit = next(((s, u) for s, u in ((1e6, "MPa"), (1e3, "kPa")) if abs(value) >= s / 10), (1.0, "Pa"))
+        return f"{value / scale:.{digits}g} {unit}"
+    return f"{value:.{digits}g} {dimension.unit}".strip()
+
+
+def _rounded(value: float, dimension: Dimension) -> float | str:
+    return quantity(float(f"{value:.4g}"), dimension)

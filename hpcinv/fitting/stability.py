@@ -1,0 +1,76 @@
+"""Stability of a law over ranges of stretch by Drucker's condition: a change of stress does work on that of the strain.
+
+It is ``dτ : dε > 0`` for all changes of the principal logarithmic strains ``ε``, with Kirchhoff's stress ``τ``; of an
+incompressible material for those changes that keep the volume. Without it, a body may have no solution or several.
+
+Source: Hill (1970), "Constitutive inequalities for isotropic elastic solids under finite strain",
+doi:10.1098/rspa.1970.0018.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hpcinv.fitting.homogeneous import MODES, Mode, Response
+from hpcinv.fitting.measurements import Test
+from hpcinv.fitting.taylor import Floats
+
+_POINTS = 200  # at which each side of a range is checked
+_KEEP_VOLUME = np.array([[1, -1, 0], [1, 1, -2]]).T / np.sqrt([2, 6])  # basis of logarithmic strains (3, 2)
+
+
+@dataclass(frozen=True)
+class Range:
+    """A range of one mode, and where in it the law is not stable.
+
+    Attributes:
+        low, high: ends of the measure (stretch, amount of shear or volume ratio).
+        tested: whether it is the range of a test; otherwise its stretches are those of the other tests.
+        lost_at: the measure nearest to the undeformed state at which the law is not stable, or ``None``.
+    """
+
+    mode: Mode
+    low: float
+    high: float
+    tested: bool
+    lost_at: float | None
+
+
+def stability(response: Response, parameters: Floats, tests: Sequence[Test]) -> list[Range]:
+    """Check the ranges of the tests, then the other modes up to the largest tested stretch."""
+    ranges: dict[str, tuple[float, float]] = {}
+    for test in tests:
+        low, high = ranges.get(test.mode.name, (test.mode.at_rest, test.mode.at_rest))
+        ranges[test.mode.name] = min(low, float(test.measure.min())), max(high, float(test.measure.max()))
+    largest = max((float(t.largest_stretch.max()) for t in tests if not t.mode.is_volumetric), default=1.0)
+    found = []
+    for name, mode in MODES.items():
+        tested = name in ranges
+        low, high = ranges.get(name, (mode.at_rest, largest - 1 / largest if mode.is_shear else largest))
+        if tested or (not mode.is_volumetric and high > low):
+            found.append(Range(mode, low, high, tested, _lost_at(response, parameters, mode, low, high)))
+    return found
+
+
+def _lost_at(response: Response, parameters: Floats, mode: Mode, low: float, high: float) -> float | None:
+    rest = mode.at_rest
+    measure = np.concatenate([np.linspace(rest, end, _POINTS + 1)[1:] for end in (low, high) if end != rest])
+    lost = measure[~(smallest_stiffness(response, parameters, mode, measure) > 0)]
+    return float(lost[np.abs(lost - rest).argmin()]) if len(lost) else None
+
+
+def smallest_stiffness(response: Response, parameters: Floats, mode: Mode, measure: Floats) -> Floats:
+    """Return the smallest eigenvalue (n,) of ``dτ/dε`` in Pa; not a number where the law is not defined."""
+    stretches = response.state(mode, measure, parameters)
+    W = response.energy(stretches, parameters, slopes=False)
+    tangent = W.hessian * stretches[:, :, None] * stretches[:, None, :]
+    tangent[:, range(3), range(3)] += W.gradient * stretches
+    if response.is_incompressible:
+        tangent = _KEEP_VOLUME.T @ tangent @ _KEEP_VOLUME
+    smallest = np.full(len(measure), np.nan)
+    defined = np.isfinite(tangent).all(axis=(1, 2)) & np.isfinite(W.value)
+    smallest[defined] = np.linalg.eigvalsh(tangent[defined])[:, 0]
+    return smallest
