@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NoReturn
@@ -29,7 +31,11 @@ def launched(ranks: int | None, *, stack: bool = True) -> Iterator[tuple[Intraco
 
     world = MPI.COMM_WORLD
 
+    ending = threading.Lock()
+
     def end_in_library() -> NoReturn:
+        if not ending.acquire(blocking=False):
+            time.sleep(3600.0)  # the other thread that came here ends this process
         text = "stopped by a signal before there was anything to save"
         print(f"{text}\n  Start the same command again.", file=sys.stderr)
         abort(world, STOPPED)

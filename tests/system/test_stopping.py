@@ -56,6 +56,33 @@ def test_a_signal_while_a_mesh_is_made_ends_the_run(
     assert not (tmp_path / "run").exists()
 
 
+# The signal comes just before gmsh is at work: then two threads handle it.
+BEFORE_GMSH = """
+import os, runpy, signal
+import hpcinv.mesh.io.gmsh_model as gmsh_model
+import hpcinv.parallel.signals
+
+load = gmsh_model._load
+
+def load_and_send():
+    gmsh = load()
+    os.kill(os.getpid(), signal.SIGTERM)
+    return gmsh
+
+hpcinv.parallel.signals._GRACE = 0.1
+gmsh_model._load = load_and_send
+runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
+"""
+
+
+def test_a_signal_just_before_a_mesh_is_made_is_told_once(tmp_path: Path) -> None:
+    job = meshing(tmp_path, "Python")
+    (tmp_path / "sends.py").write_text(BEFORE_GMSH)
+    ended = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=tmp_path / "sends.py")
+    assert ended.returncode == 75, ended.stderr
+    assert ended.stderr.count("stopped by a signal before there was anything to save") == 1
+
+
 # It tells when the first of our own modules is loaded; what Python does before that is out of reach.
 MARKING = """
 import pathlib, runpy, sys
