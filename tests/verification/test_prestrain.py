@@ -6,15 +6,18 @@ volume, so that ``P = det F0 P_e F0⁻ᵀ``.
 
 from __future__ import annotations
 
-from math import log
+from dataclasses import dataclass
+from math import log, sqrt
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, neo_hookean_stress, root
+from helpers.command_line import ROOT
 from helpers.homogeneous import SYMMETRY, check, solve
-from helpers.verification import Solved, box
+from helpers.verification import Solved, box, job
 
+import hpcinv
 from hpcinv.parallel.runtime import MPI
 
 NOTHING = np.zeros((3, 3))
@@ -116,3 +119,153 @@ def test_an_incompressible_cube_has_the_volume_of_its_prestrain(direction: str, 
     inverse = np.linalg.inv(U)
     stress = MU * inverse @ inverse * np.linalg.det(U)  # the law's, mu F_e F_eᵀ / J_e and a pressure
     check_prestrain_stress(solved, stress - np.trace(stress) / 3 * np.eye(3))
+
+
+# an artery cut open
+
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(40)
+
+
+@dataclass(frozen=True)
+class Artery:
+    """A ring that springs open by an angle where it is cut, incompressible; closed and loaded it is a ring again.
+
+    The open sector has the radius ``ρ``, the ring at rest ``R`` and the loaded one ``r``, with ``k`` turns of the ring
+    per turn of the sector and an axial stretch ``z``,
+
+        ρ² - ρ_i² = k z (R² - R_i²) = k z (r² - r_i²),      λ_θ = k r/ρ,      p = ∫ (σ_θθ - σ_rr)/r dr.
+
+    ``F0`` leads from the ring at rest to the sector: ``diag(k z R/ρ, ρ/(k R), 1/z)``.
+    """
+
+    opening: float = 160.0  # degrees
+    sector: float = 1.43  # ρ_i
+    axial: float = 1.1
+    area: float = 0.7  # r_o² - r_i²
+
+    @property
+    def k(self) -> float:
+        return 360 / (360 - self.opening)
+
+    def outer(self, inner: float) -> float:
+        return sqrt(inner**2 + self.area)
+
+    def hoop(self, r: Any, inner: float) -> Any:
+        """Hoop stretch from the sector to the ring with this inner radius."""
+        return self.k * r / np.sqrt(self.sector**2 + self.k * self.axial * (r**2 - inner**2))
+
+    def difference(self, hoop: Any) -> Any:
+        """``σ_θθ - σ_rr``, neo-Hookean with a shear modulus of 1 Pa."""
+        return hoop**2 - (hoop * self.axial) ** -2
+
+    def carried(self, inner: float, up_to: float | None = None) -> float:
+        """Pressure on the inside, less that at another radius, by default the outer one."""
+        outer = self.outer(inner) if up_to is None else up_to
+        r = (inner + outer) / 2 + (outer - inner) / 2 * POINTS
+        return float(WEIGHTS @ (self.difference(self.hoop(r, inner)) / r)) * (outer - inner) / 2
+
+    def inner(self, pressure: float) -> float:
+        """Inner radius under a pressure."""
+        return root(lambda inner: self.carried(inner) - pressure, 0.2, 5.0)
+
+    def hoop_stress(self, inner: float, r: float, pressure: float) -> float:
+        return float(self.carried(inner, up_to=r) - pressure + self.difference(self.hoop(r, inner)))
+
+    def formulas(self, at_rest: float) -> tuple[dict[str, str], list[str]]:
+        """Names, and the stretches along the radius, the circumference and the axis."""
+        let = {"R": "norm(X, Y)", "k": repr(self.k), "axial": repr(self.axial)}
+        let["rho"] = f"sqrt({self.sector!r}*{self.sector!r}*(1 m)**2 + k*axial*(R**2 - {at_rest**2!r}*(1 m)**2))"
+        return let, ["k*axial*R/rho", "rho/(k*R)", "1/axial"]
+
+
+AXES = {
+    "radial": {"direction": ["X", "Y", 0], "given_on": "reference"},
+    "hoop": {"direction": ["-y", "x", 0], "given_on": "current"},
+}
+ARTERY = Artery()
+AT_REST = ARTERY.inner(0.0)
+
+
+def ring(direction: str, pressure: float, divisions: int, comm: MPI.Intracomm) -> np.ndarray:
+    """Errors of the radii of the other ring, relative, and of the hoop stress inside and outside, in Pa."""
+    loaded = ARTERY.inner(pressure)
+    given, sought = (AT_REST, loaded) if direction == "forward" else (loaded, AT_REST)
+    let, stretches = ARTERY.formulas(AT_REST)
+    mesh = {"inner": given, "outer": ARTERY.outer(given), "length": 0.1, "hexahedra": True}
+    mesh |= {"radial": divisions, "around": 2 * divisions, "along": 1}
+    radius = "norm(x, y)" if direction == "forward" else "norm(X, Y)"
+    ends = {"inner": given, "outer": ARTERY.outer(given)}
+    quantities: list[dict[str, Any]] = [{"name": n, "of": radius, "on": n, "reduce": "mean"} for n in ends]
+    quantities += [{"name": f"{n}-stress", "of": "syy", "at": [x, 0, 0.05]} for n, x in ends.items()]
+    result = hpcinv.run(
+        job(
+            analysis=direction,
+            mesh={"file": "../meshes/thick_cylinder.py", "parameters": mesh, "geometry_degree": 2},
+            let=let,
+            fibres=AXES,
+            material={"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"},
+            effects=[
+                {"effect": "prestrain", "fibres": list(AXES), "stretches": stretches},
+                {"effect": "pressure", "region": "inner", "pressure": pressure},
+            ],
+            supports=[{"region": cut, "fix": [cut[0]]} for cut in ("x0", "y0", "z0", "z1")],
+            quantities=quantities,
+        ),
+        comm,
+    )
+    found: Any = result.quantities
+    errors = [found["inner"] / sought - 1, found["outer"] / ARTERY.outer(sought) - 1]
+    for name, r in (("inner", loaded), ("outer", ARTERY.outer(loaded))):
+        errors.append(found[f"{name}-stress"] - ARTERY.hoop_stress(loaded, r, pressure))
+    return np.abs(errors)
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_a_ring_that_was_closed_has_its_residual_stress(comm: MPI.Intracomm) -> None:
+    """Without pressure, where nothing moves and only stress is left, and with it, in both directions."""
+    assert ARTERY.hoop_stress(AT_REST, AT_REST, 0.0) < -0.4
+    assert ARTERY.hoop_stress(AT_REST, ARTERY.outer(AT_REST), 0.0) > 0.2
+    for direction in ("forward", "inverse"):
+        for pressure in (0.0, 0.2):
+            errors = np.array([ring(direction, pressure, n, comm) for n in ((3, 6) if comm.size == 1 else (3,))])
+            print(f"{direction}, {pressure} Pa: errors of radii and stress {errors.tolist()}")
+            assert errors[0, :2].max() < 3e-5
+            assert errors[0, 2:].max() < 5e-3
+            if comm.size == 1:
+                radii, stress = errors[:, :2].max(axis=1), errors[:, 2:].max(axis=1)
+                assert radii[1] < radii[0] / 6
+                assert stress[1] < stress[0] / 1.7
+
+
+def test_the_artery_of_the_example_has_the_radii_that_its_header_tells(comm: MPI.Intracomm) -> None:
+    """With fibres, which lie along ``F_e⁻¹ a`` in the open sector: ``I4 = 1/(cos² β/λ_θ² + sin² β/λ_z²)``."""
+    file = ROOT / "jobs" / "opening-angle.yaml"
+    example = hpcinv.load(file)
+    law: Any = example.material
+    mesh, pressure = example.mesh.parameters, example.effects[1].pressure  # type: ignore[attr-defined]
+    inner, outer, at_rest, beta = float(mesh["inner"]), float(mesh["outer"]), 0.6489e-3, np.radians(29)  # type: ignore[arg-type]
+
+    class Fibrous(Artery):
+        def difference(self, hoop: Any) -> Any:
+            I4 = 1 / ((np.cos(beta) / hoop) ** 2 + (np.sin(beta) / self.axial) ** 2)
+            E = np.maximum(I4 - 1, 0)
+            fibres = 4 * law.k1 * E * np.exp(law.k2 * E**2) * I4 * np.cos(beta) ** 2
+            return law.mu * (hoop**2 - (hoop * self.axial) ** -2) + fibres
+
+    def artery(start: float) -> Fibrous:
+        return Fibrous(sector=start, axial=1.2, area=outer**2 - inner**2)
+
+    start = root(lambda rho: artery(rho).carried(inner) - pressure, 1.2e-3, 1.7e-3)
+    # The radius at rest of the point that the formula of the job takes to this radius of the sector.
+    A = sqrt(at_rest**2 + (start**2 - 1.43e-3**2) / (artery(start).k * 1.2))
+    B = sqrt(A**2 + outer**2 - inner**2)
+    print(f"radii at rest {A * 1e3:.7f} and {B * 1e3:.7f} mm")
+    assert all(f"{radius * 1e3:.7f} mm" in file.read_text() for radius in (A, B))
+    stress = [artery(start).hoop_stress(inner, r, pressure) for r in (inner, outer)]
+    result = hpcinv.run(example.with_({"certificate": "off"}), comm)
+    found: Any = result.quantities
+    print(found, stress)
+    assert found["inner-radius"] == pytest.approx(A, rel=1e-4)
+    assert found["outer-radius"] == pytest.approx(B, rel=1e-4)
+    assert found["hoop-stress-inside"] == pytest.approx(stress[0], rel=1e-2)
+    assert found["hoop-stress-outside"] == pytest.approx(stress[1], rel=1e-2)
