@@ -1,12 +1,13 @@
-"""The flow of a run: job → body → model → solution in each direction → certificate → result."""
+"""The flow of a run: job → body → model → solution in each direction or state → certificate → result."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hpcinv.accuracy import AccuracyRecord, Search
-from hpcinv.certificate import Estimate, certify
+from hpcinv.certificate import Certificate, Estimate, Line, certify
+from hpcinv.effects import Direction
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.mesh.moved import placed
@@ -22,14 +23,14 @@ from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.quantities_of_interest import check_points, evaluate
+from hpcinv.results.quantities_of_interest import Value, carried, check_points, evaluate
 from hpcinv.results.shape_distance import differences, read_expected
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.results.totals import totals_of
-from hpcinv.sensitivity.analysis import sensitivities
+from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
 from hpcinv.solver.observer import Observer, Observers, StopSignal
 from hpcinv.solver.problem import Model
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.problem_cache import Models, Workspace
 
 
 def run(
@@ -67,32 +68,43 @@ def run(
         if resume:
             store.lock()
         problem = (_search if job.accuracy else _prepare)(job, workspace, progress, timings, stop)
-        model, solutions = problem.model, list(problem.solutions)
-        job, body = model.job, model.body
+        job, models, solutions = problem.job, problem.models, list(problem.solutions)
+        model = models.of(0)
+        body = model.body
 
-        checkpoints, restart = store.open(model, progress, overwrite=overwrite, resume=resume)
+        checkpoints, restart = store.open(job, model, progress, overwrite=overwrite, resume=resume)
         with progress.phase("compiling"):
             totals = totals_of(model, job.directions[0])
         progress.body(totals)
-        report = RunReport(model, store, progress, totals, problem.record, problem.unused_options)
+        report = RunReport(job, model, store, progress, totals, problem.record, problem.unused_options)
         checkpoint_writer = CheckpointWriter(checkpoints, store, model)
         observer = Observers(progress, checkpoint_writer, report, stop)
-        if not solutions:
-            start = (restart and restart.start(0, model)) or Start(guess=guess)
-            solutions.append(_solve(model, solutions, start, observer, report, progress))
-        report.check_reached(solutions)
-        quantities = evaluate(job.quantities, body, solutions[0], model)
-        slopes = sensitivities(model, solutions[0])
-        store.write_shape(model, solutions[0], slopes, progress)
-        if len(job.directions) == 2:  # solve back from the body that was just found
-            checkpoint_writer.finished(solutions[0])
-            with placed(body.mesh, solutions[0].other_nodes / body.length_scale):
-                start = (restart and restart.start(1, model)) or Start()
-                solutions.append(_solve(model, solutions, start, observer, report, progress))
+        quantities: dict[str, Value] = {}
+        slopes: Sensitivities | None = None
+        for number, solve in enumerate(models.plan):
+            model = models.of(number, solutions[0].displacement if number else None)
+            if number == len(solutions):
+                nodes = None if solve.mesh is None else solutions[solve.mesh].other_nodes
+                with placed(body.mesh, body.mesh.geometry.x if nodes is None else nodes / body.length_scale):
+                    start = (restart and restart.start(number, model)) or Start(guess=None if number else guess)
+                    if solve.start is not None:
+                        start = replace(start, origin=solutions[solve.start].fields)
+                    progress.state(job, number)
+                    solutions.append(_solve(model, solve.direction, solutions, start, observer, report, progress))
             report.check_reached(solutions)
+            solution = solutions[number]
+            if number == 0 or solve.job.state:
+                wanted = model.job.quantities
+                if solve.mesh is not None:
+                    wanted = carried(wanted, body, solution.mesh_nodes)
+                quantities |= evaluate(wanted, body, solution, model)
+                slopes = sensitivities(model, solution) if number == 0 else slopes
+                store.write_shape(job, model, solution, slopes if number == 0 else None, progress)
+            checkpoint_writer.finished(solution)
+        quantities = {q.name: quantities[q.name] for q in job.quantities}
 
         with progress.phase("checking"):
-            certificate, estimate = certify(model, solutions, quantities, problem.estimate, progress.detail, progress)
+            certificate, estimate = _certify(models, solutions, quantities, problem.estimate, progress)
         errors = differences(body, solutions, problem.expected)
         return report.conclude(solutions, certificate, quantities, errors, estimate, slopes)
 
@@ -101,7 +113,8 @@ def run(
 class _Problem:
     """The equations of a run; after a search for accuracy also the first solution and its estimated error."""
 
-    model: Model
+    job: Job
+    models: Models
     expected: Floats | None = None  # local nodes of the expected shape, (n, 3) in m
     solutions: tuple[Solution, ...] = ()
     record: AccuracyRecord | None = None
@@ -117,22 +130,50 @@ def _prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timing
         progress.detail(f"{sum(body.partition.cells):,} cells")
         expected = read_expected(job, body)
         check_points(job.quantities, body)
-    return _Problem(workspace.model(job, body, timings), expected)
+    return _Problem(job, workspace.models(job, body, timings), expected)
 
 
 def _search(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> _Problem:
     """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
     with progress.phase("searching", "for mesh and degree"):
         record, best = Search(job, workspace.comm, timings, progress.note, stop).run()
-    return _Problem(best.model, None, (best.solution,), record, best.estimate, best.unused_options)
+    job, model = best.model.job, best.model
+    models = Models(job.plan, [model] * len(job.plan))
+    return _Problem(job, models, None, (best.solution,), record, best.estimate, best.unused_options)
+
+
+def _certify(
+    models: Models,
+    solutions: Sequence[Solution],
+    quantities: Mapping[str, Value],
+    estimate: Estimate | None,
+    progress: Progress,
+) -> tuple[Certificate, Estimate | None]:
+    """Check the solutions: together if they are those of one analysis, else state by state; collective."""
+    if not solutions[0].state:
+        return certify(models.of(0), solutions, quantities, estimate, progress.detail, progress)
+    lines: list[Line] = []
+    for number, solution in enumerate(solutions):
+        model = models.of(number, solutions[0].displacement if number else None)
+        of_state = {q.name: quantities[q.name] for q in model.job.quantities}
+        progress.detail(solution.state)
+        found, of_solution = certify(model, [solution], of_state, None, observer=progress)
+        lines += found.lines
+        estimate = estimate.joined(of_solution) if estimate and of_solution else estimate or of_solution
+    return Certificate(tuple(lines)), estimate
 
 
 def _solve(
-    model: Model, before: Sequence[Solution], start: Start, observer: Observer, report: RunReport, progress: Progress
+    model: Model,
+    direction: Direction,
+    before: Sequence[Solution],
+    start: Start,
+    observer: Observer,
+    report: RunReport,
+    progress: Progress,
 ) -> Solution:
-    """Solve in the direction that follows those ``before``; collective."""
-    direction = model.job.directions[len(before)]
+    """Solve after the solves ``before``; collective."""
     with progress.phase("solving", announced=False):
         found = solve_direction(model, direction, start, observer)
-        report.check_not_stopped(before, found)
+        report.check_not_stopped(before, found, model.job.state)
         return solution_of(model, direction, model.scene(direction), found.solves, found.load, found.linear)

@@ -30,6 +30,10 @@ class System:
 
     Rows of prescribed unknowns are ``x_i - λ ū_i = 0``; in the other rows these unknowns have the prescribed values.
 
+    The path of λ begins with the unloaded body, or with a state ``x_0`` of other loads and supports. From there it is
+    ``R(x, 1) - (1 - λ) R(x_0, 1)``: the nodal forces that hold the body in that state are taken away, and prescribed
+    unknowns go from their values there to ``ū_i``.
+
     Attributes:
         state: all unknowns x, at which residual and tangent are evaluated.
         rhs: a vector for residuals.
@@ -41,6 +45,7 @@ class System:
         self.comm = scene.unknowns.mesh.comm
         self.state = scene.unknowns.state
         self.tangents = 0
+        self._path: tuple[npt.NDArray[np.float64], float] | None = None  # R(x_0, 1) and 1 - λ
         with timings("compile"):
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
             self._admissibility = Admissibility(scene)
@@ -70,9 +75,32 @@ class System:
         return self._tangent.note
 
     def set_load(self, load: float) -> None:
-        """Set the load factor λ of the scene and its supports."""
-        self.scene.parameters.set_load(load)
+        """Set the load factor λ of the scene and its supports, or the share of the path from another state."""
+        if self._path is not None:
+            self._path = self._path[0], 1.0 - load
+        self.scene.parameters.set_load(load if self._path is None else 1.0)
         self.supports.scale(load)
+
+    @property
+    def is_on_path(self) -> bool:
+        """True if the load factor leads from another state than the unloaded body."""
+        return self._path is not None
+
+    def begin_path(self) -> None:
+        """Let the load factor lead from the present state, a solution for other loads, to the full load; collective."""
+        self.end_path()
+        self.set_load(1.0)
+        self._forces(self.rhs)
+        with self.rhs.localForm() as local:
+            self._path = np.array(local.array), 1.0
+        self.supports.begin_path(self.state.x.array)
+        self.set_load(0.0)
+
+    def end_path(self) -> None:
+        """Let the load factor lead from the unloaded body again."""
+        if self._path is not None:
+            self._path = None
+            self.supports.end_path()
 
     def set_state(self, x: PETSc.Vec) -> None:
         """Set the state to ``x``."""
@@ -151,6 +179,9 @@ class System:
         with self.timings("residual"), b.localForm() as local:
             local.set(0.0)
             fem_petsc.assemble_vector(b, self._residual)
+            if self._path is not None:
+                forces, share = self._path
+                local.array[:] -= share * forces
 
     def _add_lifting(self, b: PETSc.Vec, x: npt.NDArray[np.float64] | None) -> None:
         """Add ``K (ū - x)`` with prescribed values ``ū``; ``ū - x`` is zero for free unknowns."""

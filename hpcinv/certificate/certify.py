@@ -57,6 +57,7 @@ def certify(
         made = list(function())
         seconds = model.body.mesh.comm.allreduce(time.perf_counter() - started, op=MPI.MAX)
         made[:1] = [replace(line, seconds=seconds) for line in made[:1]]
+        made = [replace(line, state=solution.state) for line in made]
         lines.extend(made)
         return made
 

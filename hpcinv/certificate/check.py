@@ -40,6 +40,7 @@ class Line:
         note: an explanation, or a remedy.
         seconds: time of the check (largest over the ranks). A check may have several lines: its time is with the first
             one, and the others have ``None``, so that the sum over all lines is the time of all checks.
+        state: name of the state of the body; empty in a job without states.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Line:
     verdict: Verdict
     note: str = ""
     seconds: float | None = None
+    state: str = ""
 
 
 def at_most(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
@@ -92,6 +94,7 @@ class Certificate:
                 "note": line.note,
                 "seconds": line.seconds,
             }
+            | ({"state": line.state} if line.state else {})
             for line in self.lines
         ]
         return {"verdict": self.verdict.value, "lines": lines}

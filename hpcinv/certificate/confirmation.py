@@ -83,8 +83,11 @@ class Confirmed:
 def known_displacement(model: Model) -> fem.Function | None:
     """Return the state's displacement if properties of the material are given on the loaded body, else ``None``.
 
-    The forward scene needs it, to keep them attached to the material.
+    The forward scene needs it, to keep them attached to the material. Where they are given in another state, scenes of
+    the model have its displacement.
     """
+    if model.given is not None:
+        return None
     return model.unknowns.displacement() if _seen_on_the_current_body(model.job) else None
 
 

@@ -17,7 +17,7 @@ doi:10.1090/S0025-5718-1985-0777265-X; Ainsworth & Oden, *A Posteriori Error Est
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -28,13 +28,12 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.certificate import two_level
-from hpcinv.mesh.cells import scalar_element
-from hpcinv.mesh.location import locate
+from hpcinv.mesh.location import locate, position
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
-from hpcinv.results.quantities_of_interest import Value, evaluate
+from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.problem import Model
 
@@ -72,6 +71,11 @@ class Estimate:
         """Text for a note: which errors the estimate leaves out."""
         return f", without the error of the geometry: {self.without_geometry}" if self.without_geometry else ""
 
+    def joined(self, other: Estimate) -> Estimate:
+        """Return the estimate with the quantities of another state added."""
+        quantities, corrected = {**self.quantities, **other.quantities}, {**self.corrected, **other.corrected}
+        return replace(self, quantities=quantities, corrected=corrected)
+
     def as_data(self) -> dict[str, Any]:
         """The estimate as JSON data, without the cells."""
         return {
@@ -94,6 +98,9 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
     Returns:
         ``None`` if iterations do not find the correction and there is no memory to factorize the finer problem.
     """
+    quantities = tuple(q for q in model.job.quantities if not q.is_reaction)
+    if not model.is_of_given_mesh:
+        quantities = carried(quantities, model.body, solution.mesh_nodes)
     with in_finer_spaces(model, solution) as finer:
         body, forecast = finer.body, finer_forecast(model)
         before, _ = finer.solution()
@@ -105,7 +112,7 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
             equilibrium.destroy()
         better = solution_of(finer, solution.direction, finer.scene(solution.direction), ())
         at_nodes = better if body is model.body else _at_given_nodes(model, better)
-        corrected = _corrected(model, at_nodes, better, finer)
+        corrected = _corrected(quantities, model, at_nodes, better, finer)
         largest = float(np.linalg.norm(at_nodes.u - solution.u, axis=1).max(initial=0.0))
         delta = better.displacement
         delta.x.array[:] -= before.x.array
@@ -117,21 +124,38 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
             shape=body.mesh.comm.allreduce(largest, op=MPI.MAX),
             cells=_by_cell(delta, body.length_scale),
             unknowns=finer.unknowns.size,
-            without_geometry=model.body.with_finer_geometry[1],
+            without_geometry=_finer_body(model)[1],
         )
+
+
+_OTHER_STATE = "the rest shape is as computed, and its error is that of the given state"
+
+
+def _finer_body(model: Model) -> tuple[Body, str]:
+    """Return the body with the true geometry, if that is known, and why it is not; collective.
+
+    Of a state that is solved from the rest shape it is not known: the rest shape is computed.
+    """
+    if not model.is_of_given_mesh:
+        return model.body, _OTHER_STATE
+    body, unknown = model.body.with_finer_geometry
+    return body or model.body, unknown
 
 
 @contextmanager
 def in_finer_spaces(model: Model, solution: Solution) -> Iterator[Model]:
     """Context with a model in spaces of one degree more, on the finer geometry if one is known; collective.
 
-    Its state is the solution, and its mesh lies where that was computed.
+    Its state is the solution, and its mesh lies where that was computed. Before, the mesh must lie as the job gives it.
     """
+    with model.timings("mesh"):
+        body, _ = _finer_body(model)
+    finer = Model(one_degree_more(model.job), body, model.timings)
+    if (given := model.given_displacement()) is not None:
+        u = fem.Function(finer.unknowns.displacement_space)
+        u.interpolate(given)
+        finer.carry(u)
     with placed(model.body.mesh, solution.mesh_nodes / model.body.length_scale):
-        with model.timings("mesh"):
-            curved, _ = model.body.with_finer_geometry
-        body = curved or model.body
-        finer = Model(one_degree_more(model.job), body, model.timings)
         u, p = finer.solution()
         u.interpolate(on_mesh(body.mesh, solution.displacement))
         if p is not None:
@@ -161,9 +185,11 @@ def _at_given_nodes(model: Model, better: Solution) -> Solution:
     return replace(better, mesh_nodes=geometry.x * model.body.length_scale, u=u.reshape(-1, 3))
 
 
-def _corrected(model: Model, at_nodes: Solution, better: Solution, finer: Model) -> dict[str, Value]:
+def _corrected(
+    quantities: Sequence[QuantityOfInterest], model: Model, at_nodes: Solution, better: Solution, finer: Model
+) -> dict[str, Value]:
     """Return the quantities of interest of the corrected solution, without reactions, in the order of the job."""
-    body, quantities = finer.body, [q for q in model.job.quantities if not q.is_reaction]
+    body = finer.body
     of_nodes = [q for q in quantities if q.on is not None and not q.by_quadrature]
     others = [_on(q, model.body, body) for q in quantities if q not in of_nodes]
     found = evaluate(of_nodes, model.body, at_nodes) | evaluate(others, body, better, finer)
@@ -176,11 +202,8 @@ def _on(quantity: QuantityOfInterest, given: Body, body: Body) -> QuantityOfInte
         return quantity
     place = locate(given, np.array(quantity.at))
     assert place is not None  # it has a value there
-    geometry, point = body.mesh.geometry, None
-    if body.mesh.comm.rank == place.rank:
-        shapes = scalar_element(body.source.kind, body.source.degree).tabulate(0, place.xi[None])[0, 0, :, 0]
-        point = tuple((shapes @ geometry.x[geometry.dofmaps[0][place.cell]] * body.length_scale).tolist())
-    return quantity.model_copy(update={"at": body.mesh.comm.bcast(point, root=place.rank)})
+    point = position(body, place, body.mesh.geometry.x * body.length_scale)
+    return quantity.model_copy(update={"at": tuple(point.tolist())})
 
 
 def one_degree_more(job: Job) -> Job:

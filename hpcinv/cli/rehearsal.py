@@ -20,11 +20,13 @@ from hpcinv.mesh.source import MeshSource
 from hpcinv.methods import method_for
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.quantity.keys import parse_key
 from hpcinv.results.quantities_of_interest import evaluate
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.sensitivity.analysis import sensitivities
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.problem import Model
+from hpcinv.solver.problem_cache import Workspace
 
 
 def rehearse(job: Job) -> None:
@@ -46,32 +48,48 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     if job.certificate.estimate and not source.is_partitioned:
         finer = read_finer_geometry(job.mesh, job.resolve(job.mesh.file), source)
     body = sample_body(source, job.regions, [np.array(q.at) for q in job.quantities if q.at is not None], finer)
-    model = Model(_held(job), body, Timings())
-    solutions: list[Solution] = []
-    for direction in model.job.directions:
-        model.unknowns.state.x.array[:] = 0.0
-        equilibrium = method_for(model, direction).equilibrium
-        equilibrium.system.scene.parameters.set_load(1.0)
-        equilibrium.compile(prescribed_motion=any(support.displacement for support in job.supports))
-        solutions.append(solution_of(model, direction, model.scene(direction), ()))
-        model.release(equilibrium)
-    quantities = evaluate(job.quantities, body, solutions[0], model)
-    sensitivities(model, solutions[0])
-    certify(model, solutions, quantities)
+    moved = [any(s.displacement for s in solve.job.supports) or solve.start is not None for solve in job.plan]
+    with Workspace(MPI.COMM_SELF) as workspace:
+        models = workspace.models(_held(job), body, Timings())
+        solutions: list[Solution] = []
+        for number, solve in enumerate(models.plan):
+            model = models.of(number, solutions[0].displacement if solutions else None)
+            model.unknowns.state.x.array[:] = 0.0
+            equilibrium = method_for(model, solve.direction).equilibrium
+            equilibrium.system.scene.parameters.set_load(1.0)
+            equilibrium.compile(prescribed_motion=moved[number])
+            solutions.append(solution_of(model, solve.direction, model.scene(solve.direction), ()))
+            model.release(equilibrium)
+        sensitivities(models.of(0), solutions[0])
+        if not job.states:
+            _check(models.of(0), solutions)
+        known = set[tuple[int, str, bool]]()
+        for number, solution in enumerate(solutions if job.states else ()):
+            model = models.of(number, solutions[0].displacement if number else None)
+            kernels = (id(model), solution.direction, model.given is not None)
+            if kernels not in known:
+                known.add(kernels)
+                _check(model, [solution])
+
+
+def _check(model: Model, solutions: list[Solution]) -> None:
+    """Compile what evaluates and checks a solution, or both of an analysis."""
+    job, solution = model.job, solutions[0]
+    certify(model, solutions, evaluate(job.quantities, model.body, solution, model))
     if job.certificate.estimate:
-        with in_finer_spaces(model, solutions[0]) as finer_model:
-            two_level.correct(model, solutions[0], finer_model)  # needed for large bodies
+        with in_finer_spaces(model, solution) as finer_model:
+            two_level.correct(model, solution, finer_model)  # needed for large bodies
     if job.certificate.stability:
         second_variation(model, known_displacement(model))  # needed where the body is not stable
         Iterative(model.scene("forward")).pressure_scale()  # needed where factors are not affordable
     if job.certificate.round_trip == "near" and len(solutions) == 1:  # needed where corrections do not settle
-        model.release(model.equilibrium(model.scene(way_back(solutions[0]))))
-    model.destroy()
+        model.release(model.equilibrium(model.scene(way_back(solution))))
 
 
 def _held(job: Job) -> Job:
     """Return the job with supports on all cells, which need no kernels, and the linear solver with most kernels."""
     supports = (Support(region=HELD, fix=("x", "y", "z")),)
-    keys = {key: sd for key, sd in job.sensitivities.items() if not key.startswith("supports[")}
+    states = tuple(s if s.is_rest else s.model_copy(update={"supports": supports}) for s in job.states)
+    keys = {key: sd for key, sd in job.sensitivities.items() if "supports" not in parse_key(key)}
     solver = job.solver if job.solver.linear == "direct" else job.solver.model_copy(update={"linear": "iterative"})
-    return job.model_copy(update={"supports": supports, "sensitivities": keys, "solver": solver})
+    return job.model_copy(update={"supports": supports, "states": states, "sensitivities": keys, "solver": solver})

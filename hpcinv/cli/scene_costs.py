@@ -86,12 +86,13 @@ class Explanation:
 
 
 def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda text: None) -> Explanation:
-    """Measure a job's scene in the direction that is solved first; collective.
+    """Measure a job's scene in the direction or state that is solved first; collective.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks what the job names.
     """
     body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
+    job = job.plan[0].job
     model = Model(job, body, Timings())
     direction = job.directions[0]
 

@@ -26,6 +26,10 @@ class Effect(Ingredient):
     directions: ClassVar[frozenset[Direction]] = frozenset({"forward", "inverse"})
     """The directions that the effect supports; a job with another one is refused."""
 
+    attached: ClassVar[frozenset[str]] = frozenset()
+    """Quantities of a load that belong to the body, such as its density: x, y, z in their formulas is the position in
+    the given state, whatever the state of the load."""
+
     case: Name | None = None
     """load case (a name from 'load_cases') in which it grows from nothing to its full size; left out, the first"""
 
@@ -41,6 +45,9 @@ class Effect(Ingredient):
     def strain_given_on(self) -> Configuration:
         """Body on which `inelastic_strain` is given; the scene pulls ``F_g`` of the current body back, ``F⁻¹F_g F``."""
         return "reference"
+
+    def is_attached(self, name: str) -> bool:
+        return not self.is_load or name in self.attached
 
     @property
     def holds(self) -> frozenset[str]:

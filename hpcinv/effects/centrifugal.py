@@ -23,6 +23,8 @@ class Centrifugal(Effect):
         "density": "1 g/cm^3",
     }
 
+    attached: ClassVar = frozenset({"density"})
+
     effect: Literal["centrifugal"] = "centrifugal"
     angular_velocity: Frequency
     """angular velocity, such as 300 rpm or 5 rad/s"""
@@ -46,4 +48,4 @@ class Centrifugal(Effect):
         along = sum(par.axis[i] * r[i] for i in range(3)) / sum(a * a for a in par.axis)
         arm = sum((r[i] - along * par.axis[i]) * v[i] for i in range(3))
         work = load * par.density * par.angular_velocity**2 * arm
-        return k.dV(work) if self.density_in == "reference" else k.dv(work)
+        return k.dm(work, self.density_in)

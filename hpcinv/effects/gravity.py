@@ -16,6 +16,8 @@ class Gravity(Effect):
 
     example: ClassVar = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": "1 g/cm^3"}
 
+    attached: ClassVar = frozenset({"density"})
+
     effect: Literal["gravity"] = "gravity"
     acceleration: Triple[Acceleration]
     """acceleration of free fall, along x, y and z"""
@@ -27,4 +29,4 @@ class Gravity(Effect):
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
         weight = load * par.density * sum(g * v[i] for i, g in enumerate(par.acceleration))
-        return k.dV(weight) if self.density_in == "reference" else k.dv(weight)
+        return k.dm(weight, self.density_in)

@@ -55,6 +55,8 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         "quadrature": job.discretisation.quadrature,
     }
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
+    if job.states:
+        physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)
     if job.plugins:
         physics["plugins"] = [digest(job.resolve(plugin)) for plugin in job.plugins]
     if files := [job.resolve(file) for effect in job.effects for file in effect.files]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
+from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator, model_validator
 
 from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.errors import JobError
@@ -16,11 +17,12 @@ from hpcinv.job.accuracy import read_demands
 from hpcinv.job.definitions import resolve, unusable
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.region_names import unknown_regions
-from hpcinv.job.rules import unknown_case, unknown_families, unsuited, wants_pressure
-from hpcinv.job.sections import AXES, COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
+from hpcinv.job.rules import unknown_families, unsuited, unsuited_effects, unsuited_supports, wants_pressure
+from hpcinv.job.sections import COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, parameter, read_sensitivities
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
+from hpcinv.job.states import State, faults_of_states, given_on_current, in_order, rest_of
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
 from hpcinv.quantity.component import Ingredient
@@ -42,12 +44,29 @@ from hpcinv.quantity.schema import (
     shown,
 )
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, entries
+from hpcinv.quantity.suggestions import did_you_mean
 
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
 
 UNNAMED = "(mapping)"  # in place of the file name of a job that was made in Python
 _KEYS: Any = Mapping[str, str | float | None] | list[str]  # as in a file
+
+
+@dataclass(frozen=True)
+class PlannedSolve:
+    """One solve of a job.
+
+    Attributes:
+        job: the job, or that of one state by itself.
+        mesh: number of the earlier solve that finds the body on which this one is solved; ``None`` for the given mesh.
+        start: number of the earlier solve at whose solution the load path begins; ``None`` for the unloaded body.
+    """
+
+    job: Job
+    direction: Direction
+    mesh: int | None
+    start: int | None = None
 
 
 class Job(Spec):
@@ -76,6 +95,8 @@ class Job(Spec):
     """the material law and its parameters, or one for each region of cells: {core: {law: …}, skin: {law: …}}"""
     load_cases: ListOf[Name] = ()
     """names of successive load cases; by default there is one"""
+    states: ListOf[State] = ()
+    """states of one body, in place of 'analysis' and 'effects': the given one, the rest shape, and others"""
     effects: ListOf[AnyEffect] = ()
     """loads and inelastic strains of the body"""
     supports: Annotated[ListOf[Support], Field(validate_default=True)] = ()
@@ -107,6 +128,8 @@ class Job(Spec):
     _path: Path | None = PrivateAttr(default=None)
     _data: Mapping[str, Any] = PrivateAttr(default_factory=dict)
     _untrusted: bool = PrivateAttr(default=False)
+    _state: str = PrivateAttr(default="")
+    _places: Mapping[str, str] = PrivateAttr(default_factory=dict)
 
     def __eq__(self, other: object) -> bool:
         """Equality of all values, of the path of the file, and of trust."""
@@ -156,9 +179,63 @@ class Job(Spec):
     @property
     def directions(self) -> tuple[Direction, ...]:
         """The directions in which the job is solved, in order."""
+        if self.states:
+            return tuple(solve.direction for solve in self.plan)
         if self.analysis != "round_trip":
             return (self.analysis,)
         return ("forward", "inverse") if self.first == "forward" else ("inverse", "forward")
+
+    @property
+    def plan(self) -> tuple[PlannedSolve, ...]:
+        """The solves of the job in order: of each loaded state, or of each direction of an analysis."""
+        if not self.states:
+            first, *more = self.directions
+            return (PlannedSolve(self, first, None), *(PlannedSolve(self, direction, 0) for direction in more))
+        order = in_order(self.states)
+        has_rest = not self.states[order[0]].given  # then the mesh is the rest shape
+        found: list[PlannedSolve] = []
+        for i in order:
+            direction: Direction = "inverse" if self.states[i].given else "forward"
+            names = [solve.job.state for solve in found]
+            start = names.index(before) if (before := self.states[i].start) in names else None
+            found.append(PlannedSolve(self._in_state(i), direction, 0 if found and not has_rest else None, start))
+        return tuple(found)
+
+    @property
+    def state(self) -> str:
+        """Name of the state of which this is the job; empty without states."""
+        return self._state
+
+    @property
+    def kind(self) -> str:
+        """What is solved, for messages."""
+        return f"{len(self.states)} states" if self.states else f"{self.analysis} analysis"
+
+    @property
+    def rest(self) -> str:
+        """Name of the rest shape; empty without states."""
+        return rest_of(self.states) if self.states else ""
+
+    def _in_state(self, number: int) -> Job:
+        """The job of one of the loaded states by itself."""
+        state = self.states[number]
+        changes = {
+            "analysis": "inverse" if state.given else "forward",
+            "states": (),
+            "effects": state.effects,
+            "supports": self.supports if state.supports is None else state.supports,
+            "quantities": tuple(q for q in self.quantities if q.state == state.name),
+        }
+        job = self.model_copy(update=changes)
+        job._state = state.name
+        job._places = {"effects": f"states[{number}].effects"}
+        if state.supports is not None:
+            job._places |= {"supports": f"states[{number}].supports"}
+        return job
+
+    def place(self, section: str) -> str:
+        """Place of a section of this job in its file, where that of a state differs."""
+        return self._places.get(section, section)
 
     @property
     def laws(self) -> Mapping[str, MaterialLaw]:
@@ -167,7 +244,7 @@ class Job(Spec):
 
     @property
     def named_effects(self) -> list[tuple[str, Effect]]:
-        return list(_numbered("effects", self.effects).items())
+        return list(_numbered(self.place("effects"), self.effects).items())
 
     @property
     def families(self) -> dict[str, FibreFamily]:
@@ -259,6 +336,9 @@ class Job(Spec):
     @field_validator("method")
     @classmethod
     def _check_method(cls, method: str, info: ValidationInfo) -> str:
+        states = info.data.get("states", ())
+        if method != "direct" and any(state.given and state.is_rest for state in states):
+            raise ValueError("is not valid if the given state is the rest shape, from which the others are solved directly")
         if method != "direct" and info.data.get("analysis") == "forward":
             raise ValueError("is valid only in an inverse analysis or a round trip; a forward one is always direct")
         return method
@@ -278,48 +358,57 @@ class Job(Spec):
         raise_if_any(faults((((name,), formula) for name, formula in regions.items()), COORDINATES, True))
         return regions
 
+    @field_validator("states")
+    @classmethod
+    def _check_states(cls, states: tuple[State, ...], info: ValidationInfo) -> tuple[State, ...]:
+        if not states:
+            return states
+        raise_if_any(faults_of_states(states))
+        fibres, cases = info.data.get("fibres"), info.data.get("load_cases")
+        for i, state in enumerate(states):
+            direction: Direction = "inverse" if state.given else "forward"
+            where = f"in a state that is solved {direction}"
+            faults = unsuited_effects(state.effects, {direction}, direction, where, fibres, cases)
+            raise_if_any(((i, "effects", *place), text) for place, text in faults)
+            if state.supports is not None:
+                faults = unsuited_supports(state.supports, state.effects, cases)
+                raise_if_any(((i, "supports", *place), text) for place, text in faults)
+        if any(state.given and state.is_rest for state in states):
+            rest = rest_of(states)
+            parts: list[tuple[Location, Ingredient]] = [
+                (("states", i, "effects", j), e) for i, s in enumerate(states) for j, e in enumerate(s.effects)
+            ]
+            parts += [(("fibres", name), family) for name, family in (fibres or {}).items()]
+            laws = _laws(info.data["material"]) if "material" in info.data else {}
+            parts += [(tuple(where.split(".", 1)), law) for where, law in laws.items()]
+            for where, part in parts:
+                for place in given_on_current(part):
+                    text = f"{at((*where, *place))} is given on the current body, but the given one, '{rest}', is the rest"
+                    raise ValueError(f"{text} shape: give it on the reference body (in a formula by X, Y, Z)")
+        return states
+
     @field_validator("effects")
     @classmethod
     def _check_effects(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
+        if effects and info.data.get("states"):
+            raise ValueError("belong to states in a job with 'states': move them to 'effects' of each state that has them")
         analysis, fibres, cases = (info.data.get(key) for key in ("analysis", "fibres", "load_cases"))
-        needed = {"forward", "inverse"} if analysis == "round_trip" else {analysis} - {None}
-        raise_if_any(
-            ((i,), f"is not possible with 'analysis: {analysis}', only with {', '.join(sorted(effect.directions))}")
-            for i, effect in enumerate(effects)
-            if needed - effect.directions
-        )
-        is_forward = analysis == "forward" or info.data.get("first") == "forward"
-        raise_if_any(
-            ((i, *place), text)
-            for i, effect in enumerate(effects)
-            for place, text in effect.faults("forward" if is_forward else "inverse")
-        )
-        raise_if_any(
-            ((i, *place), text)
-            for i, effect in enumerate(effects)
-            for place, text in (*unknown_families(effect, fibres), *unknown_case(effect.case, cases))
-        )
+        needed = {"forward", "inverse"} if analysis == "round_trip" else {analysis} if analysis else set[str]()
+        first: Direction = "forward" if "forward" in (analysis, info.data.get("first")) else "inverse"
+        raise_if_any(unsuited_effects(effects, needed, first, f"with 'analysis: {analysis}'", fibres, cases))
         return effects
 
     @field_validator("supports")
     @classmethod
     def _check_supports(cls, supports: tuple[Support, ...], info: ValidationInfo) -> tuple[Support, ...]:
-        holds = (*(s.held for s in supports), *(e.holds for e in info.data.get("effects", ())))
-        free = set(AXES).difference(*holds)
-        if free and "effects" in info.data:
-            text = f"leave the body free to move along {' and '.join(sorted(free))}: hold it there in some region"
-            raise ValueError(text)
-        raise_if_any(
-            ((i, *place), text)
-            for i, support in enumerate(supports)
-            for place, text in unknown_case(support.case, info.data.get("load_cases"))
-        )
-        taken: set[tuple[str, str]] = set()
-        for i, support in enumerate(supports):
-            held = {(support.region, axis) for axis in support.held}
-            for region, axis in sorted(held & taken):
-                raise Problems(((i,), f"prescribes {axis} on '{region}' a second time"))
-            taken |= held
+        if not {"effects", "states"} <= info.data.keys():  # already reported
+            return supports
+        cases = info.data.get("load_cases")
+        for state in info.data["states"]:
+            if not state.is_rest and state.supports is None:
+                faults = unsuited_supports(supports, state.effects, cases)
+                raise_if_any((place, f"in state '{state.name}': {text}") for place, text in faults)
+        raise_if_any(unsuited_supports(supports, info.data["effects"], cases) if not info.data["states"] else ())
         return supports
 
     @field_validator("discretisation")
@@ -354,6 +443,8 @@ class Job(Spec):
             return {}
         demands, problems = read_demands(given, info.data["quantities"])
         raise_if_any(problems)
+        if demands and info.data.get("states"):
+            raise ValueError("is not possible with 'states': find mesh and degree for the given state by itself")
         if demands and info.data.get("expected_shape") is not None:
             raise ValueError(
                 "cannot be combined with 'expected_shape', which needs the mesh of the job; remove one of them"
@@ -389,16 +480,43 @@ class Job(Spec):
     ) -> tuple[QuantityOfInterest, ...]:
         names = [q.name for q in quantities]
         raise_if_any(((i, "name"), f"'{names[i]}' is the name of an earlier quantity") for i in repeated(names))
-        if "supports" not in info.data:  # already reported
+        if not {"supports", "states"} <= info.data.keys():  # already reported
             return quantities
-        regions = list(dict.fromkeys(support.region for support in info.data["supports"]))
+        loaded = {state.name: state for state in info.data["states"] if not state.is_rest}
+        raise_if_any(
+            ((i, "state"), f"there is no loaded state '{q.state}'.{did_you_mean(q.state, loaded)}")
+            for i, q in enumerate(quantities)
+            if q.state is not None and q.state not in loaded
+        )
+        numbered = [(i, one) for i, q in enumerate(quantities) for one in _by_state(q, list(loaded))]
+        names = [q.name for _, q in numbered]
+        raise_if_any(
+            ((numbered[i][0], "name"), f"'{names[i]}' is the name of another quantity in a state") for i in repeated(names)
+        )
         problems = []
-        for i, quantity in enumerate(quantities):
+        for i, quantity in numbered:
+            supports = loaded[quantity.state].supports if quantity.state else None
+            regions = list(dict.fromkeys(s.region for s in (info.data["supports"] if supports is None else supports)))
             if quantity.is_reaction and quantity.on not in regions:
                 where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"
-                problems.append(((i, "on"), f"{shown(quantity.on)} is not the region of a support: {where}"))
+                state = f" in state '{quantity.state}'" if quantity.state else ""
+                problems.append(((i, "on"), f"{shown(quantity.on)} is not the region of a support{state}: {where}"))
         raise_if_any(problems)
-        return quantities
+        return tuple(quantity for _, quantity in numbered)
+
+    @model_validator(mode="after")
+    def _check_analysis(self) -> Self:
+        for key in ("analysis", "first"):
+            if self.states and key in self.model_fields_set:
+                raise Problems(((key,), "is not valid with 'states', which tell what is given; remove it"))
+        return self
+
+
+def _by_state(quantity: QuantityOfInterest, loaded: Sequence[str]) -> list[QuantityOfInterest]:
+    """The quantity, or one for each loaded state, with its name added to that of the quantity, if it names none."""
+    if quantity.state is not None or not loaded:
+        return [quantity]
+    return [quantity.model_copy(update={"name": f"{quantity.name}-{name}", "state": name}) for name in loaded]
 
 
 def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, MaterialLaw]:
@@ -474,19 +592,21 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
 
 def _named_regions(job: Job) -> Iterator[tuple[Location, str]]:
     """Names of all regions to which a job refers, with their places."""
-    for i, support in enumerate(job.supports):
-        yield ("supports", i, "region"), support.region
-    for i, effect in enumerate(job.effects):
-        for name, field in effect.surfaces.items():
-            yield ("effects", i, field), name
+    sections: list[tuple[Location, Sequence[Support], Sequence[Effect]]] = [((), job.supports, job.effects)]
+    sections += [(("states", i), state.supports or (), state.effects) for i, state in enumerate(job.states)]
+    for place, supports, effects in sections:
+        for i, support in enumerate(supports):
+            yield (*place, "supports", i, "region"), support.region
+        for i, effect in enumerate(effects):
+            for name, field in effect.surfaces.items():
+                yield (*place, "effects", i, field), name
+            for field in type(effect).model_fields:
+                yield from _in_values(getattr(effect, field), (*place, "effects", i, field))
     for where, law in job.laws.items():
         if (region := where.partition(".")[2]) and region != ELSEWHERE:
             yield ("material", region), region
         for field in type(law).model_fields:
             yield from _in_values(getattr(law, field), (*where.split(".", 1), field))
-    for i, effect in enumerate(job.effects):
-        for field in type(effect).model_fields:
-            yield from _in_values(getattr(effect, field), ("effects", i, field))
     for i, quantity in enumerate(job.quantities):
         if quantity.on is not None:
             yield ("quantities", i, "on"), quantity.on

@@ -28,22 +28,42 @@ def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str
     Args:
         digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
     """
-    content = fingerprint(job, digest) | {
+    content = fingerprint(job, digest) | _skeleton_of_loads(job) | {
         "material": {where: _skeleton(law) for where, law in job.laws.items()},
-        "effects": [_skeleton(effect) for effect in job.effects],
         "fibres": {where: _skeleton(family) for where, family in job.families.items()},
-        "supports": [_skeleton_of_support(support) for support in job.supports],
         "partition": job.mesh.partition,
         "solver": job.solver.model_dump(mode="json", include=_EQUATIONS),
     }
+    if job.states:
+        content["states"] = [_skeleton_of_loads(solve.job) | {"state": solve.job.state} for solve in job.plan]
+        content["order"] = [[solve.mesh, solve.start] for solve in job.plan]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def structure_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
+    """Hash of what states of one job must have in common to share equations: `reuse_group_of` in any direction.
+
+    A state with functions that the solver updates, such as contact pressures, keeps its own.
+    """
+    if any(effect.functions(1) for effect in job.effects):
+        return job.state
+    return reuse_group_of(job.model_copy(update={"analysis": "inverse", "first": None}), digest)
 
 
 def numbers_of(job: Job) -> tuple[float, ...]:
     """The numbers (SI) that `reuse_group_of` omits, in the same order for all jobs of a reuse group."""
-    ingredients = (*job.laws.values(), *job.effects, *job.families.values())
+    jobs = [solve.job for solve in job.plan] if job.states else [job]
+    effects = (effect for one in jobs for effect in one.effects)
+    ingredients = (*job.laws.values(), *effects, *job.families.values())
     of_ingredients = (n for i in ingredients for value, _ in i.quantities().values() for n in _numbers(value))
-    return (*of_ingredients, *(n for support in job.supports for n in _numbers_of_support(support)))
+    return (*of_ingredients, *(n for one in jobs for support in one.supports for n in _numbers_of_support(support)))
+
+
+def _skeleton_of_loads(job: Job) -> dict[str, Any]:
+    return {
+        "effects": [_skeleton(effect) for effect in job.effects],
+        "supports": [_skeleton_of_support(support) for support in job.supports],
+    }
 
 
 def _skeleton(ingredient: Ingredient) -> dict[str, Any]:

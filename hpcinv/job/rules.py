@@ -1,7 +1,9 @@
 """Rules between sections of a job; each returns faults with their places in the later section."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
+from hpcinv.effects import Direction, Effect
+from hpcinv.job.sections import AXES, Support
 from hpcinv.job.settings import Discretisation
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
@@ -45,6 +47,48 @@ def unsuited(discretisation: Discretisation, laws: Mapping[str, MaterialLaw]) ->
                 ("formulation",),
                 f"must be stated, displacement or mixed, since the moduli of {where} vary over the body",
             )
+
+
+def unsuited_effects(
+    effects: Sequence[Effect],
+    needed: Collection[str],
+    first: Direction,
+    where: str,
+    fibres: Collection[str] | None,
+    cases: Collection[str] | None,
+) -> Faults:
+    """Faults of effects that are not possible in a needed direction, or refer to unknown fibres or load cases.
+
+    Args:
+        first: the direction that is solved on the given body.
+        where: the analysis or state, for messages.
+    """
+    for i, effect in enumerate(effects):
+        if set(needed) - effect.directions:
+            yield (i,), f"is not possible {where}, only with {', '.join(sorted(effect.directions))}"
+    for i, effect in enumerate(effects):
+        for place, text in effect.faults(first):
+            yield (i, *place), text
+    for i, effect in enumerate(effects):
+        for place, text in (*unknown_families(effect, fibres), *unknown_case(effect.case, cases)):
+            yield (i, *place), text
+
+
+def unsuited_supports(supports: Sequence[Support], effects: Sequence[Effect], cases: Collection[str] | None) -> Faults:
+    """Faults of supports that leave the body free, refer to unknown load cases, or repeat each other."""
+    free = set(AXES).difference(*(s.held for s in supports), *(e.holds for e in effects))
+    if free:
+        yield (), f"leave the body free to move along {' and '.join(sorted(free))}: hold it there in some region"
+        return
+    for i, support in enumerate(supports):
+        for place, text in unknown_case(support.case, cases):
+            yield (i, *place), text
+    taken: set[tuple[str, str]] = set()
+    for i, support in enumerate(supports):
+        held = {(support.region, axis) for axis in support.held}
+        for region, axis in sorted(held & taken):
+            yield (i,), f"prescribes {axis} on '{region}' a second time"
+        taken |= held
 
 
 def unknown_families(part: Ingredient, known: Collection[str] | None) -> Faults:

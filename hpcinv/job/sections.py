@@ -209,6 +209,8 @@ class QuantityOfInterest(Spec):
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
     of stresses"""
+    state: Name | None = Field(default=None, exclude_if=lambda state: state is None)
+    """state of the body in which it is evaluated; by default each loaded one, under names such as NAME-STATE"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
     """reference point of a reaction_moment; by default the origin"""
 

@@ -188,6 +188,9 @@ class Kinematics(ABC):
     Args:
         u: displacement ``x - X``, vector of 3, in scaled lengths.
         integration: measures of the mesh.
+
+    Attributes:
+        given: the state in which fibres, fields and densities "of the current body" are given: this one, or another.
     """
 
     direction: str
@@ -196,6 +199,7 @@ class Kinematics(ABC):
 
     def __init__(self, u: Any, integration: Measures) -> None:
         self.u = u
+        self.given: Kinematics | OtherState = self
         self.integration = integration
         self._at = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))
 
@@ -252,6 +256,11 @@ class Kinematics(ABC):
         return self._by_body(self._normal, self._area_vector / self._area)[1]
 
     @property
+    def J(self) -> Any:
+        """Volume ratio."""
+        return self.volumes[1] / self.volumes[0]
+
+    @property
     def volumes(self) -> tuple[Any, Any]:
         """Volume of the reference and of the current body per volume of the mesh."""
         return self._by_body(1, self.mesh_J)
@@ -268,6 +277,15 @@ class Kinematics(ABC):
     def dv(self, integrand: Any) -> Any:
         """Return the integral over the current volume."""
         return integrand * self.volumes[1] * self.integration.volume
+
+    def dm(self, integrand: Any, density_in: str) -> Any:
+        """Return the integral of what is in proportion to a mass density, over the volume to which that refers.
+
+        The volume of the current body is that of the `given` state, so that all states have the same mass.
+        """
+        if density_in == "reference":
+            return self.dV(integrand)
+        return self.dv(integrand) if self.given is self else self.dV(integrand * self.given.J)
 
     def dA(self, integrand: Any, region: str) -> Any:
         """Return the integral over the reference area of a region of the boundary."""
@@ -299,6 +317,29 @@ class Kinematics(ABC):
     @cached_property
     def _area(self) -> Any:
         return ufl.sqrt(ufl.inner(self._area_vector, self._area_vector))
+
+
+class OtherState:
+    """The body in another state: the same material points at other current positions.
+
+    Args:
+        kin: kinematics of the state that is solved for, whose reference body is the same.
+        u: displacement ``x - X`` of the other state at the material points, in scaled lengths.
+    """
+
+    def __init__(self, kin: Kinematics, u: Any) -> None:
+        self.X, self.x = kin.X, kin.X + u
+        self.H = kin.Grad(u)
+
+    @cached_property
+    def F_inverse(self) -> Any:
+        """``∂X/∂x``."""
+        return ufl.inv(ufl.Identity(3) + self.H)
+
+    @cached_property
+    def J(self) -> Any:
+        """Volume ratio."""
+        return Deformation(self.H).J
 
 
 class ForwardKinematics(Kinematics):

@@ -8,7 +8,7 @@ import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
-from hpcinv.kinematics.kinematics import Kinematics
+from hpcinv.kinematics.kinematics import Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import without_stages
 from hpcinv.quantity.expressions import Expression
 
@@ -27,7 +27,7 @@ UFL_FUNCTIONS: dict[str, Callable[..., Any]] = {
 """Functions in formulas."""
 
 
-def at_position(formula: Expression, k: Kinematics, metre: Any, constants: Mapping[str, Any]) -> Any:
+def at_position(formula: Expression, k: Kinematics | OtherState, metre: Any, constants: Mapping[str, Any]) -> Any:
     """Return a formula of ``X, Y, Z`` (reference) and ``x, y, z`` (current) in SI, at each point of the body.
 
     Args:

@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx import geometry
 
 from hpcinv.mesh.body import Body
+from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.source import Floats
 
 # Distance outside a cell, relative to its size, up to which a point still counts as inside: points on a curved surface
@@ -38,6 +39,15 @@ def locate(body: Body, point: Floats) -> Location | None:
             nearest, found = (outside, mesh.comm.rank, int(cell)), xi
     least, rank, cell = min(mesh.comm.allgather(nearest))
     return Location(rank, cell, mesh.comm.bcast(found, root=rank)) if least <= _MARGIN else None
+
+
+def position(body: Body, place: Location, nodes: Floats) -> Floats:
+    """Return the position (3,) of a material point in a body whose local geometry nodes are at ``nodes``; collective."""
+    found = None
+    if body.mesh.comm.rank == place.rank:
+        shapes = scalar_element(body.source.kind, body.source.degree).tabulate(0, place.xi[None])[0, 0, :, 0]
+        found = shapes @ nodes[body.mesh.geometry.dofmaps[0][place.cell]]
+    return np.asarray(body.mesh.comm.bcast(found, root=place.rank))
 
 
 def _pulled_back(cmap: Any, point: Floats, nodes: Floats) -> Floats | None:

@@ -40,6 +40,13 @@ class DirectMethod(Method):
                 if solve.outcome.accepted:
                     yield from self._augment(tolerance)
                 return
+        if start.origin is not None:
+            model = self.problem.model
+            model.set_solution(*start.origin)
+            self.equilibrium.system.begin_path()
+            if start.solution is not None:
+                model.set_solution(*start.solution)
+            self.steps = replace(self.steps, cases=1)
         # The other strategies are chosen for the path that they take, which a guess would skip.
         if (
             start.guess is not None

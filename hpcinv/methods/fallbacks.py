@@ -116,7 +116,7 @@ def _line_search(problem: Problem, steps: Steps, load: float) -> Solves:
 
 def _bulk_modulus(problem: Problem, steps: Steps, load: float) -> Solves:
     rescue = BulkModulus(problem.model, problem.equilibrium)
-    if rescue.is_applicable:
+    if rescue.is_applicable and not problem.equilibrium.system.is_on_path:
         yield from _as_one(problem, rescue.solves(), EFFORT["bulk-modulus"])
 
 

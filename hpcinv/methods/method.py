@@ -20,12 +20,14 @@ class Start:
         load: share of the load under which that is a solution.
         solves: completed solves up to there.
         guess: initial state at full load, for methods that can use it; after a failure, the unloaded body is used.
+        origin: displacement (m) and pressure (Pa) at which the load path begins; without it, with the unloaded body.
     """
 
     solution: tuple[Function, Function | None] | None = None
     load: float = 0.0
     solves: tuple[Solve, ...] = ()
     guess: Guess | None = None
+    origin: tuple[Function, Function | None] | None = None
 
     @property
     def limit_points(self) -> int:

@@ -22,7 +22,7 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.kinematics.kinematics import Kinematics
+from hpcinv.kinematics.kinematics import Kinematics, OtherState
 from hpcinv.kinematics.ufl_formulas import at_position
 from hpcinv.mesh.regions import Mesh
 from hpcinv.model.fields import BodyFields
@@ -38,7 +38,8 @@ class Parameters:
     """The load factors of the load cases, and the finite quantities of laws, effects and families of fibres.
 
     Args:
-        ingredients: name in messages, laws, effects and families, and kinematics for their formulas.
+        ingredients: laws, effects and families of fibres, with their names in messages.
+        kin: positions for their formulas.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks what a field needs.
@@ -46,7 +47,8 @@ class Parameters:
 
     def __init__(
         self,
-        ingredients: Sequence[tuple[str, Ingredient, Kinematics]],
+        ingredients: Sequence[tuple[str, Ingredient]],
+        kin: Kinematics,
         fields: BodyFields,
         scales: Scales,
         cases: int,
@@ -55,11 +57,13 @@ class Parameters:
         self._values = [0.0] * cases
         self._metre: int | None = None
         self._functions: dict[str, tuple[fem.Function, Dimension]] = {}
-        places = [(self._places_of(where, ingredient), k) for where, ingredient, k in ingredients]
-        self._places = [found for found, _ in places]
-        self._numbers = {where: number for number, (where, _, _) in enumerate(ingredients)}
+        self._places = [self._places_of(where, ingredient) for where, ingredient in ingredients]
+        self._numbers = {where: number for number, (where, _) in enumerate(ingredients)}
         self._constant = fem.Constant(fields.body.mesh, self._values)
-        self._namespaces = [SimpleNamespace(**{n: self._entry(p, k) for n, p in found.items()}) for found, k in places]
+        self._namespaces = [
+            SimpleNamespace(**{n: self._entry(p, kin.given if one.is_attached(n) else kin) for n, p in found.items()})
+            for (_, one), found in zip(ingredients, self._places, strict=True)
+        ]
 
     def load(self, case: int) -> Any:
         """Return the load factor of a case, from 0 to 1, as a UFL scalar."""
@@ -173,7 +177,7 @@ class Parameters:
         self._values.append(value)
         return len(self._values) - 1
 
-    def _entry(self, place: Any, k: Kinematics) -> Any:
+    def _entry(self, place: Any, k: Kinematics | OtherState) -> Any:
         match place:
             case int():
                 return self._constant[place]

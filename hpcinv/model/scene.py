@@ -27,9 +27,8 @@ import ufl
 from dolfinx import fem
 from ufl.classes import Label, Variable
 
-from hpcinv.effects import Effect
 from hpcinv.job.job import Job
-from hpcinv.kinematics.kinematics import Deformation, Kinematics
+from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
@@ -86,8 +85,8 @@ class Scene:
     """Material, effects and kinematics composed into one residual.
 
     Args:
-        known: fixed displacement (scaled) by which fibres, strains and fields given on the current body are transformed
-            to the reference body; by default the unknown displacement.
+        known: fixed displacement (scaled) of the state in which fibres, strains, fields and densities are given on the
+            current body; by default they are given in the state that is solved for.
 
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
@@ -114,11 +113,9 @@ class Scene:
         cells = law_cells(fields.body, job.laws)
         integration = Integration(fields.body, quadrature_degree, cells)
         self.kinematics = kin = kinematics(unknowns.u, integration)
-        material = kin if known is None else kinematics(known, integration)
-        ingredients = [
-            (n, part, kin if isinstance(part, Effect) and part.is_load else material) for n, part in _ingredients(job)
-        ]
-        self.parameters = par = Parameters(ingredients, fields, scales, job.case_count)
+        if known is not None:
+            kin.given = OtherState(kin, known)
+        self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count)
         count = len(job.laws)
         of_effects = [
             (effect, par.load(job.case_of(effect)), par.of(count + i)) for i, effect in enumerate(job.effects)
@@ -130,7 +127,7 @@ class Scene:
         named = tuple(zip((where for where, _ in job.named_effects), of_effects, strict=True))
         self.contacts = Contacts(named, kin, fields.body, job.resolve, degree)
         directions = {
-            name.removeprefix("fibres."): _unit(material, family.given_on, par.of(i).direction)
+            name.removeprefix("fibres."): _unit(kin.given, family.given_on, par.of(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))
         }
         self.H = H = Variable(kin.H, LABEL)
@@ -138,7 +135,7 @@ class Scene:
         strains = [
             (effect, strain)
             for effect, load, p in of_effects
-            if (strain := _strain(effect, effect.inelastic_strain(total, load, p), material)) is not None
+            if (strain := _strain(effect, effect.inelastic_strain(total, load, p), kin.given)) is not None
         ]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
         own = [strain for effect, strain in strains if effect.writes_its_stress]
@@ -267,15 +264,16 @@ class SceneMeans:
 
 
 def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:
-    """Return laws, effects and families of fibres with their names in the job, in the order of a scene."""
-    return [*job.laws.items(), *job.named_effects, *job.families.items()]
+    """Return laws, effects and families of fibres with their names in the job or its state, in the order of a scene."""
+    effects = ((f"effects[{i}]", effect) for i, effect in enumerate(job.effects))
+    return [*job.laws.items(), *effects, *job.families.items()]
 
 
-def _strain(effect: Effect, strain: Any, material: Kinematics) -> Any:
+def _strain(effect: Effect, strain: Any, given: Kinematics | OtherState) -> Any:
     """Return an inelastic strain ``F_g - I`` of the reference body, ``None`` if there is none."""
     if strain is None or effect.strain_given_on == "reference":
         return strain
-    return material.F_inverse * strain * (ufl.Identity(3) + material.H)
+    return given.F_inverse * strain * (ufl.Identity(3) + given.H)
 
 
 def _elastic(total: Deformation, strains: Iterable[Any]) -> tuple[Deformation, Any]:
@@ -287,7 +285,7 @@ def _elastic(total: Deformation, strains: Iterable[Any]) -> tuple[Deformation, A
     return elastic, J_g
 
 
-def _unit(kin: Kinematics, given_on: str, direction: Any) -> Any:
+def _unit(kin: Kinematics | OtherState, given_on: str, direction: Any) -> Any:
     """Return a unit vector in the reference body."""
     a = direction if given_on == "reference" else kin.F_inverse * direction
     return a / ufl.sqrt(ufl.inner(a, a))

@@ -59,9 +59,12 @@ class Supports:
     def __init__(self, job: Job, body: Body, unknowns: Unknowns) -> None:
         self.conditions: list[fem.DirichletBC] = []
         self.prescribed: list[Prescribed] = []
+        self.prescribe_motion = False
+        self._path: list[npt.NDArray[np.float64]] | None = None  # displacements at the beginning of a path
         self._case_count, self._length, self._comm = job.case_count, body.length_scale, body.mesh.comm
         for number, spec in enumerate(job.supports):
-            with naming_field(f"supports[{number}].region"):
+            place = f"{job.place('supports')}[{number}]"
+            with naming_field(f"{place}.region"):
                 facets = body.facets(spec.region)
             for axis, name in enumerate(AXES):
                 if name not in spec.held:
@@ -72,7 +75,7 @@ class Supports:
                 now = fem.Function(scalar)
                 full = np.zeros_like(now.x.array)
                 self.conditions.append(fem.dirichletbc(now, dofs, part))
-                field = f"supports[{number}].{'displacement' if spec.displacement else 'fix'}"
+                field = f"{place}.{'displacement' if spec.displacement else 'fix'}"
                 self.prescribed.append(
                     Prescribed(field, number, spec.region, axis, job.case_of(spec), dofs[0], dofs[1], full, now)
                 )
@@ -93,8 +96,7 @@ class Supports:
                         f"{one.field}: '{formula}' is not finite somewhere on '{spec.region}'",
                         "Check it for divisions by zero, and for roots and logarithms of negative numbers.",
                     )
-        moves = any(bool(one.full.any()) for one in self.prescribed)
-        self.prescribe_motion: bool = self._comm.allreduce(moves, op=MPI.LOR)
+        self.end_path()
 
     def prescribe_rates(self, number: int, variant: Callable[[float], Support], at: float) -> None:
         """Prescribe derivatives of the displacements at full load, until `scale` is called.
@@ -114,9 +116,26 @@ class Supports:
                 one.now.x.array[one.nodes] = central_difference(values, step) / self._length
 
     def scale(self, load: float) -> None:
-        """Prescribe the displacements at a share of the whole load."""
-        for one in self.prescribed:
-            one.now.x.array[:] = load_factor(load, one.case, self._case_count) * one.full
+        """Prescribe the displacements at a share of the whole load, or of the path from another state."""
+        for number, one in enumerate(self.prescribed):
+            if self._path is None:
+                one.now.x.array[:] = load_factor(load, one.case, self._case_count) * one.full
+            else:
+                one.now.x.array[one.nodes] = (1 - load) * self._path[number] + load * one.full[one.nodes]
+
+    def begin_path(self, x: npt.NDArray[np.float64]) -> None:
+        """Let the displacements lead from those of a state ``x`` (all local unknowns) to the prescribed ones."""
+        self._path = [x[one.dofs] for one in self.prescribed]
+        moves = any(
+            bool((start != one.full[one.nodes]).any()) for start, one in zip(self._path, self.prescribed, strict=True)
+        )
+        self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
+
+    def end_path(self) -> None:
+        """Let the displacements lead from the unloaded body again; collective."""
+        self._path = None
+        moves = any(bool(one.full.any()) for one in self.prescribed)
+        self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
 
 def _values(spec: Support, formula: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -197,11 +197,22 @@ class Progress(Observer):
         cells = sum(body.partition.cells)
         ranks = _count(self._ranks, "rank")
         self._directory = str(directory)
-        self.note(f"{job.job}: {job.analysis}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
+        self.note(f"{job.job}: {job.kind.removesuffix(' analysis')}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
         if restart is not None:
             for complaint in restart.complaints:
                 self.note(f"  not used: {complaint}")
-            self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}")
+            state = job.plan[restart.position.direction_index].job.state
+            of_state = f" of state '{state}'" if state else ""
+            self.note(f"  resumed from {restart.path} at load factor {restart.position.load:.6g}{of_state}")
+
+    def state(self, job: Job, number: int) -> None:
+        """Announce the state of the next solve, a number in the plan of the job; nothing without states."""
+        solve = job.plan[number]
+        if state := solve.job.state:
+            before = job.rest if solve.start is None else job.plan[solve.start].job.state
+            text = f"from it to {job.rest}" if solve.direction == "inverse" else f"from {before}"
+            self.close()
+            self.note(f"state {state}, {text}")
 
     def body(self, totals: Totals) -> None:
         """Print size, volume, mass and load of the meshed part, which reveal mistakes in units."""
@@ -314,10 +325,11 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     most = max(memory["phases"], key=lambda phase: memory["phases"][phase]["max"])
     lines.append(f"  memory: {max(memory['ranks']) / 1e6:.0f} MB on the fullest rank; most in {most}")
     for solution in solutions:
+        title = solution.get("state", solution["direction"])
         if solution["linear"] and solution["linear"]["fallback"]:
-            lines.append(f"  {solution['direction']}: {solution['linear']['fallback']}")
+            lines.append(f"  {title}: {solution['linear']['fallback']}")
         lines.append(
-            f"  {solution['direction']}: J from {_number(solution['J']['min'])} to {_number(solution['J']['max'])}, "
+            f"  {title}: J from {_number(solution['J']['min'])} to {_number(solution['J']['max'])}, "
             f"strain energy {_number(solution['strain_energy'])} J"
         )
         lines += map(_contact, solution["contacts"])
@@ -357,7 +369,8 @@ def _certificate(certificate: Mapping[str, Any]) -> list[str]:
         found = "" if line["value"] is None else f" {_number(line['value'], 3)}{line['unit'] and ' ' + line['unit']}"
         note = f" ({line['note']})" if line["note"] else ""
         seconds = f", {line['seconds']:.1f} s" if (line["seconds"] or 0.0) >= _SHOWN else ""
-        lines.append(f"  {line['verdict']}: {line['name']}{found}{note}{seconds}")
+        state = f"{line['state']}: " if "state" in line else ""
+        lines.append(f"  {line['verdict']}: {state}{line['name']}{found}{note}{seconds}")
     return lines
 
 

@@ -25,7 +25,7 @@ class Result:
     """Result of a run.
 
     Attributes:
-        solutions: one for each direction that was solved; the first is on the mesh that the job gives.
+        solutions: one for each direction or state that was solved; the first is on the mesh that the job gives.
         quantities: the job's quantities of interest by name.
         errors: distances from the job's expected shape, and of a round trip from the given shape.
         estimate: estimated discretisation errors, ``None`` if not requested.
@@ -48,6 +48,12 @@ class Result:
     directory: Path | None = None
     accuracy: AccuracyRecord | None = None
     totals: Totals | None = None
+
+    @property
+    def shapes(self) -> dict[str, Floats]:
+        """Coordinates of the local geometry nodes in each state, (n, 3) in m, by its name; empty without states."""
+        found = {solution.state: solution.current_nodes for solution in self.solutions if solution.state}
+        return {self.job.rest: self.solutions[0].reference_nodes} | found if found else {}
 
     @property
     def shape(self) -> Floats:
@@ -87,7 +93,7 @@ class Result:
         more = len(self.quantities) - _SHOWN
         return "\n".join(
             (
-                f"Result of '{self.job.job}': {self.job.analysis} analysis, {statistics.get('status', 'not finished')}",
+                f"Result of '{self.job.job}': {self.job.kind}, {statistics.get('status', 'not finished')}",
                 f"  mesh: {mesh.get('cells')} cells, {mesh.get('unknowns')} unknowns;"
                 f" largest displacement {_short(solution.get('largest_displacement'))} m",
                 f"  certificate: {self.certificate.verdict.value}" + (f" ({'; '.join(doubts)})" if doubts else ""),

@@ -20,7 +20,10 @@ from hpcinv.job.job import Job, load, parse
 from hpcinv.job.yaml_reader import read_yaml
 
 _JOB, _ORIGIN = "job.yaml", "origin.json"
-_CONTENT = (_JOB, "checkpoints", "fields", "shape.*", "surface.npz", "summary.*", "run.log", ".*.partial")
+_CONTENT = (
+    *(_JOB, "checkpoints", "fields", "fields-*", "shape.*", "shape-*", "surface.npz", "summary.*", "run.log"),
+    ".*.partial",
+)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Estimate, Line, Verdict
 from hpcinv.errors import Interrupted, SolveError
+from hpcinv.job.job import Job
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.output.run_directory import relative
@@ -31,6 +32,7 @@ class RunReport(Observer):
 
     def __init__(
         self,
+        job: Job,
         model: Model,
         store: RunStore,
         progress: Progress,
@@ -38,7 +40,7 @@ class RunReport(Observer):
         record: AccuracyRecord | None,
         unused_options: Sequence[str],
     ) -> None:
-        self._model, self._store, self._progress = model, store, progress
+        self._job, self._model, self._store, self._progress = job, model, store, progress
         self._totals, self._record, self._unused_options = totals, record, unused_options
 
     def ended(self, found: SolvedDirection) -> None:
@@ -58,13 +60,12 @@ class RunReport(Observer):
         if self._record is not None:
             certificate = Certificate((*certificate.lines, *self._record.lines()))
         self._check_displacement(solutions[0])
-        job, body = self._model.job, self._model.body
-        result = Result(job, body, tuple(solutions), certificate, quantities, errors, estimate, slopes)
+        result = Result(self._job, self._model.body, tuple(solutions), certificate, quantities, errors, estimate, slopes)
         return self._finish(result, "converged")
 
     def _check_displacement(self, solution: Solution) -> None:
         """Warn if the body hardly moves, unless there was a warning before."""
-        if self._model.job.output.unit_warnings and not self._totals.warnings:
+        if self._job.output.unit_warnings and not self._totals.warnings:
             self._totals = self._totals.after(solution.largest_displacement)
             for text in self._totals.warnings:
                 self._progress.warn(text)
@@ -87,22 +88,25 @@ class RunReport(Observer):
         else:
             where = f"stopped at load factor {solution.load:.6g} of 1"
             line = Line("load factor", solution.load, "", "must reach 1", Verdict.FAIL, why.text)
+        if solution.state:
+            where, line = f"state '{solution.state}': {where}", replace(line, state=solution.state)
         self._finish(self._unfinished(solutions, line), why.text)
         raise SolveError(f"{where}: {why.text}", why.advice)
 
-    def check_not_stopped(self, before: Sequence[Solution], found: SolvedDirection) -> None:
+    def check_not_stopped(self, before: Sequence[Solution], found: SolvedDirection, state: str) -> None:
         """Raise ``Interrupted`` if a request to stop ended the run before its last solve.
 
         The summary then has the solutions ``before`` this direction, and the load factor that it reached.
         """
-        job = self._model.job
+        job = self._job
         if not found.stopped or (found.load == 1.0 and len(before) + 1 == len(job.directions)):
             return
         why = "stopped by a signal"
-        where = f"{why} in the {found.direction} solve at load factor {found.load:.6g}"
+        of_state = f" of state '{state}'" if state else ""
+        where = f"{why} in the {found.direction} solve{of_state} at load factor {found.load:.6g}"
         if self._store.path is None:
             raise Interrupted(f"{where}; nothing was saved")
-        line = Line("load factor", found.load, "", "must reach 1", Verdict.FAIL, why)
+        line = Line("load factor", found.load, "", "must reach 1", Verdict.FAIL, why, state=state)
         self._write(self._unfinished(before, line), why)
         saved = not job.accuracy and (bool(before) or found.can_restart)
         raise Interrupted(
@@ -112,7 +116,7 @@ class RunReport(Observer):
         )
 
     def _unfinished(self, solutions: Sequence[Solution], line: Line) -> Result:
-        return Result(self._model.job, self._model.body, tuple(solutions), Certificate((line,)))
+        return Result(self._job, self._model.body, tuple(solutions), Certificate((line,)))
 
     def _write(self, result: Result, status: str) -> Result:
         model, store = self._model, self._store
@@ -121,8 +125,8 @@ class RunReport(Observer):
         found = statistics(result, status, size, self._unused_options, model.timings, store.comm)
         if (path := store.path) is not None:
             store.check_in_place()
-            if result.solutions and model.job.output.fields:
+            if result.solutions and self._job.output.fields:
                 with model.timings("output"):
                     write_boundary(path / BOUNDARY, model.body, result.solutions[0], result.estimate)
-            write_summary(path, found, store.comm, formats=model.job.output.summary)
+            write_summary(path, found, store.comm, formats=self._job.output.summary)
         return replace(result, statistics=found)

@@ -5,6 +5,7 @@ from typing import Self
 
 from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.job.fingerprint import fingerprint
+from hpcinv.job.job import Job
 from hpcinv.mesh import write_mesh
 from hpcinv.mesh.data import at_geometry_nodes
 from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest
@@ -55,16 +56,18 @@ class RunStore:
             on_root(self.comm, lambda: take(directory))
 
     def open(
-        self, model: Model, progress: Progress, *, overwrite: bool, resume: bool
+        self, job: Job, model: Model, progress: Progress, *, overwrite: bool, resume: bool
     ) -> tuple[Checkpoints | None, Restart | None]:
-        """Make the directory for the job of a model, or open that of the run to resume.
+        """Make the directory for a job, or open that of the run to resume.
+
+        Args:
+            model: the model of its first solve.
 
         Returns:
             Its checkpoints, and the one to resume from. A search for accuracy has none and starts again.
         """
         if (directory := self.directory) is None:
             return None, None
-        job = model.job
         # Functions are saved cell by cell, so that a generator must make the same cells again.
         problem = on_root(self.comm, lambda: fingerprint(job)) | {"cells": cells_digest(model.body)}
         checkpoints = None
@@ -94,12 +97,14 @@ class RunStore:
         if self.directory is not None:
             self.directory.check_in_place(None)
 
-    def write_shape(self, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress) -> None:
-        """Write the recovered shape and its fields."""
+    def write_shape(
+        self, job: Job, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress
+    ) -> None:
+        """Write the computed shape and the fields of a solution."""
         with progress.phase("writing"):
             if self.directory is not None:
                 self.check_in_place()
-                _write_shape(self.directory.path, model, solution, slopes, progress)
+                _write_shape(self.directory.path, job, model, solution, slopes, progress)
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -108,15 +113,19 @@ class RunStore:
 
 
 def _write_shape(
-    path: Path, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress
+    path: Path, job: Job, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress
 ) -> None:
+    shape, fields = "shape", "fields"
+    if solution.state:  # the inverse solve finds the rest shape
+        shape += f"-{job.rest if solution.direction == 'inverse' else solution.state}"
+        fields += f"-{solution.state}"
     with model.timings("output"):
         pressures = {field.name: field for contact in solution.contacts for field in contact.fields}
         arrays = {name: at_geometry_nodes(model.body, pressure) for name, pressure in pressures.items()}
-        for suffix in model.job.shape_formats:
-            progress.detail(f"shape.{suffix}")
-            write_mesh(path / f"shape.{suffix}", model.body, solution.other_nodes, arrays)
-        if model.job.output.fields:
-            progress.detail("fields")
+        for suffix in job.shape_formats:
+            progress.detail(f"{shape}.{suffix}")
+            write_mesh(path / f"{shape}.{suffix}", model.body, solution.other_nodes, arrays)
+        if job.output.fields:
+            progress.detail(fields)
             more = (*pressures.values(), *(slopes.fields() if slopes else ()))
-            write_fields(path / "fields", model.body, solution, more)
+            write_fields(path / fields, model.body, solution, more)

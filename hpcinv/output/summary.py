@@ -20,6 +20,7 @@ from petsc4py import PETSc
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.files.json_data import json_data
 from hpcinv.job.fingerprint import fingerprint
+from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.output.result import Result
 from hpcinv.parallel.memory_use import Memory, peak
@@ -53,6 +54,7 @@ def statistics(
         "mesh": _mesh(body) | {"file": job.mesh.file, "unknowns": unknowns},
         "body": result.totals and result.totals.as_data(),
         "partition": asdict(body.partition) | {"imbalance": body.partition.imbalance},
+        **({"states": _states(job)} if job.states else {}),
         "solutions": [_solution(solution, job.discretisation.displacement) for solution in result.solutions],
         "unused_petsc_options": list(unused_options),
         "quantities": dict(result.quantities),
@@ -94,9 +96,21 @@ def _mesh(body: Body) -> dict[str, Any]:
     }
 
 
+def _states(job: Job) -> dict[str, Any]:
+    """Return by name of each state what it is, and the number of its solution, ``None`` for the rest shape."""
+    solved = [solve.job.state for solve in job.plan]
+    given = next(state.name for state in job.states if state.given)
+    names = list(dict.fromkeys([*(state.name for state in job.states), job.rest]))
+    return {
+        name: {"given": name == given, "rest": name == job.rest, "solution": solved.index(name) if name in solved else None}
+        for name in names
+    }
+
+
 def _solution(solution: Solution, displacement: int) -> dict[str, Any]:
     pressure = None if solution.pressure is None else solution.pressure.function_space.ufl_element().degree
     return {
+        **({"state": solution.state} if solution.state else {}),
         "direction": solution.direction,
         "formulation": "displacement" if pressure is None else "mixed",
         "degrees": {"displacement": displacement, "pressure": pressure},

@@ -34,6 +34,10 @@ class Ingredient(Spec):
         """Value and dimension of each quantity by name: a number (SI), a field (`Varying`), or a tuple of these."""
         return {name: (getattr(self, name), d) for name, d in quantities_of(type(self)).items()}
 
+    def is_attached(self, name: str) -> bool:
+        """Return whether a quantity stays with the material from one state of the body to another."""
+        return True
+
     def numbers(self) -> dict[Location, Number | str]:
         """The numbers in its quantities by place, such as ``("acceleration", 1)``; for others the reason."""
         return {

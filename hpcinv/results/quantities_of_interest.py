@@ -16,7 +16,7 @@ from hpcinv.errors import JobError, MeshError, naming_field
 from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
-from hpcinv.mesh.location import Location, locate
+from hpcinv.mesh.location import Location, locate, position
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats
@@ -52,6 +52,19 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
             "\n".join(f"{body.source.path}: {p}" for p in problems),
             f"It extends from ({_triple(low)}) to ({_triple(high)}) m; points are in metres unless they have a unit.",
         )
+
+
+def carried(quantities: Iterable[QuantityOfInterest], body: Body, nodes: Floats) -> tuple[QuantityOfInterest, ...]:
+    """Return the quantities at the same material points of the body with its local nodes at ``nodes`` (m); collective.
+
+    The mesh must lie as the job gives it.
+    """
+    found = []
+    for quantity in quantities:
+        if quantity.at is not None and (place := locate(body, np.array(quantity.at))) is not None:
+            quantity = quantity.model_copy(update={"at": tuple(position(body, place, nodes).tolist())})
+        found.append(quantity)
+    return tuple(found)
 
 
 def evaluate(

@@ -31,6 +31,7 @@ class Solution:
         solves: every solve of the method, failed ones included.
         load: load factor that was reached, 1 at the end.
         contacts: contacts of the job, in its order.
+        state: name of the state of the body; empty in a job without states.
     """
 
     direction: Direction
@@ -47,6 +48,7 @@ class Solution:
     linear: Used | None = None
     contacts: tuple[ContactReport, ...] = ()
     prestrain_stress: Function | None = None
+    state: str = ""
 
     @property
     def sign(self) -> int:
@@ -117,4 +119,5 @@ def solution_of(
             linear=linear,
             contacts=scene.contacts.reports(model.scales),
             prestrain_stress=own,
+            state=model.job.state,
         )

@@ -1,5 +1,7 @@
 """The discrete model of a job: spaces, supports and scales on one body, and the equations of either direction."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
@@ -10,6 +12,7 @@ from hpcinv.assembly.system import System
 from hpcinv.effects import Direction
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
+from hpcinv.job.states import given_on_current
 from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.mesh import Body
 from hpcinv.mesh.moved import placed
@@ -40,19 +43,30 @@ class Model:
     Scenes and the equations on them are made once and used again, with their compiled kernels, the pattern of the
     matrix and its symbolic factorization.
 
+    Args:
+        like: a model of another state of the body, whose spaces are used.
+
     Raises:
         MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
     """
 
-    def __init__(self, job: Job, body: Body, timings: Timings) -> None:
+    def __init__(self, job: Job, body: Body, timings: Timings, like: Model | None = None) -> None:
         self.job, self.body, self.timings = job, body, timings
-        self._scenes: dict[Direction, Scene] = {}
+        self._scenes: dict[tuple[Direction, bool], Scene] = {}
         self._idle: dict[int, Equilibrium] = {}  # by the scene
+        self._like = like
+        self._given: Function | None = None
+        self._is_carried = False
+        self.is_of_given_mesh = True
         with timings("set-up"):
-            self.fields = BodyFields(body)
+            self.fields: BodyFields = BodyFields(body) if like is None else like.fields
             check_fields(job, self.fields)
             self.scales = self._scales()
-            self.unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
+            self.unknowns: Unknowns = (
+                Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
+                if like is None
+                else like.unknowns
+            )
             self.supports = Supports(job, body, self.unknowns)
             check_agreement(job, body, self.supports)
             # Springs are part of the scene: with them the check needs its equations.
@@ -83,6 +97,8 @@ class Model:
     @cached_property
     def chooser(self) -> Chooser:
         """The rule by which the linear solver is chosen; collective at the first access."""
+        if self._like is not None:
+            return self._like.chooser
         return Chooser(self.unknowns, self.job.discretisation.displacement)
 
     def _scales(self) -> Scales:
@@ -96,14 +112,44 @@ class Model:
             quadrature: quadrature degree, by default the degree of the job.
         """
         is_kept = known is None and quadrature is None
-        if is_kept and direction in self._scenes:
-            return self._scenes[direction]
+        if is_kept and (direction, self._is_carried) in self._scenes:
+            return self._scenes[direction, self._is_carried]
+        known = self.given if known is None else known
         kinematics, degree = KINEMATICS[direction], quadrature or self.quadrature_degree
         with self.timings("compile"):
             scene = Scene(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, known)
         if is_kept:
-            self._scenes[direction] = scene
+            self._scenes[direction, self._is_carried] = scene
         return scene
+
+    @property
+    def given(self) -> Function | None:
+        """Displacement (scaled) of the state in which fibres, fields and densities are given on the current body.
+
+        ``None`` if that is the state of this model, or nothing is given so.
+        """
+        return self._given if self._is_carried else None
+
+    def given_displacement(self) -> Function | None:
+        """Return `given` in m."""
+        if self.given is None:
+            return None
+        u = self.given.copy()
+        u.x.array[:] *= self.scales.length
+        return u
+
+    def carry(self, u: Function | None) -> None:
+        """Solve for another state than the given one, with what is given there attached to the material points.
+
+        Args:
+            u: displacement (m) of the given state; ``None`` if the model's state is the given one.
+        """
+        self.is_of_given_mesh = u is None
+        parts = (*self.job.laws.values(), *self.job.effects, *self.job.families.values())
+        self._is_carried = u is not None and any(True for part in parts for _ in given_on_current(part))
+        if u is not None and self._is_carried:
+            self._given = self._given or Function(self.unknowns.displacement_space)  # kept, since scenes refer to it
+            self._given.x.array[:] = u.x.array / self.scales.length
 
     def equilibrium(self, scene: Scene, observer: Observer = SILENT) -> Equilibrium:
         """Return the equations of a scene with the solver of the job."""
@@ -135,6 +181,7 @@ class Model:
         """Keep equations for the next use, or destroy them if the model does not keep their scene."""
         scene = equilibrium.system.scene
         if any(scene is kept for kept in self._scenes.values()) and id(scene) not in self._idle:
+            equilibrium.system.end_path()
             equilibrium.linear.release_preconditioner()
             self._idle[id(scene)] = equilibrium
         else:

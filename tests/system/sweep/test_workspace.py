@@ -90,18 +90,16 @@ def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intr
 def test_what_two_runs_share_is_made_once(comm: MPI.Intracomm) -> None:
     with Workspace(comm) as workspace:
         run(block(), comm, workspace=workspace)
-        body, model = workspace._body, workspace._model
+        body, (model,) = workspace._body, workspace._models.values()
         assert body is not None
-        assert model is not None
-        matrix = next(iter(model[1]._idle.values())).system.matrix
+        matrix = next(iter(model._idle.values())).system.matrix
         run(block(2e4), comm, workspace=workspace)
-        assert workspace._model is not None
-        assert workspace._model[1] is model[1]
-        assert next(iter(model[1]._idle.values())).system.matrix is matrix
+        assert list(workspace._models.values()) == [model]
+        assert next(iter(model._idle.values())).system.matrix is matrix
         run(PAIRS["law"][1], comm, workspace=workspace)
         assert workspace._body is not None
         assert workspace._body[1] is body[1]
-        assert workspace._model[1] is not model[1]
+        assert model not in workspace._models.values()
 
 
 def test_a_job_that_is_refused_leaves_nothing_behind(comm: MPI.Intracomm) -> None:

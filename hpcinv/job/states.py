@@ -1,0 +1,114 @@
+"""The section ``states`` of a job: loads and supports of one body in each of its states."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from pydantic import Field, model_validator
+
+from hpcinv.effects import AnyEffect
+from hpcinv.job.sections import AXES, Support
+from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.schema import ListOf, Location, Name, Problems, Spec, repeated
+from hpcinv.quantity.spatial_fields import ByFormula, entries
+from hpcinv.quantity.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from typing import Self
+
+REST = "rest"
+"""Name of the rest shape where no state is it."""
+
+type Faults = Iterator[tuple[Location, str]]
+
+
+class State(Spec):
+    """A state of the body. Without effects and supports it is the rest shape, which is free of stress."""
+
+    name: Name
+    """its name in results"""
+    given: bool = False
+    """whether the mesh is the body in this state; true for exactly one state"""
+    effects: ListOf[AnyEffect] = ()
+    """loads and inelastic strains of this state"""
+    supports: ListOf[Support] | None = Field(default=None, exclude_if=lambda supports: supports is None)
+    """supports of this state; by default those of the job"""
+    start: Name | None = Field(default=None, exclude_if=lambda start: start is None)
+    """state at which its load path begins; by default the rest shape"""
+
+    @property
+    def is_rest(self) -> bool:
+        """True for the body without loads and supports."""
+        return not self.effects and self.supports is None
+
+    @model_validator(mode="after")
+    def _check_start(self) -> "Self":
+        if self.start is not None and self.is_rest:
+            raise Problems((("start",), "is not valid for the rest shape, a state without effects and supports"))
+        if self.start is not None and self.given:
+            raise Problems((("start",), "is not valid for the given state, from which the rest shape is found"))
+        return self
+
+
+def faults_of_states(states: Sequence[State]) -> Faults:
+    """Faults of the list of states, with their places in it."""
+    names = [state.name for state in states]
+    for i in repeated(names):
+        yield (i, "name"), f"'{names[i]}' is the name of an earlier state"
+    given = [i for i, state in enumerate(states) if state.given]
+    if not given:
+        yield (), "none of them is given: write 'given: true' at the state in which the mesh is"
+    for i in given[1:]:
+        yield (i, "given"), f"the mesh is already '{names[given[0]]}': only one state can be given"
+    rest = [i for i, state in enumerate(states) if state.is_rest]
+    for i in rest[1:]:
+        yield (i,), f"has neither effects nor supports, so it is the rest shape, as '{names[rest[0]]}' already is"
+    for i, state in enumerate(states):
+        if state.name == REST and not rest:
+            yield (i, "name"), f"'{REST}' is the shape without effects and supports: choose another name"
+    if len(rest) == len(states):
+        yield (), "none of them is loaded: give one of them effects or supports"
+    for i, state in enumerate(states):
+        if state.start is not None and state.start not in names:
+            yield (i, "start"), f"there is no state '{state.start}'.{did_you_mean(state.start, names)}"
+    if not any(True for _ in repeated(names)) and (cycle := _cycle(states)):
+        yield (names.index(cycle[0]), "start"), f"leads back to the state itself: {' -> '.join(cycle)}"
+
+
+def _cycle(states: Sequence[State]) -> list[str]:
+    """Names along the first cycle of starts, empty if there is none."""
+    start = {state.name: state.start for state in states}
+    for state in states:
+        path: list[str] = [state.name]
+        while (before := start.get(path[-1])) is not None and before not in path[1:]:
+            path.append(before)
+            if before == state.name:
+                return path
+    return []
+
+
+def in_order(states: Sequence[State]) -> list[int]:
+    """Indices of the loaded states in the order in which they are solved: the given one, then each after its start."""
+    loaded = [i for i, state in enumerate(states) if not state.is_rest]
+    number = {states[i].name: i for i in loaded}
+    found = [i for i in loaded if states[i].given]
+    while len(found) < len(loaded):
+        found += [
+            i for i in loaded if i not in found and ((s := states[i].start) not in number or number[str(s)] in found)
+        ]
+    return found
+
+
+def rest_of(states: Sequence[State]) -> str:
+    """Name of the rest shape."""
+    return next((state.name for state in states if state.is_rest), REST)
+
+
+def given_on_current(ingredient: Ingredient) -> Iterator[Location]:
+    """Yield places of what an ingredient attaches to the material, but gives on the current body."""
+    for field in ("given_on", "density_in"):
+        if getattr(ingredient, field, None) == "current":
+            yield (field,)
+    for name, (value, _) in ingredient.quantities().items():
+        formulas = [v.formula for v in entries(value) if isinstance(v, ByFormula)]
+        if ingredient.is_attached(name) and any(not formula.names.isdisjoint(AXES) for formula in formulas):
+            yield (name,)
