@@ -59,7 +59,8 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)
     if job.plugins:
         physics["plugins"] = [digest(job.resolve(plugin)) for plugin in job.plugins]
-    if files := [job.resolve(file) for effect in job.effects for file in effect.files]:
+    effects = [*job.effects, *(effect for state in job.states for effect in state.effects)]
+    if files := [job.resolve(file) for effect in effects for file in effect.files]:
         physics["files"] = [digest(file) for file in files]
     return physics | {"directions": list(job.directions), "mesh": mesh, "discretisation": discretisation}
 

@@ -338,7 +338,9 @@ class Job(Spec):
     def _check_method(cls, method: str, info: ValidationInfo) -> str:
         states = info.data.get("states", ())
         if method != "direct" and any(state.given and state.is_rest for state in states):
-            raise ValueError("is not valid if the given state is the rest shape, from which the others are solved directly")
+            raise ValueError(
+                "is not valid if the given state is the rest shape, from which the others are solved directly"
+            )
         if method != "direct" and info.data.get("analysis") == "forward":
             raise ValueError("is valid only in an inverse analysis or a round trip; a forward one is always direct")
         return method
@@ -381,9 +383,11 @@ class Job(Spec):
             parts += [(("fibres", name), family) for name, family in (fibres or {}).items()]
             laws = _laws(info.data["material"]) if "material" in info.data else {}
             parts += [(tuple(where.split(".", 1)), law) for where, law in laws.items()]
-            for where, part in parts:
+            for owner, part in parts:
                 for place in given_on_current(part):
-                    text = f"{at((*where, *place))} is given on the current body, but the given one, '{rest}', is the rest"
+                    text = (
+                        f"{at((*owner, *place))} is given on the current body, but the given one, '{rest}', is the rest"
+                    )
                     raise ValueError(f"{text} shape: give it on the reference body (in a formula by X, Y, Z)")
         return states
 
@@ -391,7 +395,9 @@ class Job(Spec):
     @classmethod
     def _check_effects(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
         if effects and info.data.get("states"):
-            raise ValueError("belong to states in a job with 'states': move them to 'effects' of each state that has them")
+            raise ValueError(
+                "belong to states in a job with 'states': move them to 'effects' of each state that has them"
+            )
         analysis, fibres, cases = (info.data.get(key) for key in ("analysis", "fibres", "load_cases"))
         needed = {"forward", "inverse"} if analysis == "round_trip" else {analysis} if analysis else set[str]()
         first: Direction = "forward" if "forward" in (analysis, info.data.get("first")) else "inverse"
@@ -491,7 +497,8 @@ class Job(Spec):
         numbered = [(i, one) for i, q in enumerate(quantities) for one in _by_state(q, list(loaded))]
         names = [q.name for _, q in numbered]
         raise_if_any(
-            ((numbered[i][0], "name"), f"'{names[i]}' is the name of another quantity in a state") for i in repeated(names)
+            ((numbered[i][0], "name"), f"'{names[i]}' is the name of another quantity in a state")
+            for i in repeated(names)
         )
         problems = []
         for i, quantity in numbered:

@@ -28,12 +28,16 @@ def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str
     Args:
         digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
     """
-    content = fingerprint(job, digest) | _skeleton_of_loads(job) | {
-        "material": {where: _skeleton(law) for where, law in job.laws.items()},
-        "fibres": {where: _skeleton(family) for where, family in job.families.items()},
-        "partition": job.mesh.partition,
-        "solver": job.solver.model_dump(mode="json", include=_EQUATIONS),
-    }
+    content = (
+        fingerprint(job, digest)
+        | _skeleton_of_loads(job)
+        | {
+            "material": {where: _skeleton(law) for where, law in job.laws.items()},
+            "fibres": {where: _skeleton(family) for where, family in job.families.items()},
+            "partition": job.mesh.partition,
+            "solver": job.solver.model_dump(mode="json", include=_EQUATIONS),
+        }
+    )
     if job.states:
         content["states"] = [_skeleton_of_loads(solve.job) | {"state": solve.job.state} for solve in job.plan]
         content["order"] = [[solve.mesh, solve.start] for solve in job.plan]

@@ -197,7 +197,9 @@ class Progress(Observer):
         cells = sum(body.partition.cells)
         ranks = _count(self._ranks, "rank")
         self._directory = str(directory)
-        self.note(f"{job.job}: {job.kind.removesuffix(' analysis')}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
+        self.note(
+            f"{job.job}: {job.kind.removesuffix(' analysis')}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}"
+        )
         if restart is not None:
             for complaint in restart.complaints:
                 self.note(f"  not used: {complaint}")

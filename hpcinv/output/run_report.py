@@ -60,7 +60,8 @@ class RunReport(Observer):
         if self._record is not None:
             certificate = Certificate((*certificate.lines, *self._record.lines()))
         self._check_displacement(solutions[0])
-        result = Result(self._job, self._model.body, tuple(solutions), certificate, quantities, errors, estimate, slopes)
+        body = self._model.body
+        result = Result(self._job, body, tuple(solutions), certificate, quantities, errors, estimate, slopes)
         return self._finish(result, "converged")
 
     def _check_displacement(self, solution: Solution) -> None:

@@ -98,13 +98,10 @@ def _mesh(body: Body) -> dict[str, Any]:
 
 def _states(job: Job) -> dict[str, Any]:
     """Return by name of each state what it is, and the number of its solution, ``None`` for the rest shape."""
-    solved = [solve.job.state for solve in job.plan]
+    solved = {solve.job.state: number for number, solve in enumerate(job.plan)}
     given = next(state.name for state in job.states if state.given)
     names = list(dict.fromkeys([*(state.name for state in job.states), job.rest]))
-    return {
-        name: {"given": name == given, "rest": name == job.rest, "solution": solved.index(name) if name in solved else None}
-        for name in names
-    }
+    return {name: {"given": name == given, "rest": name == job.rest, "solution": solved.get(name)} for name in names}
 
 
 def _solution(solution: Solution, displacement: int) -> dict[str, Any]:
