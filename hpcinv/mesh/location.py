@@ -42,7 +42,7 @@ def locate(body: Body, point: Floats) -> Location | None:
 
 
 def position(body: Body, place: Location, nodes: Floats) -> Floats:
-    """Return the position (3,) of a material point in a body whose local geometry nodes are at ``nodes``; collective."""
+    """Return the position (3,) of a material point of the body with its geometry nodes at ``nodes``; collective."""
     found = None
     if body.mesh.comm.rank == place.rank:
         shapes = scalar_element(body.source.kind, body.source.degree).tabulate(0, place.xi[None])[0, 0, :, 0]

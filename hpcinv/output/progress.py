@@ -197,9 +197,8 @@ class Progress(Observer):
         cells = sum(body.partition.cells)
         ranks = _count(self._ranks, "rank")
         self._directory = str(directory)
-        self.note(
-            f"{job.job}: {job.kind.removesuffix(' analysis')}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}"
-        )
+        kind = job.kind.removesuffix(" analysis")
+        self.note(f"{job.job}: {kind}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
         if restart is not None:
             for complaint in restart.complaints:
                 self.note(f"  not used: {complaint}")

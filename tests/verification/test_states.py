@@ -1,0 +1,274 @@
+"""States of one body: closed forms in several states, the return to the given mesh, and what is refused."""
+
+from __future__ import annotations
+
+from math import log
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.closed_forms import root
+from helpers.command_line import NO_CERTIFICATE
+from helpers.verification import box, job
+from scipy.integrate import quad
+
+import hpcinv
+from hpcinv.errors import JobError, MeshError
+from hpcinv.parallel.runtime import MPI
+from hpcinv.results.solution import Solution
+
+MU, LAM = 1e4, 4e4
+SOFT: dict[str, Any] = {"material": {"law": "neo-hookean", "mu": MU, "lam": LAM}, "certificate": NO_CERTIFICATE}
+BASE = [{"region": "z0", "fix": ["x", "y", "z"]}]
+
+
+def gravity(up: float, **changes: Any) -> dict[str, Any]:
+    return {"effect": "gravity", "acceleration": [0, 0, up * 9.81], "density": 200} | changes
+
+
+def confined(stretch: float) -> float:
+    """Stress (Pa) of a body that is stretched without lateral motion, nominal and true."""
+    return (MU * (stretch**2 - 1) + LAM * log(stretch)) / stretch
+
+
+def farthest(solution: Solution, points: np.ndarray, others: np.ndarray) -> float:
+    comm = solution.displacement.function_space.mesh.comm
+    return float(comm.allreduce(float(np.abs(points - others).max(initial=0.0)), op=MPI.MAX))
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_loaded_again_a_body_is_the_given_one(comm: MPI.Intracomm) -> None:
+    """On curved cells, with moduli, densities and fibres given on the given body; directly, and by way of others."""
+    soft = {"law": "neo-hookean", "mu": "10 kPa*(1 + x/(1 m) + z*z/(1 m)/(1 m))", "lam": "40 kPa"}
+
+    def weight(up: float) -> dict[str, Any]:
+        return gravity(up, density="400 + 300*x*z/(1 m)/(1 m)", density_in="current")
+
+    sliding = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
+    found = hpcinv.run(
+        job(
+            mesh=box((2, 2, 2)) | {"geometry_degree": 2},
+            material=soft,
+            discretisation={"displacement": 2, "formulation": "displacement"},
+            certificate=NO_CERTIFICATE | {"round_trip": "near", "stability": True},
+            supports=BASE,
+            states=[
+                {"name": "prone", "given": True, "effects": [weight(1)]},
+                {"name": "rest"},
+                {"name": "return", "effects": [weight(1)], "start": "tilted"},
+                {"name": "supine", "effects": [weight(-1)]},
+                {"name": "again", "effects": [weight(1)]},
+                {"name": "tilted", "effects": [weight(0.5)], "supports": sliding},
+            ],
+            quantities=[{"name": "top", "of": "uz", "at": [0.4, 0.6, 1]}],
+        ),
+        comm,
+    )
+    assert [s.state for s in found.solutions] == ["prone", "supine", "again", "tilted", "return"]
+    assert [s.direction for s in found.solutions] == ["inverse", *["forward"] * 4]
+    given, shapes = found.solutions[0], found.shapes
+    moved = farthest(given, shapes["rest"], shapes["prone"])
+    gaps = {name: farthest(given, shapes[name], shapes["prone"]) for name in ("again", "return")}
+    print(f"{comm.size} rank(s): moved by {moved:.3g} m, gaps {gaps}")
+    assert moved > 0.04
+    assert max(gaps.values()) < 1e-11
+    assert farthest(given, shapes["supine"], shapes["rest"]) > 0.04
+    top = {name: found.quantities[f"top-{name}"] for name in shapes if name != "rest"}
+    assert top["prone"] > 0.04
+    assert top["again"] == pytest.approx(top["prone"], rel=1e-10)  # the same material point
+    assert top["return"] == pytest.approx(top["prone"], rel=1e-10)
+    lines = {(line.state, line.name): line for line in found.certificate.lines}
+    for solution in found.solutions:
+        closure = lines[solution.state, "round trip, relative to the displacement"].value
+        assert closure is not None
+        assert closure < 1e-9
+        assert lines[solution.state, "stability"].verdict.value == "pass"
+
+
+def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> None:
+    """Confined laterally: stress and weight above a section balance in each state, with the mass measured standing."""
+    weight = {"density": 1000, "density_in": "current"}
+    found = hpcinv.run(
+        job(
+            mesh=box((1, 1, 16), lx="0.2 m", ly="0.2 m"),
+            **SOFT,
+            supports=[{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
+            states=[
+                {"name": "standing", "given": True, "effects": [gravity(-1, **weight)]},
+                {"name": "rest"},
+                {"name": "hanging", "effects": [gravity(1, **weight)]},
+                {"name": "on-the-moon", "effects": [gravity(-1 / 6, **weight)], "start": "hanging"},
+            ],
+            quantities=[
+                {"name": "top", "of": "z", "at": [0.1, 0.1, 1]},
+                {"name": "rest", "of": "Z", "at": [0.1, 0.1, 1]},
+            ],
+        ),
+        comm,
+    )
+
+    def stretch(z: float, up: float) -> float:
+        return root(lambda s: confined(s) - up * 9810 * (1 - z), 0.5, 2.0)
+
+    def length(up: float) -> float:
+        return float(quad(lambda z: stretch(z, up) / stretch(z, -1), 0, 1, epsabs=1e-11)[0])
+
+    undeformed = float(quad(lambda z: 1 / stretch(z, -1), 0, 1, epsabs=1e-11)[0])
+    assert undeformed == pytest.approx(1.0802799, abs=1e-7)
+    exact = {"top-hanging": length(1), "top-on-the-moon": length(-1 / 6), "rest-standing": undeformed}
+    print({name: (found.quantities[name], value) for name, value in exact.items()})
+    for name, value in exact.items():
+        assert found.quantities[name] == pytest.approx(value, rel=1e-6)
+    assert found.quantities["rest-hanging"] == pytest.approx(undeformed, rel=1e-6)
+
+
+def test_a_sphere_in_three_states(comm: MPI.Intracomm) -> None:
+    """Inflated as given, at rest, and under twice the pressure (incompressible neo-Hooke)."""
+
+    def pressure(A: float, a: float) -> float:
+        B, b = ((A**3 + 1.5**3 - 1) ** (1 / 3), (a**3 + 1.5**3 - 1) ** (1 / 3))
+        g = [2 / stretch + stretch**-4 / 2 for stretch in (b / B, a / A)]
+        return g[0] - g[1]
+
+    A = root(lambda A: pressure(A, 1.0) - 0.2, 0.5, 1.0)
+    assert round(A, 7) == 0.9254360
+    exact = {"rest-given": A, "inner-given": 1.0, "inner-fuller": root(lambda a: pressure(A, a) - 0.4, 1.0, 1.3)}
+
+    def inflated(by: float) -> list[dict[str, Any]]:
+        return [{"effect": "pressure", "region": "inner", "pressure": by}]
+
+    found = hpcinv.run(
+        job(
+            mesh={
+                "file": "../meshes/thick_sphere.py",
+                "parameters": {"inner": 1.0, "outer": 1.5, "radial": 4, "along": 4, "hexahedra": True},
+                "geometry_degree": 2,
+            },
+            material={"law": "mooney-rivlin", "c1": 0.5, "c2": 0.0, "d1": "incompressible"},
+            supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
+            states=[
+                {"name": "given", "given": True, "effects": inflated(0.2)},
+                {"name": "rest"},
+                {"name": "fuller", "effects": inflated(0.4)},
+            ],
+            quantities=[
+                {"name": "inner", "of": "norm(x, y, z)", "on": "inner", "reduce": "mean"},
+                {"name": "rest", "of": "norm(X, Y, Z)", "on": "inner", "reduce": "mean", "state": "given"},
+            ],
+            certificate=NO_CERTIFICATE,
+        ),
+        comm,
+    ).quantities
+    print({name: (found[name if name in found else "rest"], value) for name, value in exact.items()})
+    assert found["rest"] == pytest.approx(exact["rest-given"], rel=3e-6)
+    assert found["inner-fuller"] == pytest.approx(exact["inner-fuller"], rel=1e-5)
+
+
+def test_hot_cold_hot_and_other_supports(comm: MPI.Intracomm) -> None:
+    """A block that is measured hot between plates; cold, hot again, colder still, and free under a traction."""
+
+    def heated(by: float) -> dict[str, Any]:
+        return {"effect": "thermal-expansion", "coefficient": "1e-3 1/K", "temperature_change": by}
+
+    symmetry = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
+    pull = {"effect": "traction", "region": "z1", "traction": [0, 0, 5e3], "area_in": "reference"}
+    found = hpcinv.run(
+        job(
+            mesh=box((1, 1, 1)) | {"geometry_degree": 2},
+            **SOFT,
+            discretisation={"displacement": 2, "formulation": "displacement"},
+            supports=symmetry,
+            states=[
+                {"name": "hot", "given": True, "effects": [heated(100)]},
+                {"name": "cold"},
+                {"name": "hot-again", "effects": [heated(100)]},
+                {"name": "frozen", "effects": [heated(-50)], "start": "hot"},
+                {"name": "free", "effects": [pull]},
+                {
+                    "name": "held",
+                    "effects": [pull],
+                    "supports": [{"region": "boundary", "fix": ["x", "y"]}, symmetry[2]],
+                },
+            ],
+            quantities=[{"name": "top", "of": "z", "at": [1, 1, 1]}, {"name": "side", "of": "x", "at": [1, 1, 1]}],
+        ),
+        comm,
+    )
+    cold = 1 / 1.1
+    assert farthest(found.solutions[0], found.shapes["hot-again"], found.shapes["hot"]) < 1e-13
+    assert found.quantities["top-frozen"] == pytest.approx(0.95 * cold, rel=1e-11)
+    held = root(lambda s: confined(s) - 5e3, 1.0, 2.0)
+    assert found.quantities["top-held"] == pytest.approx(held * cold, rel=1e-10)
+    assert found.quantities["side-held"] == pytest.approx(cold, rel=1e-10)
+
+    # Free at the sides: μ(t² - 1) + Λ ln(s t²) = 0 across, and along it (μ(s² - 1) + Λ ln(s t²))/s = traction.
+    def across(s: float) -> float:
+        return root(lambda t: MU * (t * t - 1) + LAM * log(s * t * t), 0.5, 1.5)
+
+    free = root(lambda s: (MU * (s * s - 1) + LAM * log(s * across(s) ** 2)) / s - 5e3, 1.0, 2.0)
+    assert found.quantities["top-free"] == pytest.approx(free * cold, rel=1e-10)
+    assert found.quantities["side-free"] == pytest.approx(across(free) * cold, rel=1e-10)
+
+
+def test_the_given_state_may_be_the_rest_shape(comm: MPI.Intracomm) -> None:
+    whole = {"mesh": box((1, 1, 1)) | {"geometry_degree": 2}, **SOFT, "supports": BASE}
+    whole["discretisation"] = {"displacement": 2, "formulation": "displacement"}
+    states = [{"name": "printed", "given": True}, {"name": "mounted", "effects": [gravity(-1)]}]
+    found = hpcinv.run(job(**whole, states=[*states, {"name": "turned", "effects": [gravity(1)]}]), comm)
+    alone = hpcinv.run(job(**whole, analysis="forward", effects=[gravity(1)]), comm)
+    assert [s.direction for s in found.solutions] == ["forward", "forward"]
+    assert farthest(alone.solutions[0], found.shapes["turned"], alone.shape) < 1e-13
+    assert list(found.shapes) == ["printed", "mounted", "turned"]
+
+
+def test_a_support_of_one_state_that_the_mesh_lacks_is_named(comm: MPI.Intracomm) -> None:
+    states = [
+        {"name": "prone", "given": True, "effects": [gravity(1)], "supports": BASE},
+        {"name": "supine", "effects": [gravity(-1)], "supports": [{"region": "bed", "fix": ["x", "y", "z"]}]},
+    ]
+    with pytest.raises(MeshError, match=r"states\[1\]\.supports\[0\]\.region: .*no region 'bed'"):
+        hpcinv.run(job(mesh=box((1, 1, 1)), **SOFT, states=states), comm)
+
+
+PRONE = {"name": "prone", "given": True, "effects": [gravity(1)]}
+SUPINE = {"name": "supine", "effects": [gravity(-1)]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"states": [PRONE | {"given": False}, SUPINE]}, "states: none of them is given"),
+        ({"states": [PRONE, SUPINE | {"given": True}]}, r"states\[1\]\.given: the mesh is already 'prone'"),
+        (
+            {"states": [PRONE, SUPINE | {"name": "prone"}]},
+            r"states\[1\]\.name: 'prone' is the name of an earlier state",
+        ),
+        ({"states": [PRONE, {"name": "a"}, {"name": "b"}]}, r"states\[2\]: has neither effects nor supports"),
+        ({"states": [{"name": "a", "given": True}]}, "states: none of them is loaded"),
+        ({"states": [PRONE, SUPINE | {"start": "spine"}]}, r"\.start: there is no state 'spine'.*supine"),
+        ({"states": [PRONE, SUPINE | {"start": "supine"}]}, r"\.start: leads back to the state itself"),
+        ({"states": [PRONE | {"start": "supine"}, SUPINE]}, r"start: is not valid for the given state"),
+        ({"effects": [gravity(1)]}, "effects: belong to states in a job with 'states'"),
+        ({"analysis": "inverse"}, "analysis: is not valid with 'states'"),
+        ({"supports": []}, "supports: in state 'prone': leave the body free to move along x and y and z"),
+        (
+            {"states": [PRONE | {"supports": [{"region": "z0", "fix": ["z"]}]}, SUPINE]},
+            r"states\[0\]\.supports: leave the body free to move along x and y",
+        ),
+        (
+            {"states": [{"name": "r", "given": True}, {"name": "s", "effects": [gravity(1, density_in="current")]}]},
+            r"states\[1\]\.effects\[0\]\.density_in is given on the current body",
+        ),
+        ({"states": [PRONE, {"name": "r", "effects": [{"effect": "gravtiy"}]}]}, r"unknown effect 'gravtiy'"),
+        (
+            {"quantities": [{"name": "top", "of": "uz", "at": [0, 0, 1], "state": "suppine"}]},
+            "there is no loaded state 'suppine'",
+        ),
+        ({"accuracy": {"top-prone": 1e-3}}, "accuracy: is not possible with 'states'"),
+    ],
+)
+def test_bad_states_are_refused_with_one_message(changes: dict[str, Any], message: str) -> None:
+    whole = {"states": [PRONE, SUPINE], "supports": BASE, "quantities": [{"name": "top", "of": "uz", "at": [0, 0, 1]}]}
+    with pytest.raises(JobError, match=message) as caught:
+        job(mesh=box((1, 1, 1)), **SOFT, **whole | changes)
+    assert len(caught.value.problems) == 1
