@@ -27,6 +27,7 @@ import ufl
 from dolfinx import fem
 from ufl.classes import Label, Variable
 
+from hpcinv.effects import Effect
 from hpcinv.job.job import Job
 from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
