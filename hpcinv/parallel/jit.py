@@ -5,30 +5,32 @@ version, so that a directory of kernels can be shared by any jobs, users and mac
 directory; the default is that of DOLFINx, ``~/.cache/fenics``. If HPCINV_KERNELS is read-only, missing kernels are
 compiled to the default directory.
 
-This module replaces three functions of FFCx, once: for the search, the compilation, and the loading of a kernel. Those
-of FFCx compile in place, and mark a kernel under compilation by the file ``NAME.c`` without ``NAME.c.cached``: if the
-process is killed, all others wait for this kernel until they time out. The functions here (with
-`hpcinv.parallel.kernel_files`) have no such state. Kernels are code: files that another user could have written are
-not loaded.
+This module replaces three functions of FFCx, once: for the search, the compilation, and the loading of a kernel; and
+that of DOLFINx which calls them on all ranks. Those of FFCx compile in place, and mark a kernel under compilation by
+the file ``NAME.c`` without ``NAME.c.cached``: if the process is killed, all others wait for this kernel until they
+time out. The functions here (with `hpcinv.parallel.kernel_files`) have no such state. Kernels are code: files that
+another user could have written are not loaded.
 """
 
 import hashlib
 import importlib.util
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+import dolfinx.jit
 import ffcx.codegeneration.jit as ffcx_jit
 from dolfinx.jit import get_options
 
 from hpcinv.errors import OutputError
 from hpcinv.parallel.kernel_files import check_room, is_sealed, locked, make_directory, private_directory, publish
 from hpcinv.parallel.ownership import foreign_writer, foreign_writer_above
+from hpcinv.parallel.ranks import wait_for_root
 from hpcinv.parallel.runtime import MPI
 
 _TRUST = "HPCINV_TRUST_KERNELS"
@@ -167,6 +169,33 @@ def _compile_objects(
         return code
 
 
+_jit_here: Callable[..., Any] = dolfinx.jit.ffcx_jit.__wrapped__
+
+
+def _jit(comm: MPI.Intracomm, *arguments: Any, **further: Any) -> Any:
+    """Compile on rank 0 and load on all ranks, as DOLFINx does, but let the processors of waiting ranks free."""
+    compiled: Any = None
+    fault = ""
+    if comm.rank == 0:
+        try:
+            compiled = _jit_here(*arguments, **further)
+        except Exception as error:  # anything that FFCx, CFFI or the compiler raises
+            fault = str(error) or type(error).__name__
+    wait_for_root(comm)
+    if fault := comm.bcast(fault):
+        raise RuntimeError(f"Failed JIT compilation of form: {fault}")
+    fault = ""
+    if comm.rank != 0:
+        try:
+            compiled = _jit_here(*arguments, **further)
+        except Exception as error:
+            fault = f"rank {comm.rank}: {error}"
+    if faults := [one for one in comm.allgather(fault) if one]:
+        raise RuntimeError(f"JIT cache load failed on {faults[0]}")
+    return compiled
+
+
+dolfinx.jit.ffcx_jit = _jit
 ffcx_jit.get_cached_module = _get_cached_module
 ffcx_jit._compile_objects = _compile_objects
 ffcx_jit._load_objects = _load_objects

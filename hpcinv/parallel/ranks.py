@@ -52,11 +52,23 @@ def on_root[T](comm: MPI.Intracomm, function: Callable[[], T]) -> T:
         except BaseException as exc:  # also SystemExit: the other ranks wait below
             _print_traceback(comm, exc)
             error = RootFailure(f"rank 0: {type(exc).__name__}: {exc}")
+    wait_for_root(comm)
     error = comm.bcast(error)
     if error is not None:
         raise error
     shared: T = comm.bcast(result)
     return shared
+
+
+def wait_for_root(comm: MPI.Intracomm) -> None:
+    """Wait on all other ranks until rank 0 comes here, and let their processors free meanwhile; collective.
+
+    MPI itself waits busily: ranks that outnumber the cores would take turns with what rank 0 does.
+    """
+    done, pause = comm.Ibarrier(), 1e-5
+    while not done.Test():
+        time.sleep(pause)
+        pause = min(2 * pause, 1e-2)
 
 
 def agree(comm: MPI.Intracomm, error: HpcinvError | None) -> None:
