@@ -1,10 +1,12 @@
 """Result of a run: the recovered shape, its fields, and their certificate."""
 
+from __future__ import annotations
+
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Estimate
@@ -13,11 +15,13 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary import boundary_of
-from hpcinv.pictures.drawing import Picture
-from hpcinv.pictures.result_picture import Colour, draw_result
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.sensitivity.analysis import Sensitivities
+
+if TYPE_CHECKING:
+    from hpcinv.pictures.drawing import Picture
+    from hpcinv.pictures.result_picture import Colour
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,6 +75,8 @@ class Result:
         Raises:
             OutputError: the run has no values of this colour.
         """
+        from hpcinv.pictures.result_picture import draw_result  # loads matplotlib
+
         boundary = boundary_of(self.body, self.solutions[0], self.estimate)
 
         def draw() -> Picture:

@@ -43,7 +43,7 @@ def compilation_explained(comm: MPI.Intracomm) -> Iterator[None]:
         yield
     except Exception as exc:
         modules = {frame.f_globals.get("__name__") for frame, _ in traceback.walk_tb(exc.__traceback__)}
-        if "dolfinx.jit" in modules:  # which raises a failure on rank 0 on all ranks
+        if modules & {"dolfinx.jit", "hpcinv.parallel.jit"}:  # a failure on rank 0 is raised on all ranks
             text = str(exc)
             on_root(comm, lambda: _explain_compilation(text))
         raise
