@@ -8,18 +8,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import log, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import pyvista
 from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, neo_hookean_stress, root
 from helpers.command_line import ROOT
 from helpers.homogeneous import SYMMETRY, check, solve
+from helpers.mesh_cases import spec
 from helpers.verification import Solved, box, job
 
 import hpcinv
-from hpcinv.parallel.runtime import MPI
+from hpcinv.mesh import build_body, write_mesh
+from hpcinv.parallel.runtime import MPI, on_root
 
+MESHES = ROOT / "meshes"
 NOTHING = np.zeros((3, 3))
 F0 = np.array([[1.15, 0.1, 0.0], [-0.05, 0.9, 0.08], [0.12, 0.0, 1.05]])
 F = np.array([[1.05, -0.1, 0.04], [0.1, 1.1, 0.0], [0.0, 0.06, 0.92]])
@@ -119,6 +124,127 @@ def test_an_incompressible_cube_has_the_volume_of_its_prestrain(direction: str, 
     inverse = np.linalg.inv(U)
     stress = MU * inverse @ inverse * np.linalg.det(U)  # the law's, mu F_e F_eᵀ / J_e and a pressure
     check_prestrain_stress(solved, stress - np.trace(stress) / 3 * np.eye(3))
+
+
+def test_lines_along_three_families_are_stretched(comm: MPI.Intracomm) -> None:
+    """Oblique ones, of both bodies: ``F0 = A diag(λ) A⁻¹`` with their lines in the reference body as columns of A."""
+    given_on = {"fibre": "reference", "sheet": "current", "third": "reference"}
+    lines = np.array([[1, 0.2, 0], [-0.3, 1, 0.1], [0.2, 0, 2]])
+    families = {
+        name: {"direction": line.tolist(), "given_on": body}
+        for line, (name, body) in zip(lines, given_on.items(), strict=True)
+    }
+    stretches = [1.2, 0.9, 1.05]
+    effect = {"effect": "prestrain", "fibres": list(families), "stretches": stretches}
+    solved = solve("inverse", comm, effects=[effect], fibres=families, supports=boundary("inverse", F))
+    A = lines.T.copy()
+    A[:, 1] = np.linalg.inv(F) @ A[:, 1]
+    own = A @ np.diag(stretches) @ np.linalg.inv(A)
+    check(solved, F, cauchy(F, own))
+    check_energy(solved, energy(F, own), F)
+
+
+def test_fibres_of_the_law_are_carried_by_prestrain(comm: MPI.Intracomm) -> None:
+    """In a relaxed piece they lie along ``F0 a0``, so that a rotation in ``F0`` has no effect on stress and energy."""
+    mu, k, kappa = 5e3, 20e3, 30e3
+    material = {"law": "transversely-isotropic", "mu": mu, "k": k, "kappa": kappa}
+    a = np.array([1, 0.5, -0.2]) / np.linalg.norm([1, 0.5, -0.2])
+    fibres = {"fibre": {"direction": a.tolist(), "given_on": "reference"}}
+    about_z = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
+    elastic, carried = F @ np.linalg.inv(F0), F0 @ a / np.linalg.norm(F0 @ a)
+    J, I4 = np.linalg.det(elastic), carried @ elastic.T @ elastic @ carried
+    I1_bar = J ** (-2 / 3) * np.trace(elastic.T @ elastic)
+    density = np.linalg.det(F0) * (mu / 2 * (I1_bar - 3) + k / 2 * (I4 - 1) ** 2 + kappa / 2 * (J - 1) ** 2)
+    stresses = []
+    for own in (F0, about_z @ F0):
+        given = {"effects": [prestrain(own)], "supports": boundary("forward", F)}
+        solved = solve("forward", comm, material=material, fibres=fibres, **given)
+        check_energy(solved, float(density), F)
+        stresses.append(solved.scene.means.cauchy_stress().x.array * solved.model.scales.stress)
+    assert np.abs(stresses[1] - stresses[0]).max() < 1e-12 * mu
+    assert np.ptp(stresses[0][::9]) < 1e-9 * mu
+
+
+def tensors(points: np.ndarray) -> np.ndarray:
+    """Tensors that are linear in the position, row by row."""
+    x, y, z = points.T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    return np.stack([one + 0.1 * x, 0.05 * z, zero, zero, one - 0.1 * y, zero, zero, zero, one + 0.05 * x], axis=1)
+
+
+FORMULAS = [["1 + 0.1*x/(1 m)", "0.05*z/(1 m)", 0], [0, "1 - 0.1*y/(1 m)", 0], [0, 0, "1 + 0.05*x/(1 m)"]]
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_data_of_the_mesh_are_the_formula_that_they_come_from(run_directory: Path, comm: MPI.Intracomm) -> None:
+    """Curved bodies of quadratic cells, there and back: data belong to the points of the material."""
+    file = run_directory / "block.vtu"
+
+    def write() -> None:
+        generated = spec(MESHES / "box.py", parameters={"nx": 2, "ny": 2, "nz": 2}, geometry_degree=2)
+        body = build_body(generated, {}, MPI.COMM_SELF)
+        points = body.mesh.geometry.x * body.length_scale
+        write_mesh(file, body, points, {"F0": tensors(points)})
+
+    on_root(comm, write)
+    common: dict[str, Any] = {
+        "mesh": {"file": str(file), "geometry_degree": 2},
+        "material": NEO_HOOKEAN,
+        "regions": {"base": "z < 1e-6 m"},
+        "supports": [{"region": "base", "fix": ["x", "y", "z"]}],
+        "solver": {"tolerance": 1e-12},
+    }
+    found = []
+    for analysis, tensor in (("round_trip", {"data": "F0"}), ("inverse", FORMULAS)):
+        effect = {"effect": "prestrain", "tensor": tensor, "given_on": "current"}
+        result = hpcinv.run(job(analysis=analysis, effects=[effect], **common), comm)
+        largest = result.solutions[0].largest_displacement
+        assert largest > 0.03
+        assert analysis == "inverse" or result.errors["round_trip"]["max"] < 1e-11 * largest
+        found.append(result.solutions[0].u)
+    assert comm.allreduce(float(np.abs(found[1] - found[0]).max(initial=0.0)), op=MPI.MAX) < 1e-11
+
+
+def test_a_tensor_for_each_region_and_the_fields_that_are_written(tmp_path: Path, comm: MPI.Intracomm) -> None:
+    """Two halves that are held: each has the law's stress at its own ``F0⁻¹``, and so has the prestrain stress."""
+    halves = {"left": F0, "elsewhere": np.diag([1.1, 1.0, 0.9])}
+    effect = {"effect": "prestrain", "given_on": "reference", "tensor": {n: t.tolist() for n, t in halves.items()}}
+    held = job(
+        analysis="forward",
+        mesh=box((2, 1, 1)),
+        regions={"left": "x < 0.501 m"},
+        material=NEO_HOOKEAN,
+        discretisation={"displacement": 1},
+        effects=[effect],
+        supports=[{"region": "boundary", "fix": ["x", "y", "z"]}],
+    )
+    hpcinv.run(held, comm, directory=tmp_path / "run")
+    grid = pyvista.read(next((tmp_path / "run").rglob("fields.pvd")))[0]
+    left = grid.cell_centers().points[:, 0] < 0.5
+    for name in ("cauchy_stress", "prestrain_stress"):
+        for here, tensor in ((left, halves["left"]), (~left, halves["elsewhere"])):
+            assert np.abs(grid.cell_data[name][here] - cauchy(np.eye(3), tensor).ravel()).max() < 1e-12 * MU
+
+
+def test_derivatives_by_components_of_the_tensor(comm: MPI.Intracomm) -> None:
+    """A free cube is ``x = U X``, ``U`` diagonal: its corner moves by the change of the component, and nothing else."""
+    U = [1.2, 0.85, 1.1]
+    keys = [f"effects[0].tensor[{i}][{i}]" for i in range(3)]
+    free = job(
+        analysis="forward",
+        mesh=box((2, 1, 1)),
+        material=NEO_HOOKEAN,
+        discretisation={"displacement": 1},
+        effects=[prestrain(np.diag(U))],
+        supports=SYMMETRY,
+        solver={"tolerance": 1e-14},
+        quantities=[{"name": "corner", "of": "displacement", "at": [1, 1, 1]}],
+        sensitivities=keys,
+    )
+    found = hpcinv.run(free, comm).sensitivities
+    assert found is not None
+    slopes = np.array([found.slopes["corner"][key] for key in keys])
+    assert np.abs(slopes - np.eye(3)).max() < 1e-10
 
 
 # an artery cut open
