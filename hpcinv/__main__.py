@@ -13,6 +13,7 @@ import sys
 from hpcinv.cli.bench import add_bench
 from hpcinv.cli.compile import add_compile
 from hpcinv.cli.explain import add_explain
+from hpcinv.cli.export import add_export
 from hpcinv.cli.fit import add_fit
 from hpcinv.cli.laws import add_laws
 from hpcinv.cli.mesh import add_mesh
@@ -77,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
         add_validate,
         add_explain,
         add_show,
+        add_export,
         add_laws,
         add_fit,
         add_mesh,

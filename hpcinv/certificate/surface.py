@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
@@ -12,12 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.mesh.cells import FACET_KIND, jacobians, scalar_element, sub_entities
-from hpcinv.mesh.source import Floats, Ints
-from hpcinv.mesh.topology import unique_rows
+from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.mesh.topology import unique_rows, vertex_sets
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
     from hpcinv.mesh.regions import LocalIndices
+
+_VALUES_AT_ONCE = 3_000_000
 
 
 @dataclass(frozen=True)
@@ -54,20 +56,54 @@ class Surface:
     outward: npt.NDArray[np.bool_]
     values: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
+    def chord_error(self, divisions: int) -> float:
+        """Return the largest distance (m) between the facets and their cut into ``divisions``, with middles on facets.
+
+        It is taken between points of the same reference coordinates, in the middles of triangles and of their sides:
+        the surfaces are not farther apart there.
+        """
+        corners = ((0, 1), (1, 2), (2, 0), (0, 1, 2))
+        found = [np.linalg.norm(chords, axis=2).max(initial=0.0) for chords in self._chords(divisions, corners)]
+        return float(max(found, default=0.0))
+
+    def rises(self, divisions: int) -> Floats:
+        """Return the vector (m, 3) from the middle of each triangle of that cut of all facets to the facet."""
+        return np.concatenate([chords.reshape(-1, 3) for chords in self._chords(divisions, ((0, 1, 2),))])
+
+    def _chords(self, divisions: int, corners: Sequence[tuple[int, ...]]) -> Iterator[Floats]:
+        """Yield vectors (f, triangles, 3) from means of corners of triangles to the facets, for parts of the facets."""
+        lattice, triangles, _ = _pattern(self.kind, divisions)
+        element, places = scalar_element(self.kind, self.degree), lattice.mean(axis=1)
+        nodes = element.tabulate(0, places)[0, :, :, 0]
+        at_once = max(1, _VALUES_AT_ONCE // (3 * len(triangles)))
+        for some in corners:
+            at = triangles[:, some]
+            difference = element.tabulate(0, places[at].mean(axis=1))[0, :, :, 0] - nodes[at].mean(axis=1)
+            for begin in range(0, len(self.nodes), at_once):
+                yield difference @ self.nodes[begin : begin + at_once]
+
     @property
     def is_flat(self) -> bool:
         """Return whether the facets are flat triangles."""
         return self.kind == "triangle" and self.degree == 1
 
-    def cut(self, divisions: int, facets: Ints) -> Triangles:
+    def cut(self, divisions: int, facets: Ints, *, middles_on_facets: bool = False) -> Triangles:
         """Divide each side of some facets into ``divisions`` parts, and triangulate the facets.
 
         A triangle becomes ``divisions²`` of them, a quadrilateral four times as many, which meet in the middles of its
         parts: so the cut of a facet is the same whichever of its corners comes first.
+
+        Args:
+            middles_on_facets: whether these middles are on curved facets, which could invert thin parts; otherwise they
+                are those of the corners.
         """
         lattice, triangles, weights = _pattern(self.kind, divisions)
-        shapes = scalar_element(self.kind, self.degree).tabulate(0, lattice.reshape(-1, 2))[0, :, :, 0]
-        shapes = shapes.reshape(*lattice.shape[:2], -1).mean(axis=1)
+        element = scalar_element(self.kind, self.degree)
+        if middles_on_facets:
+            shapes = element.tabulate(0, lattice.mean(axis=1))[0, :, :, 0]
+        else:
+            shapes = element.tabulate(0, lattice.reshape(-1, 2))[0, :, :, 0]
+            shapes = shapes.reshape(*lattice.shape[:2], -1).mean(axis=1)
         points = (shapes @ self.nodes[facets]).reshape(-1, 3)
         # Points are identified by their weights on the corners of the facet, which are shared along a common side.
         keys = self.tags[facets][:, None, : weights.shape[1]] * (int(weights.max()) + 1) + weights
@@ -86,6 +122,21 @@ type Evaluation = Callable[[LocalIndices, LocalIndices], Floats]
 
 def _nothing(facets: LocalIndices, _cells: LocalIndices) -> Floats:
     return np.zeros((len(facets), 0))
+
+
+def surface_of(source: MeshSource, cells: Ints | None = None) -> Surface:
+    """Return the boundary of a whole mesh on one process, or of some of its cells."""
+    kind, degree = source.kind, source.degree
+    nodes = source.cells if cells is None else source.cells[cells]
+    sides = sub_entities(kind, 2)
+    _, place = unique_rows(vertex_sets(nodes, sides))
+    alone = np.flatnonzero(np.bincount(place)[place] == 1)
+    cell, which = np.divmod(alone, len(sides))
+    table, turned = _facets_of_reference_cell(kind, degree)
+    tags = nodes[cell[:, None], table[which]]
+    middle = scalar_element(kind, 1).points.mean(axis=0)[None]
+    determinants = np.linalg.det(jacobians(kind, degree, source.points[nodes[cell]], middle)[:, 0])
+    return Surface(FACET_KIND[kind], degree, tags, source.points[tags], turned[which] == (determinants > 0))
 
 
 def gather_surface(body: Body, nodes: Floats, evaluate: Evaluation = _nothing) -> Surface | None:

@@ -1,0 +1,148 @@
+"""``hpcinv export``: the shape of a run as a closed surface for a printer or a mill, and a mould of it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.cli.mesh import on_one_process
+from hpcinv.errors import OutputError
+from hpcinv.files.untrusted import add_option
+from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import LENGTH_UNITS, Dimension, parse_quantity, readable
+
+if TYPE_CHECKING:
+    from hpcinv.workshop.mould import Split
+    from hpcinv.workshop.solid import Solid
+
+_LENGTH = Dimension(length=1)
+_EPILOG = """examples:
+  hpcinv export results/pdms-beam --to beam.stl
+  hpcinv export results/pdms-beam --to beam.3mf --scale 1.02 --tolerance "0.02 mm"
+  hpcinv export results/pdms-beam --to beam.ply --mould mould.stl --wall "8 mm" --split z
+                                                          (the halves are mould-1.stl and mould-2.stl)"""
+
+
+def add_export(commands: Any) -> None:
+    export = commands.add_parser(
+        "export",
+        help="write the shape of a finished run as STL, PLY or 3MF, and a mould of it",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    export.add_argument("run", type=Path, help="directory of the run")
+    export.add_argument("--to", type=Path, required=True, metavar="FILE", help="surface (.stl, .ply, .3mf), replaced")
+    export.add_argument("--shape", choices=("undeformed", "deformed"), default="undeformed")
+    export.add_argument("--region", help="only the cells of this region (physical group)")
+    export.add_argument("--unit", default="mm", help="of the coordinates in the files (default: mm)")
+    export.add_argument(
+        "--scale", type=float, default=1.0, help="factor of all lengths about the origin, such as 1.02 for shrinkage"
+    )
+    export.add_argument(
+        "--tolerance",
+        help="largest distance of the triangles from curved cells (default: so small that the volume is right to 1e-5)",
+    )
+    export.add_argument("--mould", type=Path, metavar="FILE", help="a block without the shape (.stl, .ply, .3mf)")
+    export.add_argument("--wall", default="10 mm", help="thickness of the mould around the shape (default: 10 mm)")
+    export.add_argument(
+        "--split", metavar="AXIS[=POSITION]", help="split the mould, such as z (in the middle) or 'z=12 mm'"
+    )
+    add_option(export)
+    export.set_defaults(command=_export)
+
+
+def _export(options: argparse.Namespace) -> int:
+    unit = _unit(options.unit)
+    wall = _length("--wall", options.wall) / unit
+    tolerance = None if options.tolerance is None else _length("--tolerance", options.tolerance)
+    if not (options.scale > 0 and math.isfinite(options.scale)):
+        raise OutputError(f"--scale {options.scale:g}: must be above 0")
+    plane = _plane(options, unit)
+    on_one_process("export")
+
+    from hpcinv.workshop.formats import check, write
+    from hpcinv.workshop.mould import Split, mould
+    from hpcinv.workshop.run_shapes import read_shape
+    from hpcinv.workshop.solid import region_cells, solid_of, volume_of
+
+    split = None if plane is None else Split(*plane)
+    halves = _halves(options.mould, split)
+    for path in (options.to, *halves):
+        check(path, options.unit)
+    source = read_shape(options.run, options.shape)
+    cells = None if options.region is None else region_cells(source, options.region)
+    body = volume_of(source, cells) * options.scale**3
+    factor = options.scale / unit
+    part = solid_of(source, cells, tolerance and tolerance / options.scale).scaled(factor)
+    moulds = mould(part, wall, split) if halves else []
+    _describe(options.to, part, unit, f"; of the curved body {readable(body, 'm^3')}, ratio {_ratio(part, unit, body)}")
+    write(options.to, part, options.unit)
+    for path, solid in zip(halves, moulds, strict=True):
+        _describe(path, solid, unit)
+        write(path, solid, options.unit)
+    _warn(options, part, split)
+    return 0
+
+
+def _describe(path: Path, solid: Solid, unit: float, more: str = "") -> None:
+    size = " x ".join(readable(float(length) * unit, "m") for length in solid.size)
+    volume = readable(solid.volume * unit**3, "m^3")
+    print(f"{path}: {len(solid.triangles):,} triangles, closed, {size}, volume {volume}{more}")
+
+
+def _ratio(part: Solid, unit: float, body: float) -> str:
+    return f"{part.volume * unit**3 / body:.6f}"
+
+
+def _warn(options: argparse.Namespace, part: Solid, split: Split | None) -> None:
+    """Tell what keeps the part from coming out of its mould."""
+    if options.mould is None:
+        return
+    from hpcinv.workshop.mould import undercut, warns_of
+
+    if split is None:
+        print(f"warning: {options.mould}: the cavity is closed all around; --split opens the mould", file=sys.stderr)
+    elif warns_of(share := undercut(part, split)):
+        text = f"{share:.1%} of the shape's surface are undercuts for this split"
+        print(f"warning: {options.mould}: {text}; a soft part may still come out", file=sys.stderr)
+
+
+def _unit(symbol: str) -> float:
+    if symbol not in LENGTH_UNITS:
+        raise OutputError(f"--unit {symbol}: is no unit of length.{did_you_mean(symbol, LENGTH_UNITS)}")
+    return parse_quantity(f"1 {symbol}")[0]
+
+
+def _length(option: str, text: str, *, positive: bool = True) -> float:
+    """Return a length in m; ``OutputError`` if it is none, or has no unit."""
+    try:
+        value, dimension = parse_quantity(text)
+    except ValueError as error:
+        raise OutputError(f"{option} {text}: {error}") from None
+    if dimension != _LENGTH:
+        raise OutputError(f"{option} {text}: must be a length with a unit, such as '10 mm'")
+    if positive and not value > 0:
+        raise OutputError(f"{option} {text}: must be above 0")
+    return value
+
+
+def _plane(options: argparse.Namespace, unit: float) -> tuple[int, float | None] | None:
+    """Return axis and position of the plane that splits the mould."""
+    if options.split is None:
+        return None
+    if options.mould is None:
+        raise OutputError(f"--split {options.split}: splits a mould, and there is none", "Give --mould FILE.")
+    name, equals, position = (part.strip() for part in options.split.partition("="))
+    if name not in ("x", "y", "z"):
+        raise OutputError(f"--split {options.split}: must be x, y or z, and may have a position, such as 'z=12 mm'")
+    return "xyz".index(name), _length("--split", position, positive=False) / unit if equals else None
+
+
+def _halves(path: Path | None, split: Split | None) -> list[Path]:
+    """Return the files of a mould: one, or two with numbers."""
+    if path is None:
+        return []
+    return [path] if split is None else [path.with_stem(f"{path.stem}-{i}") for i in (1, 2)]

@@ -1,0 +1,1 @@
+"""Shapes of runs for manufacture: closed surfaces and moulds."""

@@ -1,0 +1,91 @@
+"""Mould of a solid: a block without it, whole or split in two by a plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import manifold3d
+import numpy as np
+
+from hpcinv.errors import MeshError, OutputError
+from hpcinv.mesh.source import Floats
+from hpcinv.workshop.solid import Solid
+
+_UNDERCUT = 1e-3  # share of the part's surface from which undercuts are worth a warning
+_STEEP = 1e-3  # sine of the angle within which a wall counts as parallel to the pull
+
+
+@dataclass(frozen=True)
+class Split:
+    """Plane that splits a mould, and the direction in which its halves are pulled off.
+
+    Attributes:
+        axis: 0, 1 or 2, the direction of the plane's normal.
+        position: of the plane along the axis; ``None`` is the middle of the part.
+    """
+
+    axis: int
+    position: float | None = None
+
+    def at(self, part: Solid) -> float:
+        """Return the position of the plane; ``OutputError`` if it misses the part."""
+        low, high = (float(f(part.points[:, self.axis])) for f in (np.min, np.max))
+        position = (low + high) / 2 if self.position is None else self.position
+        if not low < position < high:
+            name = "xyz"[self.axis]
+            raise OutputError(f"--split {name}={position:g}: misses the part, from {name} = {low:g} to {high:g}")
+        return position
+
+
+def mould(part: Solid, wall: float, split: Split | None) -> list[Solid]:
+    """Return the block around a part, with a wall of some thickness at least, without the part.
+
+    With a split it is two solids, the lower one along the axis first.
+
+    Raises:
+        MeshError: the part intersects itself so that the boolean operation fails.
+    """
+    solid = _manifold(part)
+    low, high = part.points.min(axis=0) - wall, part.points.max(axis=0) + wall
+    whole = manifold3d.Manifold.cube(tuple(high - low)).translate(tuple(low)) - solid
+    if whole.status() != manifold3d.Error.NoError:
+        raise MeshError(f"the mould could not be made: {whole.status().name}")
+    if split is None:
+        return [_solid(whole)]
+    normal = [0.0, 0.0, 0.0]
+    normal[split.axis] = 1.0
+    upper, lower = whole.split_by_plane(tuple(normal), split.at(part))
+    return [_solid(lower), _solid(upper)]
+
+
+def undercut(part: Solid, split: Split) -> float:
+    """Return the share of the part's surface that holds a half of the mould back as it is pulled along the axis."""
+    corners: Floats = part.points[part.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    heights = corners[:, :, split.axis] - split.at(part)
+    above, below = (heights >= 0).all(axis=1), (heights <= 0).all(axis=1)
+    pulled = normals[:, split.axis] / np.maximum(areas, np.finfo(float).tiny)
+    held = (above & (pulled < -_STEEP)) | (below & (pulled > _STEEP))
+    return float(areas[held].sum() / areas.sum())
+
+
+def warns_of(share: float) -> bool:
+    """Return whether a share of undercuts is more than rounding of the surface."""
+    return share > _UNDERCUT
+
+
+def _manifold(part: Solid) -> manifold3d.Manifold:
+    mesh = manifold3d.Mesh64(np.ascontiguousarray(part.points), np.ascontiguousarray(part.triangles, dtype=np.uint64))
+    found = manifold3d.Manifold(mesh)
+    if found.status() != manifold3d.Error.NoError:
+        raise MeshError(
+            f"the surface of the part is no solid: {found.status().name}",
+            "Look at the line on self-intersections in the certificate of the run.",
+        )
+    return found
+
+
+def _solid(found: manifold3d.Manifold) -> Solid:
+    mesh = found.to_mesh64()
+    return Solid(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts).astype(np.int64))

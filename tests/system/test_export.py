@@ -1,0 +1,30 @@
+"""``hpcinv export`` of a run on two ranks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import pyvista
+from helpers.command_line import BLOCK, hpcinv, write_job
+
+
+def test_shape_of_a_run_on_two_ranks(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "block.yaml", BLOCK, job="block")
+    ran = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    exported = hpcinv(1, "export", "run", "--to", "block.stl", "--unit", "m", "--mould", "mould.3mf", cwd=tmp_path)
+    assert exported.returncode == 0, exported.stderr
+    assert "the cavity is closed all around" in exported.stderr
+    assert (tmp_path / "mould.3mf").is_file()
+    surface, cells = pyvista.read(tmp_path / "block.stl"), pyvista.read(tmp_path / "run" / "shape.vtu")
+    assert surface.is_manifold
+    assert surface.volume == pytest.approx(cells.volume, rel=1e-5)
+    # The block was given as a unit cube, and is larger without its weight.
+    assert surface.volume > 1.0
+
+
+def test_several_ranks_are_refused_once(tmp_path: Path) -> None:
+    refused = hpcinv(2, "export", "run", "--to", "block.stl", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert refused.stderr.count("works on one process") == 1
