@@ -19,7 +19,7 @@ from hpcinv.materials import MaterialLaw, laws
 from hpcinv.quantity.keys import assigned, parse_key
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import quantity_of
-from hpcinv.quantity.schema import Location, at, job_error
+from hpcinv.quantity.schema import Location, at, job_error, problems_in
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension, parse_unit
 
@@ -147,7 +147,7 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
         found = law.model_validate(data)
     except ValidationError as error:
         remedy = []
-        if data.get(bulk or "") == "incompressible" and not is_stated:
+        if not is_stated and any(where[:1] == (bulk,) for where, _ in problems_in(error)):
             remedy = [f"{place}: give --compressible to fit {bulk}, or its value with --fix {bulk}=…"]
         raise JobError([*job_error(place, error, law).problems, *remedy]) from None
     except ValueError as error:

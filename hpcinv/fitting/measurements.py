@@ -334,7 +334,10 @@ def _number(text: str) -> float:
             raise ValueError("is empty")
         comma = "; a decimal comma is written as a point" if re.fullmatch(r"[+-]?\d*,\d+", text) else ""
         raise ValueError(f"{shown(text)} is not a number{comma}")
-    return float(text)
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{shown(text)} is too large")
+    return number
 
 
 def with_deviations(tests: list[Test], given: list[str]) -> list[Test]:

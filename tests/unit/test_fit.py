@@ -234,6 +234,7 @@ GOOD = "# mode: uniaxial\nstretch [-], nominal stress [MPa]\n1.1, 0.1\n1.2, 0.2\
         (GOOD.replace("1.3,", "1.3;").replace(",", ";").replace("0.25", "0,25"), [], "decimal comma"),
         (GOOD.replace("nominal stress", "nominl stress"), [], "unknown column 'nominl stress [MPa]'. Did you mean"),
         (GOOD.replace("nominal stress", "stress"), [], "is it a nominal stress or a Cauchy stress?"),
+        (GOOD.replace("0.25", "1e400"), [], "line 5: column 'nominal stress': '1e400' is too large"),
         (GOOD.replace("0.25", "0.25, 7"), [], "line 5: has 3 entries, but there are 2 columns"),
         (GOOD.replace("1.3,", "-1.3,"), [], "line 5: column 'stretch': gives a stretch of -1.3, which must be above 0"),
         (GOOD.replace("uniaxial", "uniaxal"), [], "line 1: mode: unknown mode 'uniaxal'. Did you mean 'uniaxial'?"),
@@ -255,6 +256,7 @@ GOOD = "# mode: uniaxial\nstretch [-], nominal stress [MPa]\n1.1, 0.1\n1.2, 0.2\
         (GOOD, ["--mode", "sheared"], "--mode: unknown mode 'sheared'."),
         (GOOD, ["--plot", "x.gif"], "x.gif: a plot ends in .png"),
         (GOOD, ["--output", "x.txt"], "x.txt: must end in .json"),
+        (GOOD, ["--material", "nowhere/x.yaml"], "there is no directory nowhere"),
         (EXACT, ["--compressible"], "the tests do not depend on d1: fix it (--fix d1=…)"),
         (GOOD, ["--largest-stretch", "1.01"], "no points with strain are left"),
         (
