@@ -78,7 +78,7 @@ def _export(options: argparse.Namespace) -> int:
     factor = options.scale / unit
     part = solid_of(source, cells, tolerance and tolerance / options.scale).scaled(factor)
     moulds = mould(part, wall, split) if halves else []
-    _describe(options.to, part, unit, f"; of the curved body {readable(body, 'm^3')}, ratio {_ratio(part, unit, body)}")
+    _describe(options.to, part, unit, f"; of the body {readable(body, 'm^3')}, ratio {_ratio(part, unit, body)}")
     write(options.to, part, options.unit)
     for path, solid in zip(halves, moulds, strict=True):
         _describe(path, solid, unit)
