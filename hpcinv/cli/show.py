@@ -88,7 +88,8 @@ def _of_body(path: Path, unit: str | None) -> Picture:
     regions, resolve = (job.regions, job.resolve) if job else ({}, lambda _file: path)
     body = build_body(spec, regions, MPI.COMM_SELF, resolve=resolve, report=report)
     if job:
-        for part in (*job.supports, *job.effects):
+        parts = [part for solve in job.plan for part in (*solve.job.supports, *solve.job.effects)]
+        for part in parts:
             if (name := getattr(part, "region", None)) is not None:
                 body.facets(name)  # raises MeshError if the mesh lacks it
     boundary = boundary_of(body)

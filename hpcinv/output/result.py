@@ -77,7 +77,7 @@ class Result:
         """
         from hpcinv.pictures.result_picture import draw_result  # loads matplotlib
 
-        boundary = boundary_of(self.body, self.solutions[0], self.estimate)
+        boundary = boundary_of(self.body, self.solutions, self.estimate)
 
         def draw() -> Picture:
             assert boundary is not None  # on rank 0

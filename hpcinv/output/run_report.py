@@ -128,6 +128,6 @@ class RunReport(Observer):
             store.check_in_place()
             if result.solutions and self._job.output.fields:
                 with model.timings("output"):
-                    write_boundary(path / BOUNDARY, model.body, result.solutions[0], result.estimate)
+                    write_boundary(path / BOUNDARY, model.body, result.solutions, result.estimate)
             write_summary(path, found, store.comm, formats=self._job.output.summary)
         return replace(result, statistics=found)

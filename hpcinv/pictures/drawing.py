@@ -22,6 +22,7 @@ from hpcinv.mesh.source import Floats, Ints
 
 COLOUR_MAP = "viridis"
 _PIXELS = (1000, 800)  # of one view
+_MARGIN = 1.2  # of the picture around its frame, for symbols
 _SHARP = 35.0  # degrees between triangles whose common side is drawn
 
 
@@ -68,9 +69,10 @@ class Glyphs:
 
 @dataclass(frozen=True)
 class View:
-    """One rendering: what is drawn, and from which direction."""
+    """One rendering: what is drawn, the points that fill it, and from which direction."""
 
     parts: Sequence[Body | Glyphs]
+    frame: Floats
     towards: Floats
     up: Floats
     title: str = ""
@@ -145,15 +147,32 @@ def _rendered(view: View, limits: tuple[float, float] | None) -> npt.NDArray[np.
     for part in view.parts:
         _add(plotter, part, limits)
     plotter.add_axes(line_width=2)
-    plotter.enable_parallel_projection()
-    plotter.view_vector((-view.towards).tolist(), view.up.tolist())
-    plotter.camera.zoom(1.25)
+    _aim(plotter, view)
     plotter.enable_anti_aliasing("ssaa")
     image = plotter.screenshot(return_img=True)
     plotter.close()
     if image is None or image.max() == image.min():
         raise SystemPartMissing("no picture can be drawn: the rendering is empty", _ADVICE)
     return np.asarray(image)
+
+
+def _aim(plotter: Any, view: View) -> None:
+    """Let the frame fill the picture, in parallel projection."""
+    along = view.towards / np.linalg.norm(view.towards)
+    right = np.cross(along, view.up)
+    right /= np.linalg.norm(right)
+    up = np.cross(right, along)
+    axes = np.array([right, up, along])
+    placed = view.frame @ axes.T
+    middle = (placed.min(axis=0) + placed.max(axis=0)) / 2
+    wide, high, deep = np.ptp(placed, axis=0)
+    camera = plotter.camera
+    camera.focal_point = middle @ axes
+    camera.position = (middle - [0.0, 0.0, 2.0 * (wide + high + deep)]) @ axes
+    camera.up = up
+    plotter.enable_parallel_projection()
+    camera.parallel_scale = _MARGIN / 2 * max(high, wide * _PIXELS[1] / _PIXELS[0])
+    plotter.renderer.ResetCameraClippingRange()
 
 
 _ADVICE = "Install OpenGL in software: on Debian, libegl1 and libgl1-mesa-dri."

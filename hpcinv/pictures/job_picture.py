@@ -24,18 +24,25 @@ _TEXT = 90  # characters of a line of the legend
 
 
 def draw_job(job: Job, boundary: Boundary) -> Picture:
-    """Draw the given mesh of a job from two sides, with its supports in blue and its loads in red and yellow."""
-    size = extent(boundary.points)
+    """Draw the given mesh of a job from two sides, with its supports in blue and its loads in red and yellow.
+
+    Of a job with states, those of the state that is solved first are drawn.
+    """
+    size, kind, given_data = extent(boundary.points), job.kind, job.data
+    job = job.plan[0].job
+    if job.state:
+        given_data = {**given_data, **next(state for state in given_data["states"] if state["name"] == job.state)}
+        kind += f", loads of '{job.state}'"
     parts: list[Body | Glyphs] = []
     legend, marked = [], np.zeros(len(boundary.triangles), dtype=bool)
     up = None
-    for support, colour, given in zip(job.supports, _cycle(_SUPPORTS), _rows(job, "supports"), strict=False):
+    for support, colour, given in zip(job.supports, _cycle(_SUPPORTS), _rows(given_data, "supports"), strict=False):
         inside = _triangles(boundary, support.region)
         legend.append((f"support {_text(given, f'region: {support.region}')}", colour))
         marked |= inside
         parts.append(Body(boundary.points, boundary.triangles[inside], colour))
         parts.extend(_fixings(boundary, inside, sorted(support.held), colour, size))
-    for effect, colour, given in zip(job.effects, _cycle(_LOADS), _rows(job, "effects"), strict=False):
+    for effect, colour, given in zip(job.effects, _cycle(_LOADS), _rows(given_data, "effects"), strict=False):
         legend.append(
             (_text({name: value for name, value in given.items() if name != "effect"}, _kind(effect)), colour)
         )
@@ -55,8 +62,11 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         parts.append(Glyphs(centres, colour, pull * _SIZE * size))
     parts.append(Body(boundary.points, boundary.triangles[~marked], _BODY))
     front, back, up = directions(boundary.points, up)
-    views = [View(parts, front, up, "from in front, above"), View(parts, back, up, "from behind, below")]
-    return figure(views, f"{job.job}: {job.analysis}", legend=legend, notes=_size(boundary.points))
+    views = [
+        View(parts, boundary.points, front, up, "from in front, above"),
+        View(parts, boundary.points, back, up, "from behind, below"),
+    ]
+    return figure(views, f"{job.job}: {kind}", legend=legend, notes=_size(boundary.points))
 
 
 def draw_mesh(name: str, boundary: Boundary) -> Picture:
@@ -71,7 +81,10 @@ def draw_mesh(name: str, boundary: Boundary) -> Picture:
         hidden |= inside
     parts.append(Body(boundary.points, boundary.triangles[~hidden], _BODY))
     front, back, up = directions(boundary.points)
-    views = [View(parts, front, up, "from in front, above"), View(parts, back, up, "from behind, below")]
+    views = [
+        View(parts, boundary.points, front, up, "from in front, above"),
+        View(parts, boundary.points, back, up, "from behind, below"),
+    ]
     return figure(views, name, legend=legend, notes=_size(boundary.points))
 
 
@@ -127,9 +140,9 @@ def _kind(effect: Effect) -> str:
     return str(getattr(effect, "effect", type(effect).__name__))
 
 
-def _rows(job: Job, section: str) -> list[Mapping[str, Any]]:
+def _rows(data: Mapping[str, Any], section: str) -> list[Mapping[str, Any]]:
     """The section as the user wrote it."""
-    return [row if isinstance(row, Mapping) else {} for row in job.data.get(section, [])]
+    return [row if isinstance(row, Mapping) else {} for row in data.get(section) or ()]
 
 
 def _text(given: Mapping[str, Any], head: str) -> str:

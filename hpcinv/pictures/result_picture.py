@@ -8,7 +8,7 @@ import numpy as np
 
 from hpcinv.errors import OutputError
 from hpcinv.mesh.source import Floats
-from hpcinv.pictures.boundary import Boundary
+from hpcinv.pictures.boundary import Boundary, BoundaryResult
 from hpcinv.pictures.drawing import Body, Picture, View, directions, figure
 
 type Colour = Literal["displacement", "von-mises", "pressure", "J", "error"]
@@ -17,33 +17,40 @@ type Colour = Literal["displacement", "von-mises", "pressure", "J", "error"]
 @dataclass(frozen=True)
 class _Field:
     label: str
-    evaluate: Callable[[Boundary], Floats | None]
+    evaluate: Callable[[Boundary, BoundaryResult], Floats | None]
 
 
-def _von_mises(boundary: Boundary) -> Floats | None:
-    if boundary.stress is None:
-        return None
-    stress = boundary.stress.reshape(-1, 3, 3)
+def von_mises(_boundary: Boundary, result: BoundaryResult) -> Floats:
+    """Return the von Mises stress of each triangle, in Pa."""
+    stress = result.stress.reshape(-1, 3, 3)
     deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
     return np.asarray(np.sqrt(1.5 * np.einsum("tij,tij->t", deviator, deviator)))
 
 
-def _pressure(boundary: Boundary) -> Floats | None:
-    return None if boundary.stress is None else -boundary.stress[:, [0, 4, 8]].mean(axis=1)
-
-
 FIELDS: dict[str, _Field] = {
-    "displacement": _Field("displacement (m)", lambda b: np.linalg.norm(b.displacement, axis=1)),
-    "von-mises": _Field("von Mises stress (Pa), mean of each cell", _von_mises),
-    "pressure": _Field("pressure -tr σ/3 (Pa), mean of each cell", _pressure),
-    "J": _Field("volume ratio J, mean of each cell", lambda b: b.J),
-    "error": _Field("estimated error of the displacement gradient", lambda b: b.error),
+    "displacement": _Field("displacement (m)", lambda _, result: np.linalg.norm(result.displacement, axis=1)),
+    "von-mises": _Field("von Mises stress (Pa), mean of each cell", von_mises),
+    "pressure": _Field(
+        "pressure -tr σ/3 (Pa), mean of each cell", lambda _, result: -result.stress[:, [0, 4, 8]].mean(axis=1)
+    ),
+    "J": _Field("volume ratio J, mean of each cell", lambda _, result: result.J),
+    "error": _Field("estimated error of the displacement gradient", lambda boundary, _: boundary.error),
 }
-_BODIES = {"forward": ("undeformed, given", "deformed, found"), "inverse": ("deformed, given", "undeformed, found")}
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """One body of the picture, and the result whose values it shows."""
+
+    title: str
+    points: Floats
+    result: BoundaryResult
 
 
 def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: str = "displacement") -> Picture:
-    """Draw the given body beside the one that was found, in one frame; the other one is there as a shadow.
+    """Draw the given body beside those that were found, in one frame; behind each there is another one as a shadow.
+
+    A body without load shows the values of the result that it belongs to, at the same material points.
 
     Args:
         summary: content of ``summary.json``.
@@ -51,27 +58,43 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: str = "d
     Raises:
         OutputError: the run has no values of this colour.
     """
-    field, name = FIELDS[colour], summary["job"]["job"]
-    values = field.evaluate(boundary)
-    if values is None:
-        raise OutputError(f"{name}: the run has no values for the colour '{colour}'", _ADVICE[colour == "error"])
-    fall = next((effect["acceleration"] for effect in summary["job"]["effects"] if "acceleration" in effect), None)
-    up = -np.array(fall, dtype=float) if fall and any(fall) else None
-    front, _, up = directions(np.concatenate([boundary.points, boundary.others]), up)
-    shapes = (boundary.points, boundary.others)
-    views = [
-        View(
-            [Body(shape, boundary.triangles, values=values), Body(shadow, boundary.triangles, opacity=0.2)],
-            front,
-            up,
-            title,
+    field, job = FIELDS[colour], summary["job"]
+    shapes = _shapes(boundary, next((name for name, state in summary.get("states", {}).items() if state["rest"]), ""))
+    values = [field.evaluate(boundary, shape.result) for shape in shapes]
+    known = [one for one in values if one is not None]
+    if len(known) < len(shapes):
+        raise OutputError(
+            f"{job['job']}: the run has no values for the colour '{colour}'",
+            "Run it with certificate.estimate: true, or choose another colour.",
         )
-        for shape, shadow, title in zip(shapes, shapes[::-1], _BODIES[boundary.direction], strict=True)
+    frame = np.concatenate([shape.points for shape in shapes])
+    front, _, up = directions(frame, _upwards(job))
+    views = []
+    for i, (shape, of_shape) in enumerate(zip(shapes, known, strict=True)):
+        shadow = Body(shapes[0 if i else 1].points, boundary.triangles, opacity=0.2)
+        body = Body(shape.points, boundary.triangles, values=of_shape)
+        views.append(View([body, shadow], frame, front, up, shape.title))
+    status, verdict = summary["status"], summary["certificate"]["verdict"]
+    notes = f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"
+    limits = min(float(one.min()) for one in known), max(float(one.max()) for one in known)
+    return figure(views, job["job"], notes=notes, colours=(field.label, *limits))
+
+
+def _shapes(boundary: Boundary, rest: str) -> list[_Shape]:
+    """The given body, the one that the first solve found from it, and those of all further states."""
+    first, *further = boundary.results
+    names = ("undeformed", "deformed") if not first.state else (rest, first.state)
+    given, found = names if first.direction == "forward" else names[::-1]
+    return [
+        _Shape(f"{given}, given", first.mesh, first),
+        _Shape(f"{found}, found", first.others, first),
+        *(_Shape(f"{result.state}, found", result.others, result) for result in further),
     ]
-    status = summary["status"]
-    notes = f"certificate: {summary['certificate']['verdict']}" if status == "converged" else f"{_STOPPED}: {status}"
-    return figure(views, name, notes=notes, colours=(field.label, float(values.min()), float(values.max())))
 
 
-_ADVICE = ("Choose another colour.", "Run it with certificate.estimate: true, or choose another colour.")
-_STOPPED = "the full load was not reached"
+def _upwards(job: Mapping[str, Any]) -> Floats | None:
+    """Direction against gravity, ``None`` without gravity."""
+    states = job.get("states") or ()
+    effects = [*job.get("effects", ()), *(effect for state in states for effect in state.get("effects") or ())]
+    fall = next((effect["acceleration"] for effect in effects if "acceleration" in effect), None)
+    return -np.array(fall, dtype=float) if fall and any(fall) else None

@@ -36,14 +36,23 @@ def test_supports_and_loads_are_seen_before_a_run(tmp_path: Path) -> None:
     assert pixels(tmp_path / "block.png", ORANGE) > 500 > pixels(tmp_path / "bare.png", ORANGE)
 
 
-def test_a_mesh_and_a_run_are_drawn(tmp_path: Path) -> None:
+def test_a_mesh_is_drawn(tmp_path: Path) -> None:
     show(tmp_path, MESHES / "box.py", "--output", "box.png")
     assert (tmp_path / "box.png").stat().st_size > 10_000
-    write_job(tmp_path / "block.yaml", BLOCK, certificate=NO_CERTIFICATE | {"estimate": True})
-    assert hpcinv(2, "run", "block.yaml", "--output", "run", cwd=tmp_path).returncode == 0
+
+
+def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
+    job = {name: section for name, section in BLOCK.items() if name not in ("effects", "quantities")}
+    turned = [{**BLOCK["effects"][0], "acceleration": [9.81, 0, 0]}]
+    states = [{"name": "standing", "given": True, "effects": BLOCK["effects"]}, {"name": "turned", "effects": turned}]
+    write_job(tmp_path / "block.yaml", job, states=states, certificate=NO_CERTIFICATE | {"estimate": True})
+    done = hpcinv(2, "run", "block.yaml", "--output", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
     show(tmp_path, "run")
     show(tmp_path, "run", "--colour", "error", "--output", "error.png")
-    first, second = (matplotlib.image.imread(tmp_path / name) for name in ("run.png", "error.png"))
+    show(tmp_path, "block.yaml")
+    first, second, before = (matplotlib.image.imread(tmp_path / name) for name in ("run.png", "error.png", "block.png"))
+    assert first.shape[1] == 3 * before.shape[1] // 2  # three bodies beside each other, two views
     assert not np.array_equal(first, second)
 
 
