@@ -14,8 +14,8 @@ from hpcinv.quantity.quantity import Size
 from hpcinv.quantity.schema import Location, raise_if_any
 from hpcinv.quantity.units import Dimension
 
-PENALTY = 2.0**10
-"""Penalty where none is given, in units of shear modulus over length of the body."""
+PENALTY = 2.0**6
+"""Penalty of a rigid obstacle at first, if none is given, in units of shear modulus over length of the body."""
 TOLERANCE = 2.0**-16
 """Tolerated penetration where none is given, in lengths of the body."""
 
@@ -62,8 +62,8 @@ class Contact(Effect):
     pressure: StressField | None = None
     """known contact pressure, for an inverse analysis"""
     penalty: StiffnessField | None = None
-    """pressure per penetration of a rigid obstacle in each solve; by default 1024 shear moduli per length of the body
-    or, beside a known pressure, 0"""
+    """pressure per penetration of a rigid obstacle in each solve; by default 64 shear moduli per length of the body,
+    which grow up to 64 times that; 0 beside a known pressure"""
     penetration: Size | None = None
     """largest penetration of a rigid obstacle at vertices; by default 1/65536 of the length of the body"""
 
@@ -116,7 +116,9 @@ class Contact(Effect):
 
     def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:
         found = {f"obstacle_{name}": value for name, value in self.obstacle.functions(degree).items()}
-        return found | {"multiplier": (1, 1)} if self.is_augmented else found
+        if not self.is_augmented:
+            return found
+        return found | {"multiplier": (1, 1)} | ({"penalty": (1, 1)} if self.penalty is None else {})
 
     def obstacle_parameters(self, par: Any) -> Any:
         """Return quantities and functions of the obstacle by name."""
@@ -133,12 +135,12 @@ class Contact(Effect):
 
     def contact_pressure(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the pressure per current area."""
-        share, pressing, slope = k.at_load(load)[0], self.pressing(k, load, par), self._slope(par)
+        share, pressing, slope = k.at_load(load)[0], self._pressing(k, load, par), self._slope(par)
         if slope is None:
             return share * positive_part(pressing)
         return share * rounded_positive_part(pressing, slope * self.tolerance(par) / 4)
 
-    def pressing(self, k: Kinematics, load: Any, par: Any) -> Any:
+    def _pressing(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the scalar that is positive where there is contact: there it is the pressure at full load."""
         moved, slope, depth = k.at_load(load)[1], self._slope(par), -self.gap(k, load, par)[0]
         if self.stand_off is not None:
@@ -153,8 +155,6 @@ class Contact(Effect):
 
     def _slope(self, par: Any) -> Any | None:
         """Return the pressure per penetration, ``None`` if a given pressure does not depend on the position."""
-        if self.is_augmented and self.penalty is None:
-            return PENALTY
         return getattr(par, "penalty" if self.stiffness is None else "stiffness", None)
 
     def tolerance(self, par: Any) -> Any:

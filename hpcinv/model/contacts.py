@@ -35,6 +35,12 @@ _OVERLAP = 2.0**-6
 """Overlap of a rigid obstacle and the undeformed body that is refused, in lengths of the body."""
 
 
+_FAST = 8.0
+"""Factor by which an update must reduce the penetration; else the penalty grows fourfold."""
+_STIFFEST = 64.0
+"""Largest growth of the penalty."""
+
+
 @dataclass(frozen=True)
 class ContactReport:
     """Result of one contact.
@@ -45,10 +51,10 @@ class ContactReport:
         area: current area in contact, in m².
         penetration: largest penetration at a node of the displacement, in m.
         distance: largest distance from the obstacle (m) of nodes with more than 1 % of the largest pressure.
-        largest_pressure: at a node, in Pa.
+        largest_pressure: mean around a vertex, in Pa.
         tolerance: tolerated penetration, in m; ``None`` if the obstacle is not rigid.
         is_given: whether the job gives the pressure.
-        penalty: penalty in Pa/m, if the obstacle is rigid and the penalty uniform.
+        penalty: penalty in the last solve, in Pa/m; ``None`` without one, or if it varies.
         fields: contact pressure and, of a rigid obstacle, its multiplier ``q`` (both in Pa, linear between the
             vertices, 0 outside of the region).
     """
@@ -97,10 +103,9 @@ class Contacts:
         self.is_iterated = any(one.is_iterated for one in self._all)
 
     def reset(self) -> None:
-        """Set the pressures of augmented contacts to zero."""
+        """Set the pressures of rigid obstacles to zero, and their penalties to the first ones."""
         for one in self._all:
-            if one.effect.is_augmented:
-                one.par.multiplier.x.array[:] = 0.0
+            one.reset()
 
     def locate(self) -> None:
         """Find the nearest points of triangulated surfaces to the present state."""
@@ -153,6 +158,23 @@ class _OneContact:
         self._name, self.where, self.effect, self.load, self.par = name, where, effect, load, par
         self._k, self._body, self._resolve, self._degree = k, body, resolve, degree
         self._comm, self.depends_on_state = body.mesh.comm, k.sign > 0
+        if self._penalty is not None and not self._penalty.any():
+            self._penalty[:] = PENALTY
+        self._before = np.inf  # the last change by an update
+
+    @property
+    def _penalty(self) -> Floats | None:
+        """Penalty at the vertices, scaled, if the job gives none."""
+        if not self.effect.is_augmented or self.effect.penalty is not None:
+            return None
+        found: Floats = self.par.penalty.x.array
+        return found
+
+    def reset(self) -> None:
+        if self.effect.is_augmented:
+            self.par.multiplier.x.array[:] = 0.0
+        if self._penalty is not None:
+            self._penalty[:], self._before = PENALTY, np.inf
 
     @property
     def is_iterated(self) -> bool:
@@ -238,6 +260,9 @@ class _OneContact:
         def apply() -> None:
             for update in updates:
                 update()
+            if self._penalty is not None and size > self._before / _FAST:
+                self._penalty[:] = np.minimum(4 * self._penalty, _STIFFEST * PENALTY)
+            self._before = size
 
         return size, apply
 
@@ -283,16 +308,16 @@ class _OneContact:
         args = k, self.load, self.par
         w = ufl.TestFunction(fem.functionspace(mesh, basix.ufl.element("Lagrange", mesh.basix_cell(), 1, shape=(6,))))
         p, (_, m) = effect.contact_pressure(*args), effect.gap(*args)
-        touches = ufl.conditional(ufl.gt(effect.pressing(*args), 0), 1.0, 0.0)
+        touches = ufl.conditional(ufl.gt(p, 0), 1.0, 0.0)
         values = [*(p * m[i] for i in range(3)), touches, p, 1.0]
         integrand = sum(value * w[i] for i, value in enumerate(values))
         return fem.form(without_stages(k.da(integrand, effect.region)), jit_options=JIT_OPTIONS)
 
-    def _penalty(self, scales: Scales) -> float | None:
+    def _penalty_in_si(self, scales: Scales) -> float | None:
         given = self.effect.penalty
-        if not self.effect.is_augmented or isinstance(given, VARYING):
-            return None
-        return PENALTY * scales.stress / scales.length if given is None else float(given)
+        if self._penalty is not None:
+            return float(self._penalty[0]) * scales.stress / scales.length
+        return None if given is None or isinstance(given, VARYING) else float(given)
 
     def totals(self) -> Floats:
         """Return the present force and area in contact (4,), scaled."""
@@ -332,10 +357,10 @@ class _OneContact:
             area=area * scales.length**2,
             penetration=self._largest(-gap) * scales.length,
             distance=self._largest(np.abs(gap[p > 0.01 * most])) * scales.length,
-            largest_pressure=most * scales.stress,
+            largest_pressure=self._largest(fields[0].x.array),
             tolerance=self._tolerance * scales.length if self.effect.is_augmented else None,
             is_given=self.effect.pressure is not None,
-            penalty=self._penalty(scales),
+            penalty=self._penalty_in_si(scales),
             fields=tuple(fields),
         )
 

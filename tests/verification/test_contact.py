@@ -1,0 +1,219 @@
+"""Contact with rigid obstacles against closed forms, and back to the undeformed body."""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.command_line import NO_CERTIFICATE
+from helpers.verification import box, job
+
+import hpcinv
+from hpcinv.errors import MeshError
+from hpcinv.job.job import load
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI
+
+ROOT = Path(__file__).parents[2]
+MATERIAL = {"law": "neo-hookean", "young": "100 kPa", "poisson": 0.3}
+FLOOR = {"shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
+SIDES = [{"region": f"{axis}{end}", "fix": [axis]} for axis in "xy" for end in "01"]
+WEIGHT = {"effect": "gravity", "acceleration": [0, 0, -10], "density": 1000, "density_in": "reference"}
+
+
+def closing(result: Result) -> float:
+    """Largest distance at which a round trip misses the given body."""
+    return float(result.errors["round_trip"]["max"])
+
+
+@pytest.mark.parallel([1, 3])
+def test_pressed_ball_is_as_hertz_found(comm: MPI.Intracomm) -> None:
+    """Radius and largest pressure of the contact area, from the force; cells there are a third of its radius."""
+    given = load(ROOT / "jobs" / "pressed-ball.yaml")
+    coarse = {"mesh.parameters.at_pole": "0.25 mm", "mesh.parameters.size": "4 mm"}
+    result = hpcinv.run(given.with_({"certificate": NO_CERTIFICATE, **coarse}), comm)
+    contact = result.solutions[0].contacts[0]
+    force, modulus, radius = -4 * contact.force[2], 100e3 / (1 - 0.3**2), 10e-3
+    hertz = (3 * force * radius / (4 * modulus)) ** (1 / 3)
+    found = sqrt(4 * contact.area / pi)
+    assert found == pytest.approx(hertz, rel=0.04)
+    assert contact.largest_pressure == pytest.approx(3 * force / (2 * pi * hertz**2), rel=0.03)
+    assert 0 < contact.penetration < 4 * contact.tolerance
+    missed = closing(result)
+    assert missed < 1e-9 * 50e-6
+    back = result.solutions[1].contacts[0]
+    assert back.force == pytest.approx(contact.force, rel=1e-9, abs=1e-9 * force)
+
+
+def standing(comm: MPI.Intracomm, directory: Path | None = None, **changes: Any) -> Result:
+    """A block of 1 m that stands on a floor under its weight, without lateral strain."""
+    contact = {"effect": "contact", "region": "z0", "obstacle": FLOOR, **changes.pop("contact", {})}
+    given = {
+        "analysis": "forward",
+        "mesh": box((2, 2, 2)),
+        "material": MATERIAL,
+        "effects": [contact, WEIGHT],
+        "supports": SIDES,
+        "discretisation": {"displacement": 2},
+    }
+    return hpcinv.run(job(**given | changes), comm, directory=directory)
+
+
+LAYER = {"stiffness": "1 MPa/m"}
+
+
+@pytest.mark.parallel([1, 2, 3])
+@pytest.mark.parametrize("contact", [{}, LAYER], ids=["rigid", "layer"])
+def test_block_stands_on_its_weight_there_and_back(
+    contact: dict[str, Any], comm: MPI.Intracomm, run_directory: Path
+) -> None:
+    forward = standing(comm, run_directory / "there", contact=contact)
+    found = forward.solutions[0].contacts[0]
+    weight = 1000 * 10.0
+    assert found.force == pytest.approx((0, 0, weight), rel=1e-9, abs=1e-9 * weight)
+    assert found.area == pytest.approx(1)
+    assert found.largest_pressure == pytest.approx(weight, rel=0.02)  # uniform but for the discretisation
+    sunk = 0.0 if not contact else weight / 1e6
+    assert found.penetration == pytest.approx(sunk, abs=0.02 * sunk + 2**-15)
+
+    # The inverse solve knows the floor only by the pressure: where the block stands cannot be found, and is held.
+    closed = contact or {
+        "pressure": {"data": "contact_multiplier", "unit": "Pa"},
+        "penalty": found.penalty,
+    }
+    back = standing(
+        comm,
+        analysis="inverse",
+        mesh={"file": str(run_directory / "there" / "shape.msh")},
+        contact=closed,
+        supports=[*SIDES, {"region": "z0", "displacement": [None, None, f"{-sunk} m"]}],
+        quantities=[{"name": "floor", "of": "reaction", "on": "z0"}],
+        expected_shape={
+            "file": str(ROOT / "meshes" / "box.py"),
+            "parameters": box()["parameters"],
+        },
+    )
+    missed = back.errors["expected_shape"]["max"]
+    assert missed < 2 * 2**-15 + 0.02 * sunk
+    _, _, reaction = back.quantities["floor"]
+    assert abs(reaction) < 1e-8 * weight
+    returned = back.solutions[0].contacts[0].force
+    assert returned == pytest.approx((0, 0, weight), rel=1e-9, abs=1e-9 * weight)
+
+
+@pytest.mark.parallel([2])
+def test_mixed_form_and_iterative_solver(comm: MPI.Intracomm) -> None:
+    nearly_incompressible = {"law": "neo-hookean", "young": "100 kPa", "poisson": 0.49}
+    result = standing(comm, material=nearly_incompressible, solver={"linear": "iterative"})
+    is_mixed = result.job.is_mixed
+    assert is_mixed
+    force = result.solutions[0].contacts[0].force[2]
+    assert force == pytest.approx(1e4, rel=1e-8)
+
+
+def test_beam_that_comes_to_rest_on_a_peg(comm: MPI.Intracomm) -> None:
+    """Euler–Bernoulli: the peg's force closes the gap that is left of the deflection under the beam's weight.
+
+    The beam is 20 times as long as high, so that shear changes its deflections by about 1/400.
+    """
+    length, height, modulus, at, gap, free_tip = 1.0, 0.05, 1e6, 0.8, 0.01, 0.02
+    bending = modulus * height**4 / 12
+    load = 8 * bending * free_tip / length**4
+
+    def sag(x: float) -> float:
+        return load * x**2 * (6 * length**2 - 4 * length * x + x**2) / (24 * bending)
+
+    force = (sag(at) - gap) * 3 * bending / at**3
+    tip = sag(length) - force * at**2 * (3 * length - at) / (6 * bending)
+    peg = {"shape": "cylinder", "point": [at, 0, -gap - 0.1], "axis": [0, 1, 0], "radius": 0.1}
+    result = hpcinv.run(
+        job(
+            analysis="round_trip",
+            first="forward",
+            mesh=box((20, 1, 1), lx=length, ly=height, lz=height, hexahedra=True) | {"geometry_degree": 2},
+            material={"law": "neo-hookean", "young": modulus, "poisson": 0.0},
+            effects=[
+                {"effect": "contact", "region": "z0", "obstacle": peg},
+                WEIGHT | {"density": load / height**2 / 10},
+            ],
+            supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+            discretisation={"displacement": 2},
+        ),
+        comm,
+    )
+    contact = result.solutions[0].contacts[0]
+    assert contact.force[2] == pytest.approx(force, rel=0.02)
+    sag_of_tip = -result.solutions[0].u[:, 2].min()
+    assert sag_of_tip == pytest.approx(tip, rel=0.01)
+    missed = closing(result)
+    assert missed < 1e-8 * tip
+
+
+def indented(comm: MPI.Intracomm, obstacle: dict[str, Any]) -> Result:
+    """A clamped block into which an obstacle is pressed from above, there and back."""
+    return hpcinv.run(
+        job(
+            analysis="round_trip",
+            first="forward",
+            mesh=box((2, 2, 2)),
+            material=MATERIAL,
+            effects=[{"effect": "contact", "region": "z1", "obstacle": obstacle, "travel": [0, 0, "-5 cm"]}],
+            supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
+            discretisation={"displacement": 1},
+        ),
+        comm,
+    )
+
+
+@pytest.fixture(scope="module")
+def smooth() -> dict[str, Any]:
+    return {"shape": "sphere", "centre": [0.5, 0.5, 2], "radius": 1}
+
+
+def test_a_formula_is_the_sphere_that_it_describes(smooth: dict[str, Any], comm: MPI.Intracomm) -> None:
+    formula = {"shape": "level-set", "formula": "(x - 0.5 m)^2 + (y - 0.5 m)^2 + (z - 2 m)^2 - (1 m)^2"}
+    exact, found = (indented(comm, obstacle) for obstacle in (smooth, formula))
+    for result in (exact, found):
+        missed = closing(result)
+        assert missed < 1e-10
+    # The formula's gap is exact to first order: it differs by its square over twice the radius.
+    force = exact.solutions[0].contacts[0].force[2]
+    pressed = found.solutions[0].contacts[0].force[2]
+    assert pressed == pytest.approx(force, rel=0.01)
+
+
+@pytest.mark.parallel([1, 2])
+def test_triangles_of_a_sphere_press_as_the_sphere(
+    smooth: dict[str, Any], comm: MPI.Intracomm, run_directory: Path
+) -> None:
+    import pyvista
+
+    file = run_directory / "sphere.stl"
+    if comm.rank == 0:
+        pyvista.Sphere(1000, (500, 500, 2000), theta_resolution=120, phi_resolution=120).save(file)
+    comm.Barrier()
+    found = indented(comm, {"shape": "surface", "file": str(file), "unit": "1 mm"})
+    missed = closing(found)
+    assert missed < 1e-8
+    exact = indented(comm, smooth).solutions[0].contacts[0]
+    pressed = found.solutions[0].contacts[0].force[2]
+    assert pressed == pytest.approx(exact.force[2], rel=0.03)
+
+
+def test_obstacle_in_the_body_is_refused(comm: MPI.Intracomm) -> None:
+    wrong_side = {"obstacle": FLOOR | {"point": [0, 0, 0.2]}}
+    with pytest.raises(MeshError, match=r"effects\[0\]: the obstacle overlaps 'z0' of the undeformed body by 0.2 m"):
+        standing(comm, contact=wrong_side)
+
+
+def test_body_that_nothing_holds_before_it_touches_is_refused(comm: MPI.Intracomm) -> None:
+    with pytest.raises(MeshError, match="leave the body free to move along z"):
+        standing(comm, contact={"obstacle": FLOOR | {"point": [0, 0, -0.2]}})
+
+
+def test_layer_that_a_given_body_does_not_touch_is_refused(comm: MPI.Intracomm) -> None:
+    away = {"obstacle": FLOOR | {"point": [0, 0, -0.2]}, **LAYER}
+    with pytest.raises(MeshError, match=r"no pressure acts on 'z0' of the given body: its gap .* is at least 0.2 m"):
+        standing(comm, contact=away, analysis="inverse", supports=[*SIDES, {"region": "z1", "fix": ["z"]}])
