@@ -16,6 +16,8 @@ from hpcinv.quantity.units import Dimension
 
 PENALTY = 2.0**6
 """Penalty of a rigid obstacle at first, if none is given, in units of shear modulus over length of the body."""
+QUADRATURE = 4
+"""Least degree of quadrature on facets, whose points resolve the edge of the area in contact."""
 TOLERANCE = 2.0**-16
 """Tolerated penetration where none is given, in lengths of the body."""
 
@@ -163,4 +165,4 @@ class Contact(Effect):
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
         p, (_, m) = self.contact_pressure(k, load, par), self.gap(k, load, par)
-        return k.da(p * sum(m[i] * v[i] for i in range(3)), self.region)
+        return k.da(p * sum(m[i] * v[i] for i in range(3)), self.region, QUADRATURE)

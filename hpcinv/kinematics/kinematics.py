@@ -44,8 +44,8 @@ class Measures(Protocol):
     def part(self, number: int) -> Any:
         """Return one of the parts of the body, from 0."""
 
-    def surface(self, region: str) -> Any:
-        """Return a region of the boundary."""
+    def surface(self, region: str, least_degree: int = 0) -> Any:
+        """Return a region of the boundary, with a quadrature degree of at least ``least_degree``."""
 
 
 class Deformation:
@@ -291,9 +291,13 @@ class Kinematics(ABC):
         """Return the integral over the reference area of a region of the boundary."""
         return integrand * self.areas[0] * self.integration.surface(region)
 
-    def da(self, integrand: Any, region: str) -> Any:
-        """Return the integral over the current area of a region of the boundary."""
-        return integrand * self.areas[1] * self.integration.surface(region)
+    def da(self, integrand: Any, region: str, least_degree: int = 0) -> Any:
+        """Return the integral over the current area of a region of the boundary.
+
+        Args:
+            least_degree: quadrature degree, if that of the scene is lower.
+        """
+        return integrand * self.areas[1] * self.integration.surface(region, least_degree)
 
     def n_da(self, vector: Any, region: str) -> Any:
         """Return ``∫ vector · n da`` over a region of the boundary, with the outward unit normal ``n``."""

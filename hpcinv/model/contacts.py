@@ -13,7 +13,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
-from hpcinv.effects.contact import PENALTY, TOLERANCE, Contact
+from hpcinv.effects.contact import PENALTY, QUADRATURE, TOLERANCE, Contact
 from hpcinv.effects.obstacles import Surface
 from hpcinv.errors import MeshError
 from hpcinv.kinematics.kinematics import Kinematics
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hpcinv.quantity.nondimensional import Scales
 
 
-_EXACT = 2.0**-10
+_EXACT = 2.0**-16
 """Change of distances from a triangulated surface at which it has settled, in tolerated penetrations."""
 _OVERLAP = 2.0**-6
 """Overlap of a rigid obstacle and the undeformed body that is refused, in lengths of the body."""
@@ -270,9 +270,9 @@ class _OneContact:
         self.par.multiplier.x.array[self._vertices] = values
 
     def check_start(self) -> None:
-        p, gap = self._owned[:, :2].T
+        gap = self._owned[:, 1]
         if not self.depends_on_state:
-            if self._largest(p) == 0.0:
+            if self.totals()[3] == 0.0:
                 raise MeshError(
                     f"{self.where}: no pressure acts on '{self.effect.region}' of the given body: its gap to the"
                     f" obstacle is at least {-self._largest(-gap, -np.inf) * self._body.length_scale:.3g} m",
@@ -311,7 +311,7 @@ class _OneContact:
         touches = ufl.conditional(ufl.gt(p, 0), 1.0, 0.0)
         values = [*(p * m[i] for i in range(3)), touches, p, 1.0]
         integrand = sum(value * w[i] for i, value in enumerate(values))
-        return fem.form(without_stages(k.da(integrand, effect.region)), jit_options=JIT_OPTIONS)
+        return fem.form(without_stages(k.da(integrand, effect.region, QUADRATURE)), jit_options=JIT_OPTIONS)
 
     def _penalty_in_si(self, scales: Scales) -> float | None:
         given = self.effect.penalty

@@ -33,7 +33,7 @@ class Integration:
         """Return one of the parts, from 0; the whole body if it is not divided."""
         return self.volume if self._cells is None else self.volume(number + 1)
 
-    def surface(self, region: str) -> Any:
+    def surface(self, region: str, least_degree: int = 0) -> Any:
         """Return a region of the boundary; raise ``MeshError`` on all ranks if it is none."""
         if region not in self._known:
             topology = self._body.mesh.topology
@@ -41,7 +41,8 @@ class Integration:
             entities = fem.compute_integration_domains(fem.IntegralType.exterior_facet, topology, facets)
             self._known[region] = len(self._known) + 1
             self._facets.append((self._known[region], entities))
-        measure = ufl.Measure("ds", self._body.mesh, subdomain_data=self._facets, metadata=self._rule)
+        rule = {"quadrature_degree": max(self._degree, least_degree)}
+        measure = ufl.Measure("ds", self._body.mesh, subdomain_data=self._facets, metadata=rule)
         return measure(self._known[region])
 
     @property
