@@ -3,7 +3,7 @@
 Usage: python benchmarks/contact.py
 """
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.parallel.runtime
 
 # isort: split
 from collections.abc import Mapping
