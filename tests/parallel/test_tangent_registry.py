@@ -74,6 +74,14 @@ def scene_of_effects(**data: Any) -> Job:
     return job(mesh=box((1, 1, 1)), material=law, effects=listed, **data)
 
 
+def scene_of_prestrain(**data: Any) -> Job:
+    """A cube with a stress-free stretch of the current body."""
+    effect = effects()["prestrain"].example | {"given_on": "current"}
+    return job(
+        mesh=box((1, 1, 1)), material={"law": "neo-hookean", "mu": "20 kPa", "lam": "50 kPa"}, effects=[effect], **data
+    )
+
+
 def common(direction: str, formulation: str) -> dict[str, Any]:
     return {
         "analysis": direction,
@@ -93,6 +101,7 @@ def model_of(given: Job, comm: MPI.Intracomm) -> Model:
         (scene_of_laws, "inverse", "mixed"),  # the one with most in it; of the others, moduli are made below
         (scene_of_effects, "inverse", "mixed"),
         (scene_of_effects, "forward", "displacement"),
+        (scene_of_prestrain, "forward", "displacement"),
     ],
 )
 def test_moduli_of_the_registry_make_the_compiled_tangent(
