@@ -311,3 +311,89 @@ def test_other_settings_are_accepted_and_stay(stopped_in_second_direction: Path,
     assert_history_goes_on(run, position, done.stdout)
     assert len(list((run / "checkpoints").iterdir())) == 1
     assert (run / "job.yaml").read_text() == changed.read_text()
+
+
+PATH = 3  # steps of each state
+
+
+def weighed(x: float, y: float) -> list[dict[str, Any]]:
+    return [{"effect": "gravity", "acceleration": [x, y, 0], "density": 963}]
+
+
+@pytest.fixture(scope="module")
+def states(place: Path) -> Path:
+    """A run of three states that nothing interrupted, the last one on a path from the second."""
+    write_job(
+        place / "states.yaml",
+        {key: value for key, value in BEAM.items() if key != "effects"},
+        states=[
+            {"name": "sagging", "given": True, "effects": weighed(0, -2)},
+            {"name": "rest"},
+            {"name": "return", "effects": weighed(0, -2), "start": "turned"},
+            {"name": "turned", "effects": weighed(-2, 0)},
+        ],
+        quantities=[{"name": "tip", "of": "displacement", "at": [LENGTH, 0, 0]}],
+        solver={"strategy": "fixed", "steps": PATH},
+        output={"mesh": ["msh"]},
+    )
+    done = hpcinv(2, "run", "states.yaml", "--output", "states", cwd=place)
+    assert done.returncode == 0, done.stderr
+    titles = [line for line in done.stdout.splitlines() if line.startswith("state ")]
+    assert titles == ["state sagging, from it to rest", "state turned, from rest", "state return, from turned"]
+    return place / "states"
+
+
+def assert_same_states(run: Path, states: Path) -> None:
+    found, reference = summary(run), summary(states)
+    assert found["status"] == "converged"
+    for name in ("rest", "turned", "return"):
+        shapes = [read_source(spec(r / f"shape-{name}.msh"), r / f"shape-{name}.msh").points for r in (run, states)]
+        assert np.abs(shapes[0] - shapes[1]).max() <= 1e-9 * LENGTH
+    assert [s["state"] for s in found["solutions"]] == ["sagging", "turned", "return"]
+    for name, tip in reference["quantities"].items():
+        assert found["quantities"][name] == pytest.approx(tip, abs=1e-9 * LENGTH)
+    assert sorted(p.name for p in run.glob("fields*")) == ["fields-return", "fields-sagging", "fields-turned"]
+
+
+def test_the_last_state_is_the_given_one(states: Path) -> None:
+    tips = summary(states)["quantities"]
+    assert tips["tip-return"] == pytest.approx(tips["tip-sagging"], abs=1e-9 * LENGTH)
+    assert tips["tip-turned"] != pytest.approx(tips["tip-sagging"], abs=0.01 * LENGTH)
+
+
+@pytest.mark.parametrize(("after", "ranks"), [("state turned", 1), ("state return", 3), ("from turned\nforward:", 1)])
+def test_killed_between_states_and_within_one_it_goes_on(after: str, ranks: int, states: Path, tmp_path: Path) -> None:
+    with Started(2, "run", states.parent / "states.yaml", "--output", "killed", cwd=tmp_path) as started:
+        started.wait_for(after)
+        time.sleep(random.uniform(0.0, 0.3))
+        started.kill()
+    run = tmp_path / "killed"
+    position = state(newest(run))
+    behind = position["direction"] * PATH + round(position["load"] * PATH)
+    print(f"killed after {behind} steps")
+    assert behind >= (PATH if after == "state turned" else 2 * PATH)
+    done = hpcinv(ranks, "resume", run, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"of state '{['sagging', 'turned', 'return'][position['direction']]}'" in done.stdout
+    assert done.stdout.count("  load ") == 3 * PATH - behind
+    assert_same_states(run, states)
+
+
+def test_a_signal_in_a_state_tells_which(states: Path, tmp_path: Path) -> None:
+    with Started(2, "run", states.parent / "states.yaml", "--output", "stopped", cwd=tmp_path) as started:
+        started.wait_for("state turned")
+        started.send(signal.SIGTERM, started.ranks())
+        assert started.exit_code() == 75, started.text
+    assert "in the forward solve of state 'turned' at load factor" in started.text
+    done = hpcinv(2, "resume", "stopped", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert_same_states(tmp_path / "stopped", states)
+
+
+def test_other_loads_of_a_state_are_refused(states: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(states, tmp_path / "copy"))
+    (run / "summary.json").unlink()
+    text = (states.parent / "states.yaml").read_text()
+    changed = tmp_path / "changed.yaml"
+    changed.write_text(text.replace("density: 963", "density: 900"))
+    assert_refused(run, "--job", changed, because="states[0].effects[0].density: 963.0 -> 900.0")
