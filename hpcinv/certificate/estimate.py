@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -112,8 +113,11 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
             equilibrium.destroy()
         better = solution_of(finer, solution.direction, finer.scene(solution.direction), ())
         at_nodes = better if body is model.body else _at_given_nodes(model, better)
-        corrected = _corrected(quantities, model, at_nodes, better, finer)
-        largest = float(np.linalg.norm(at_nodes.u - solution.u, axis=1).max(initial=0.0))
+        mine = np.linalg.norm(at_nodes.u - solution.u, axis=1)
+        # The largest of NaN and a number depends on their order.
+        largest = float(mine.max(initial=0.0)) if np.isfinite(mine).all() else np.inf
+        largest = body.mesh.comm.allreduce(largest, op=MPI.MAX)
+        corrected = _corrected(quantities, model, at_nodes, better, finer) if isfinite(largest) else {}
         delta = better.displacement
         delta.x.array[:] -= before.x.array
         return Estimate(
@@ -121,7 +125,7 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
                 name: _difference(corrected[name], value) for name, value in computed.items() if name in corrected
             },
             corrected=corrected,
-            shape=body.mesh.comm.allreduce(largest, op=MPI.MAX),
+            shape=largest,
             cells=_by_cell(delta, body.length_scale),
             unknowns=finer.unknowns.size,
             without_geometry=_finer_body(model)[1],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -274,7 +274,8 @@ class Job(Spec):
     @property
     def differentiated(self) -> list[Parameter]:
         """Parameters by which the results are differentiated, in the order of ``sensitivities``."""
-        owners = _owners(self.material, self.effects, self.fibres, self.supports)
+        job = self.plan[0].job if self.states else self
+        owners = _owners(job.material, job.effects, job.fibres, job.supports, job.place)
         return [parameter(key, owners, deviation) for key, deviation in self.sensitivities.items()]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -469,10 +470,23 @@ class Job(Spec):
     def _check_sensitivities(cls, given: object, info: ValidationInfo) -> Mapping[str, float | None]:
         if not {"material", "effects", "fibres", "supports"} <= info.data.keys():  # already reported
             return {}
-        owners = _owners(*(info.data[section] for section in ("material", "effects", "fibres", "supports")))
+        material, effects, fibres, supports = (info.data[s] for s in ("material", "effects", "fibres", "supports"))
+        places: dict[str, str] = {}
+        if states := info.data.get("states", ()):
+            first = in_order(states)[0]
+            effects, places["effects"] = states[first].effects, f"states[{first}].effects"
+            if states[first].supports is not None:
+                supports, places["supports"] = states[first].supports, f"states[{first}].supports"
+            text = f"is of another state: derivatives are those of state '{states[first].name}', which is solved first"
+            raise_if_any(
+                ((i if isinstance(given, list | tuple) else key,), f"{key} {text}")
+                for i, key in enumerate(given if isinstance(given, Mapping | list | tuple) else ())
+                if str(key).startswith("states[") and not str(key).startswith(f"states[{first}].")
+            )
+        owners = _owners(material, effects, fibres, supports, lambda section: places.get(section, section))
         found, problems = read_sensitivities(given, owners)
         raise_if_any(problems)
-        if found and any("multiplier" in effect.functions(1) for effect in info.data["effects"]):
+        if found and any("multiplier" in effect.functions(1) for effect in effects):
             raise ValueError(
                 "are not possible with contact with a rigid obstacle, whose pressure is found by iteration; give it the"
                 " 'stiffness' of an elastic layer"
@@ -539,11 +553,19 @@ def _families(parts: Iterable[Ingredient], fibres: Mapping[str, FibreFamily]) ->
 
 
 def _owners(
-    material: Material, effects: Sequence[Effect], fibres: Mapping[str, FibreFamily], supports: Sequence[Support]
+    material: Material,
+    effects: Sequence[Effect],
+    fibres: Mapping[str, FibreFamily],
+    supports: Sequence[Support],
+    place: Callable[[str], str],
 ) -> dict[str, Owner]:
-    """The parts of a job with numbers by which results can be differentiated, by their place in the job."""
-    parts = {**_laws(material), **_numbered("effects", effects)}
-    return parts | _families(parts.values(), fibres) | _numbered("supports", supports)
+    """The parts of a job with numbers by which results can be differentiated, by their place in the job.
+
+    Args:
+        place: of the effects and of the supports in the job.
+    """
+    parts = {**_laws(material), **_numbered(place("effects"), effects)}
+    return parts | _families(parts.values(), fibres) | _numbered(place("supports"), supports)
 
 
 def _numbered[T](section: str, entries: Sequence[T]) -> dict[str, T]:

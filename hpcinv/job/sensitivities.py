@@ -87,9 +87,11 @@ def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) ->
 
 
 def _location(where: str) -> Location:
-    """``effects[0]``, ``material.REGION`` and ``fibres.NAME`` as places in a job."""
-    section, bracket, number = where.partition("[")
-    return (section, int(number.removesuffix("]"))) if bracket else tuple(where.split(".", 1))
+    """``effects[0]``, ``states[1].effects[0]``, ``material.REGION`` and ``fibres.NAME`` as places in a job."""
+    state, _, rest = where.rpartition("].")
+    before = _location(f"{state}]") if state else ()
+    section, bracket, number = rest.partition("[")
+    return (*before, section, int(number.removesuffix("]"))) if bracket else (*before, *rest.split(".", 1))
 
 
 def _first(names: Iterable[str]) -> list[str]:

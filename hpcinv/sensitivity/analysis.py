@@ -124,7 +124,8 @@ def _changes(model: Model, solution: Solution, parameters: Sequence[Parameter]) 
     for parameter in parameters:
         owner, place = parameter.owner, parameter.place
         if isinstance(owner, Ingredient):
-            along = scene.parameters.direction({parameter.where: owner.rates(place)})
+            local = parameter.where.removeprefix(model.job.place("effects").removesuffix("effects"))
+            along = scene.parameters.direction({local: owner.rates(place)})
             with model.timings("residual"):
                 derivative.assemble(along, b)
                 b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
