@@ -27,7 +27,7 @@ class Prestrain(Effect):
     The prestrain stress in the results is the Cauchy stress at ``F = I`` that prestrain alone causes, without the
     pressure of an incompressible material (its deviator), which ``F0`` does not determine.
 
-    Source: Chuong & Fung (1986), doi:10.1115/1.3138600; Hoger (1997), doi:10.1016/S0020-7462(96)00024-3.
+    Source: Chuong & Fung (1986), doi:10.1115/1.3138600.
     """
 
     example: ClassVar = {
