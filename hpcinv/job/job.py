@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator, model_validator
 
 from hpcinv.effects import AnyEffect, Direction, Effect
+from hpcinv.effects.contact import Contact
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import REFUSED, applies, is_asked
 from hpcinv.job.accuracy import read_demands
@@ -514,11 +515,14 @@ class Job(Spec):
             ((numbered[i][0], "name"), f"'{names[i]}' is the name of another quantity in a state")
             for i in repeated(names)
         )
-        problems = []
+        problems: list[tuple[Location, str]] = []
         for i, quantity in numbered:
             supports = loaded[quantity.state].supports if quantity.state else None
             regions = list(dict.fromkeys(s.region for s in (info.data["supports"] if supports is None else supports)))
-            if quantity.is_reaction and quantity.on not in regions:
+            if quantity.is_contact:
+                effects = loaded[quantity.state].effects if quantity.state else info.data.get("effects", ())
+                problems += _without_contact(i, quantity, effects)
+            elif quantity.is_reaction and quantity.on not in regions:
                 where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"
                 state = f" in state '{quantity.state}'" if quantity.state else ""
                 problems.append(((i, "on"), f"{shown(quantity.on)} is not the region of a support{state}: {where}"))
@@ -538,6 +542,16 @@ def _by_state(quantity: QuantityOfInterest, loaded: Sequence[str]) -> list[Quant
     if quantity.state is not None or not loaded:
         return [quantity]
     return [quantity.model_copy(update={"name": f"{quantity.name}-{name}", "state": name}) for name in loaded]
+
+
+def _without_contact(
+    number: int, quantity: QuantityOfInterest, effects: Iterable[Effect]
+) -> Iterator[tuple[Location, str]]:
+    """Fault of a result of contact on a region without one."""
+    regions = [effect.region for effect in effects if isinstance(effect, Contact)]
+    if quantity.on not in regions:
+        where = f"those with contact are {', '.join(regions)}" if regions else "there is no contact"
+        yield (number, "on"), f"{shown(quantity.on)} is not the region of a contact: {where}"
 
 
 def _laws(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, MaterialLaw]:

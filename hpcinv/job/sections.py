@@ -35,7 +35,8 @@ STRESSES = (*COMPONENTS, *MEASURES, "energy")
 FIELDS: dict[str, Dimension | None] = {"J": Dimension(), **dict.fromkeys(STRESSES, STRESS)}
 
 LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
-REACTIONS = {"reaction": "N", "reaction_moment": "N m"}
+CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
+REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
 
 
@@ -198,7 +199,8 @@ class QuantityOfInterest(Spec):
     """its name in the summary"""
     of: Expression
     """'displacement' (the vector, at a point), 'reaction' (the force that the supports of a region exert on the body),
-    'reaction_moment' (its moment), or a formula"""
+    'reaction_moment' (its moment), 'contact_force', 'contact_area', 'contact_penetration' (of contact on a region),
+    or a formula"""
     at: Triple[Length] | None = None
     """a point in the given mesh"""
     on: str | None = None
@@ -220,8 +222,13 @@ class QuantityOfInterest(Spec):
 
     @property
     def is_reaction(self) -> bool:
-        """True if it is the force or the moment of supports."""
+        """True if it is the force or the moment of supports, or a result of a contact."""
         return self.of.source.strip() in REACTIONS
+
+    @property
+    def is_contact(self) -> bool:
+        """True if it is the force, the area or the largest penetration of a contact."""
+        return self.of.source.strip() in CONTACTS
 
     @property
     def is_moment(self) -> bool:
@@ -229,7 +236,9 @@ class QuantityOfInterest(Spec):
 
     @property
     def is_vector(self) -> bool:
-        return self.is_displacement or self.is_reaction
+        return self.is_displacement or (
+            self.is_reaction and not self.of.source.strip().endswith(("area", "penetration"))
+        )
 
     @property
     def fields(self) -> frozenset[str]:
@@ -258,7 +267,9 @@ class QuantityOfInterest(Spec):
     def _problems_of_reaction(self) -> list[tuple[Location, str]]:
         problems: list[tuple[Location, str]] = []
         if self.on is None:
-            problems.append((("on",), "is needed for a reaction: the region of a support"))
+            problems.append(
+                (("on",), f"is needed for a reaction: the region of {'a contact' if self.is_contact else 'a support'}")
+            )
         for field in ("at", "reduce", "over"):
             if getattr(self, field) is not None:
                 problems.append(((field,), "is not valid with a reaction, which is a sum over the region of a support"))

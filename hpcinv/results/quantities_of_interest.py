@@ -24,7 +24,7 @@ from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.nondimensional import Scales
 from hpcinv.results.point_fields import SceneFields
-from hpcinv.results.reactions import reactions
+from hpcinv.results.reactions import of_contacts, reactions
 from hpcinv.results.solution import Solution
 from hpcinv.solver.problem import Model
 
@@ -88,7 +88,9 @@ def evaluate(
         found = values_of(others, body, solution, _fields(quantities, body, solution, model))
         if len(others) < len(quantities):
             assert model is not None
-            found |= reactions([q for q in quantities if q.is_reaction], solution, model)
+            found |= of_contacts([q for q in quantities if q.is_contact], solution)
+            if supported := [q for q in quantities if q.is_reaction and not q.is_contact]:
+                found |= reactions(supported, solution, model)
         return {q.name: found[q.name] for q in quantities}
 
 

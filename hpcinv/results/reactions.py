@@ -15,6 +15,21 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.problem import Model
 
 
+def of_contacts(quantities: Iterable[QuantityOfInterest], solution: Solution) -> dict[str, float | list[float]]:
+    """Forces (3 components, N), areas (m²) and penetrations (m) of contacts by the names of quantities."""
+    found: dict[str, float | list[float]] = {}
+    for quantity in quantities:
+        contacts = [contact for contact in solution.contacts if contact.region == quantity.on]
+        match quantity.of.source.strip():
+            case "contact_force":
+                found[quantity.name] = [float(f) for f in np.sum([contact.force for contact in contacts], axis=0)]
+            case "contact_area":
+                found[quantity.name] = sum(contact.area for contact in contacts)
+            case _:
+                found[quantity.name] = max(contact.penetration for contact in contacts)
+    return found
+
+
 def reactions(quantities: Iterable[QuantityOfInterest], solution: Solution, model: Model) -> dict[str, list[float]]:
     """Reactions by the names of quantities: forces (3 components, N), moments (3 components, N m); collective.
 

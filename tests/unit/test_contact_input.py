@@ -49,6 +49,10 @@ def test_faults_name_their_field() -> None:
     refused({"obstacle": {"shape": "level-set", "formula": "r"}}, r"obstacle.formula: unknown name 'r'")
     refused({"obstacle": {"shape": "surface", "file": "no.stl"}}, r"obstacle.file: there is no file")
     refused({"obstacle": {"shape": "surface", "file": "no.step"}}, r"obstacle.file: .* is not a readable surface")
+    area = {"name": "touching", "of": "contact_area", "on": "x1"}
+    refused(
+        {}, r"quantities\[0\].on: 'x1' is not the region of a contact: those with contact are z0", quantities=[area]
+    )
     refused({}, "sensitivities: are not possible with contact with a rigid", sensitivities=["material.mu"])
 
 

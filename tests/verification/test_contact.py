@@ -11,7 +11,7 @@ from helpers.command_line import NO_CERTIFICATE
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.errors import MeshError
+from hpcinv.errors import Interrupted, MeshError
 from hpcinv.job.job import load
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
@@ -43,6 +43,9 @@ def test_pressed_ball_is_as_hertz_found(comm: MPI.Intracomm) -> None:
     assert 0 < contact.penetration < 4 * contact.tolerance
     missed = closing(result)
     assert missed < 1e-9 * 50e-6
+    assert result.quantities["force"] == list(contact.force)
+    assert result.quantities["area"] == contact.area
+    assert result.quantities["penetration"] == contact.penetration
     back = result.solutions[1].contacts[0]
     assert back.force == pytest.approx(contact.force, rel=1e-9, abs=1e-9 * force)
 
@@ -58,7 +61,8 @@ def standing(comm: MPI.Intracomm, directory: Path | None = None, **changes: Any)
         "supports": SIDES,
         "discretisation": {"displacement": 2},
     }
-    return hpcinv.run(job(**given | changes), comm, directory=directory)
+    conduct = {key: changes.pop(key) for key in ("stop_asked", "resume") if key in changes}
+    return hpcinv.run(job(**given | changes), comm, directory=directory, **conduct)
 
 
 LAYER = {"stiffness": "1 MPa/m"}
@@ -91,6 +95,21 @@ def test_block_stands_on_its_weight_there_and_back(comm: MPI.Intracomm, run_dire
     assert abs(reaction) < 1e-8 * weight
     returned = back.solutions[0].contacts[0].force
     assert returned == pytest.approx((0, 0, weight), rel=1e-9, abs=1e-9 * weight)
+
+
+@pytest.mark.parametrize("iterations", [5, 8], ids=["while loading", "while the pressure is found"])
+def test_stopped_run_resumes_to_the_same_body(iterations: int, comm: MPI.Intracomm, run_directory: Path) -> None:
+    def stop_asked() -> bool:
+        nonlocal iterations
+        iterations -= 1
+        return iterations < 0
+
+    changes: dict[str, Any] = {"solver": {"strategy": "fixed", "steps": 2}}
+    whole = standing(comm, **changes).solutions[0].u
+    with pytest.raises(Interrupted):
+        standing(comm, run_directory / "run", stop_asked=stop_asked, **changes)
+    resumed = standing(comm, run_directory / "run", resume=True, **changes).solutions[0].u
+    assert abs(resumed - whole).max() < 1e-10
 
 
 @pytest.mark.parallel(2)
