@@ -1,17 +1,14 @@
 """The flow of a run: job → body → model → solution in each direction or state → certificate → result."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from hpcinv.accuracy import AccuracyRecord, Search
-from hpcinv.certificate import Certificate, Estimate, Line, certify
+from hpcinv.certificate import certify_all
 from hpcinv.effects import Direction
 from hpcinv.job.job import Job
-from hpcinv.job.mesh_generators import is_generator
 from hpcinv.mesh.moved import placed
-from hpcinv.mesh.source import Floats
 from hpcinv.methods import solve_direction
 from hpcinv.methods.initial_guess import Guess
 from hpcinv.methods.method import Start
@@ -23,14 +20,15 @@ from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.quantities_of_interest import Value, carried, check_points, evaluate
-from hpcinv.results.shape_distance import differences, read_expected
+from hpcinv.preparation import prepare
+from hpcinv.results.quantities_of_interest import Value, carried, evaluate
+from hpcinv.results.shape_distance import differences
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.results.totals import totals_of
 from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
 from hpcinv.solver.observer import Observer, Observers, StopSignal
 from hpcinv.solver.problem import Model
-from hpcinv.solver.problem_cache import Models, Workspace
+from hpcinv.solver.problem_cache import Workspace
 
 
 def run(
@@ -67,7 +65,7 @@ def run(
         stop, timings = StopSignal(stop_asked), Timings()
         if resume:
             store.lock()
-        problem = (_search if job.accuracy else _prepare)(job, workspace, progress, timings, stop)
+        problem = prepare(job, workspace, progress, timings, stop)
         job, models, solutions = problem.job, problem.models, list(problem.solutions)
         model = models.of(0)
         body = model.body
@@ -104,63 +102,11 @@ def run(
         quantities = {q.name: quantities[q.name] for q in job.quantities}
 
         with progress.phase("checking"):
-            certificate, estimate = _certify(models, solutions, quantities, problem.estimate, progress)
+            certificate, estimate = certify_all(
+                models, solutions, quantities, problem.estimate, progress.detail, progress
+            )
         errors = differences(body, solutions, problem.expected)
         return report.conclude(solutions, certificate, quantities, errors, estimate, slopes)
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """The equations of a run; after a search for accuracy also the first solution and its estimated error."""
-
-    job: Job
-    models: Models
-    expected: Floats | None = None  # local nodes of the expected shape, (n, 3) in m
-    solutions: tuple[Solution, ...] = ()
-    record: AccuracyRecord | None = None
-    estimate: Estimate | None = None
-    unused_options: Sequence[str] = ()
-
-
-def _prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timings, _stop: Observer) -> _Problem:
-    """Return the equations of a job on its mesh; collective."""
-    verb = "meshing" if is_generator(Path(job.mesh.file)) else "reading"
-    with timings("mesh"), progress.phase(verb, job.mesh.file):
-        body = workspace.body(job, progress.detail)
-        progress.detail(f"{sum(body.partition.cells):,} cells")
-        expected = read_expected(job, body)
-        check_points(job.quantities, body)
-    return _Problem(job, workspace.models(job, body, timings), expected)
-
-
-def _search(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> _Problem:
-    """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
-    with progress.phase("searching", "for mesh and degree"):
-        record, best = Search(job, workspace.comm, timings, progress.note, stop).run()
-    job, model = best.model.job, best.model
-    models = Models(job.plan, [model] * len(job.plan))
-    return _Problem(job, models, None, (best.solution,), record, best.estimate, best.unused_options)
-
-
-def _certify(
-    models: Models,
-    solutions: Sequence[Solution],
-    quantities: Mapping[str, Value],
-    estimate: Estimate | None,
-    progress: Progress,
-) -> tuple[Certificate, Estimate | None]:
-    """Check the solutions: together if they are those of one analysis, else state by state; collective."""
-    if not solutions[0].state:
-        return certify(models.of(0), solutions, quantities, estimate, progress.detail, progress)
-    lines: list[Line] = []
-    for number, solution in enumerate(solutions):
-        model = models.of(number, solutions[0].displacement if number else None)
-        of_state = {q.name: quantities[q.name] for q in model.job.quantities}
-        progress.detail(solution.state)
-        found, of_solution = certify(model, [solution], of_state, None, observer=progress)
-        lines += found.lines
-        estimate = estimate.joined(of_solution) if estimate and of_solution else estimate or of_solution
-    return Certificate(tuple(lines)), estimate
 
 
 def _solve(

@@ -6,7 +6,8 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 from hpcinv.certificate.certify import certify
+from hpcinv.certificate.certify_all import certify_all
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_least, at_most, skipped
 from hpcinv.certificate.estimate import Estimate
 
-__all__ = ["Certificate", "Estimate", "Line", "Verdict", "at_least", "at_most", "certify", "skipped"]
+__all__ = ["Certificate", "Estimate", "Line", "Verdict", "at_least", "at_most", "certify", "certify_all", "skipped"]

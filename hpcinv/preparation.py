@@ -1,0 +1,62 @@
+"""What a run starts from: the equations of its job on a mesh that is read, generated, or found by a search."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hpcinv.accuracy import AccuracyRecord, Search
+from hpcinv.certificate import Estimate
+from hpcinv.job.job import Job
+from hpcinv.job.mesh_generators import is_generator
+from hpcinv.mesh.source import Floats
+from hpcinv.output.progress import Progress
+from hpcinv.parallel.timings import Timings
+from hpcinv.results.quantities_of_interest import check_points
+from hpcinv.results.shape_distance import read_expected
+from hpcinv.results.solution import Solution
+from hpcinv.solver.observer import Observer
+from hpcinv.solver.problem_cache import Models, Workspace
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """The equations of a run; after a search for accuracy also the first solution and its estimated error."""
+
+    job: Job
+    models: Models
+    expected: Floats | None = None  # local nodes of the expected shape, (n, 3) in m
+    solutions: tuple[Solution, ...] = ()
+    record: AccuracyRecord | None = None
+    estimate: Estimate | None = None
+    unused_options: Sequence[str] = ()
+
+
+def prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> Prepared:
+    """Return the equations of a job, on a mesh that meets the accuracy that it demands, if it does; collective.
+
+    Raises:
+        MeshError, SystemPartMissing: the same on every rank.
+    """
+    if job.accuracy:
+        return _searched(job, workspace, progress, timings, stop)
+    return _given(job, workspace, progress, timings)
+
+
+def _given(job: Job, workspace: Workspace, progress: Progress, timings: Timings) -> Prepared:
+    """Return the equations of a job on its mesh; collective."""
+    verb = "meshing" if is_generator(Path(job.mesh.file)) else "reading"
+    with timings("mesh"), progress.phase(verb, job.mesh.file):
+        body = workspace.body(job, progress.detail)
+        progress.detail(f"{sum(body.partition.cells):,} cells")
+        expected = read_expected(job, body)
+        check_points(job.quantities, body)
+    return Prepared(job, workspace.models(job, body, timings), expected)
+
+
+def _searched(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> Prepared:
+    """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
+    with progress.phase("searching", "for mesh and degree"):
+        record, best = Search(job, workspace.comm, timings, progress.note, stop).run()
+    job, model = best.model.job, best.model
+    models = Models(job.plan, [model] * len(job.plan))
+    return Prepared(job, models, None, (best.solution,), record, best.estimate, best.unused_options)
