@@ -50,6 +50,7 @@ def kept(case: Case, result: Result) -> bool:
     return error <= case.demand
 
 
+@pytest.mark.release
 def test_the_promise_holds_in_at_least_19_of_20(comm: MPI.Intracomm) -> None:
     held = [kept(case, package.run(case.job(), comm)) for case in cases()]
     assert len(held) == 20
