@@ -90,6 +90,7 @@ def test_results_go_to_the_first_free_place_and_no_other_run_is_touched(cube: Pa
     assert {p.name for p in run.iterdir()} == {
         "checkpoints",
         "fields",
+        "surface.npz",
         "job.yaml",
         "origin.json",
         "run.log",

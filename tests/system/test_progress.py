@@ -37,6 +37,7 @@ STATISTICS: dict[str, Any] = {
             "linear": None,
             "J": {"min": 0.9, "max": None},
             "strain_energy": 2e-3,
+            "contacts": [],
         }
     ],
     "quantities": {"tip": [0.0, -0.1325, 1e-9], "roundness": 1.5e-6},

@@ -142,7 +142,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         job = SimpleNamespace(
             directions=("inverse", "forward")[:directions],
             accuracy={},
-            output=SimpleNamespace(unit_warnings=True, summary=("json",)),
+            output=SimpleNamespace(unit_warnings=True, summary=("json",), fields=False),
         )
         unknowns = SimpleNamespace(size=12)
         model: Any = SimpleNamespace(job=job, body=None, unknowns=unknowns, timings=None)
@@ -152,13 +152,13 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
             warn=given["warnings"].append, finish=lambda found: given.update(printed=found["status"])
         )
         totals: Any = SimpleNamespace(warnings=(), after=lambda size: SimpleNamespace(warnings=(f"moves {size} m",)))
-        return RunReport(model, store, progress, totals, None, ()), given
+        return RunReport(job, model, store, progress, totals, None, ()), given
 
     return make
 
 
 def solution(load: float, *solves: Solve) -> Any:
-    return SimpleNamespace(direction="inverse", load=load, solves=solves, largest_displacement=1e-9)
+    return SimpleNamespace(direction="inverse", load=load, solves=solves, largest_displacement=1e-9, state="")
 
 
 type MakeReport = Callable[..., tuple[RunReport, dict[str, Any]]]
@@ -167,7 +167,7 @@ type MakeReport = Callable[..., tuple[RunReport, dict[str, Any]]]
 def test_a_converged_run_is_written_printed_and_warned_about(report: MakeReport) -> None:
     one, given = report()
     one.check_reached([solution(1.0, solve(1.0))])
-    one.check_not_stopped([], ended(1.0, solve(1.0), stopped=True))  # the request came after the last solve
+    one.check_not_stopped([], ended(1.0, solve(1.0), stopped=True), "")  # the request came after the last solve
     one.ended(ended(1.0, solve(1.0)))
     certificate: Any = SimpleNamespace(lines=())
     found = one.conclude([solution(1.0, solve(1.0))], certificate, {"tip": 0.5}, {}, None, None)
@@ -198,7 +198,7 @@ def test_a_stopped_run_says_whether_it_can_be_resumed(
 ) -> None:
     one, given = report(directions=2)
     with pytest.raises(Interrupted) as caught:
-        one.check_not_stopped([solution(1.0)] * before, ended(0.5, stopped=True, can_restart=can_restart))
+        one.check_not_stopped([solution(1.0)] * before, ended(0.5, stopped=True, can_restart=can_restart), "")
     assert "stopped by a signal in the inverse solve at load factor 0.5" in caught.value.message
     assert ("is saved" in caught.value.message) == saved
     assert caught.value.advice.startswith("Go on with" if saved else "Start it again with")
@@ -209,5 +209,5 @@ def test_a_stopped_run_says_whether_it_can_be_resumed(
 def test_a_stopped_run_without_a_directory_saves_nothing(report: MakeReport) -> None:
     one, given = report(directory=False)
     with pytest.raises(Interrupted, match="nothing was saved"):
-        one.check_not_stopped([], ended(0.5, stopped=True))
+        one.check_not_stopped([], ended(0.5, stopped=True), "")
     assert "written" not in given
