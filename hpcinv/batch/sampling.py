@@ -49,6 +49,15 @@ class Distribution:
                 value = statistics.NormalDist(self.first, self.second).inv_cdf(max(share, _LEAST))
         return float(f"{value:.12g}")
 
+    def standard(self, value: float) -> float:
+        """Return where a value lies: in [-1, 1] of its range, or in standard deviations from the mean."""
+        match self.kind:
+            case "uniform":
+                return 2 * (value - self.first) / (self.second - self.first) - 1
+            case "log-uniform":
+                return 2 * math.log(value / self.first) / math.log(self.second / self.first) - 1
+        return (value - self.first) / self.second
+
 
 def read_distribution(given: object) -> Distribution:
     """Return the distribution that a file gives by two ends, or by its kind and two numbers, with or without units.

@@ -1,4 +1,4 @@
-"""``hpcinv sweep``: plan, run, status, retry, table, statistics, plot, submit."""
+"""``hpcinv sweep``: plan, run, status, retry, table, statistics, indices, plot, submit."""
 
 import argparse
 from dataclasses import replace

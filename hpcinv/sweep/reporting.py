@@ -1,16 +1,20 @@
-"""Commands that show the results of a sweep: ``sweep status | table | statistics | plot``."""
+"""Commands that show the results of a sweep: ``sweep status | table | statistics | indices | plot``."""
 
 import argparse
+import json
 import re
 import sys
 from collections.abc import Callable
+from dataclasses import replace as replace_fields
 from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, show
+from hpcinv.errors import JobError
 from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.json_data import json_data
 from hpcinv.sweep.plan import SweepPlan, load_sweep
 from hpcinv.sweep.results import provenance, results, status_of
 
@@ -24,6 +28,17 @@ def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> N
     table.add_argument("--output", type=_table_file, metavar="FILE", help=".csv or .h5 (default: CSV to the screen)")
 
     action("statistics", _statistics, "means, standard deviations and quantiles of the quantities, as CSV")
+
+    indices = action("indices", _indices, "Sobol indices of the quantities of a sample, by polynomial surrogates")
+    indices.add_argument(
+        "--plan", action="store_true", help="only what it takes: cases for each degree, and their time"
+    )
+    indices.add_argument("--first", type=_positive, metavar="N", help="only the first N cases: a smaller sample")
+    indices.add_argument("--confidence", type=_share, default=0.95, metavar="P", help="of the intervals (default 0.95)")
+    indices.add_argument("--output", type=_json_file, metavar="FILE", help="all figures (.json)")
+    indices.add_argument(
+        "--shape", type=_vtu_file, metavar="FILE", help="standard deviation and dominating parameter at nodes (.vtu)"
+    )
 
     plot = action("plot", _plot, "a quantity over one or two parameters, as PNG and SVG")
     plot.add_argument("quantity", help="a column of the table, or 'failures' for where cases fail")
@@ -73,6 +88,44 @@ def _statistics(options: argparse.Namespace) -> int:
     return 0
 
 
+def _indices(options: argparse.Namespace) -> int:
+    plan = load_sweep(options.sweep)
+    ledger = ledger_of(plan.store)
+
+    from hpcinv.sweep import indices
+
+    if options.plan:
+        print("\n".join(indices.costs(plan, results(plan, ledger))))
+        return 0
+    plan = replace_fields(plan, cases=plan.cases[: options.first])
+    records = results(plan, ledger)
+    sample = indices.finished_sample(plan, records)
+    keys = list(sample.distributions)
+    for path in filter(None, (options.output, options.shape)):
+        with output_errors(path, "Choose another file."):
+            path.parent.mkdir(parents=True, exist_ok=True)
+    print("\n".join(indices.describe_sample(sample, records)), flush=True)
+    found, left_out = indices.quantity_indices(sample, records, options.confidence)
+    for quantity in found:
+        print("\n".join(indices.describe(quantity, keys, options.confidence)), flush=True)
+    for text in left_out:
+        print(f"left out: {text}")
+    data = indices.as_data(found, sample, options.confidence)
+    if options.shape is not None:
+        from hpcinv.sweep.shape_spread import describe_shape, shape_spread
+
+        spread = shape_spread(sample, ledger, options.confidence)
+        spread.write(options.shape, keys)
+        print("\n".join(describe_shape(spread, keys, options.confidence)))
+        print(options.shape)
+        data["shape"] = indices.data_of(spread.whole, sample)
+    elif not found:
+        raise JobError([f"{plan.path}: no case has a quantity; add 'quantities' to the job, or ask for --shape"])
+    if options.output is not None:
+        _write(options.output, json.dumps(json_data(data), indent=1, ensure_ascii=False).encode())
+    return 0
+
+
 def _plot(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     stem = options.output or _stem(plan, options.quantity, options.over)
@@ -92,6 +145,32 @@ def _plot(options: argparse.Namespace) -> int:
 def _stem(plan: SweepPlan, quantity: str, over: list[str]) -> Path:
     name = re.sub(r"[^\w.]+", "-", f"{quantity} over {' '.join(over)}").strip("-")
     return Path("results") / plan.sweep.sweep / name
+
+
+def _positive(text: str) -> int:
+    if (number := int(text)) < 1:
+        raise argparse.ArgumentTypeError("must be 1 or more")
+    return number
+
+
+def _share(text: str) -> float:
+    if not 0 < (share := float(text)) < 1:
+        raise argparse.ArgumentTypeError("must be between 0 and 1, such as 0.95")
+    return share
+
+
+def _json_file(text: str) -> Path:
+    return _ending(text, ".json")
+
+
+def _vtu_file(text: str) -> Path:
+    return _ending(text, ".vtu")
+
+
+def _ending(text: str, suffix: str) -> Path:
+    if not text.endswith(suffix):
+        raise argparse.ArgumentTypeError(f"'{text}' must end with {suffix}")
+    return Path(text)
 
 
 def _table_file(text: str) -> Path:

@@ -1,0 +1,295 @@
+"""Sobol indices of the quantities of a finished sweep, and what they cost before it is run."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from hpcinv.batch.axes import SAMPLES, Axis
+from hpcinv.batch.forecast import in_words
+from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.sampling import Distribution
+from hpcinv.errors import JobError
+from hpcinv.mesh.source import Floats
+from hpcinv.sweep.chaos import GOOD, Bounded, Indices, Regression, cases_needed, mean, sobol_indices, terms
+from hpcinv.sweep.plan import Case, SweepPlan
+from hpcinv.sweep.table import columns, quantity_columns, units
+
+_CONSTANT = 1e-12  # standard deviation, relative to the largest value, that is rounding
+_DEGREES_SHOWN = 6
+_LISTED = 8  # numbers of failed cases in a line
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The one sample of a sweep, and its cases that have converged.
+
+    Attributes:
+        cases: that have converged, in order.
+        failed: number of each case that has failed, and how.
+    """
+
+    plan: SweepPlan
+    axis: Axis
+    cases: tuple[Case, ...]
+    failed: Mapping[int, str]
+
+    @property
+    def distributions(self) -> Mapping[str, Distribution]:
+        """Distributions by key, whose order is that of the indices."""
+        return self.axis.sample
+
+    @property
+    def normal(self) -> list[bool]:
+        return [distribution.kind == "normal" for distribution in self.distributions.values()]
+
+    @cached_property
+    def points(self) -> Floats:
+        """Standardised parameters of the cases, (cases, parameters)."""
+        rows = [[d.standard(case.parameters[key]) for key, d in self.distributions.items()] for case in self.cases]
+        return np.array(rows).reshape(len(rows), len(self.distributions))
+
+
+def sample_axis(plan: SweepPlan) -> Axis:
+    """Return the one axis of a sweep that has more than one point, a sample.
+
+    Raises:
+        JobError: other axes have more than one point, too, or there is no sample.
+    """
+    axes = plan.sweep.axes
+    found = [i for i, axis in enumerate(axes) if axis.kind in SAMPLES]
+    remedy = "; put all uncertain parameters on one sample (random, latin_hypercube, sobol)"
+    problems = [
+        f"{plan.path}: axes[{i}]: {'has' if axis.kind == 'branches' else 'is a'} {axis.kind}, whose points have no"
+        " probability; give it one point in a sweep of its own with the same store, where finished cases count"
+        for i, axis in enumerate(axes)
+        if axis.kind not in SAMPLES and (axis.points > 1 or axis.kind == "branches")
+    ]
+    if not found:
+        problems.append(f"{plan.path}: axes: no axis is a sample, which says how probable values are{remedy}")
+    elif len(found) > 1:
+        which = " and ".join(f"axes[{i}]" for i in found)
+        problems.append(f"{plan.path}: {which} are samples that are combined with each other{remedy}")
+    if problems:
+        raise JobError(problems)
+    return axes[found[0]]
+
+
+def finished_sample(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Sample:
+    """Return the sample of a finished sweep.
+
+    Raises:
+        JobError: cases are open, or too few have converged for a surrogate of degree 1.
+    """
+    axis = sample_axis(plan)
+    if left := sum(case.key not in records for case in plan.cases):
+        raise JobError(
+            [
+                f"{plan.path}: {left} of {len(plan.cases)} cases are not finished, and those that are, are no random"
+                " choice; finish them by 'sweep run', or take the first N with '--first N'"
+            ]
+        )
+    converged = tuple(case for case in plan.cases if records[case.key].converged)
+    failed = {case.number: records[case.key].status for case in plan.cases if not records[case.key].converged}
+    needed = cases_needed(len(axis.sample), 1)
+    if len(converged) < needed:
+        raise JobError(
+            [
+                f"{plan.path}: {len(converged)} cases have converged, but a surrogate of degree 1 in"
+                f" {len(axis.sample)} parameters needs {needed}; raise the 'count' of the sample"
+            ]
+        )
+    return Sample(plan, axis, converged, failed)
+
+
+@dataclass(frozen=True)
+class QuantityIndices:
+    """Indices of one quantity of interest (SI).
+
+    Attributes:
+        cases: that have a value.
+        indices: ``None`` if all values are the same.
+    """
+
+    name: str
+    unit: str
+    cases: int
+    mean: Bounded
+    indices: Indices | None
+
+
+def quantity_indices(
+    sample: Sample, records: Mapping[str, CaseRecord], confidence: float
+) -> tuple[list[QuantityIndices], list[str]]:
+    """Return the indices of each quantity of interest, and lines on quantities without them.
+
+    Raises:
+        JobError: the points of the sample determine no surrogate.
+    """
+    plan, names = sample.plan, quantity_columns(sample.plan, records)
+    table, known_units = columns(plan, records), units(plan, records)
+    place = {number: row for row, number in enumerate(table["number"])}
+    rows = [place[case.number] for case in sample.cases]
+    found, left_out = [], []
+    whole = regression_of(sample)
+    for name in names:
+        values = np.array([[math.nan if table[name][row] is None else float(table[name][row])] for row in rows])
+        known = np.isfinite(values[:, 0])
+        try:
+            regression = whole if known.all() else Regression(sample.points[known], sample.normal)
+        except ValueError as error:
+            left_out.append(f"{name}: {known.sum()} of {len(rows)} converged cases have a value; {error}")
+            continue
+        found.append(_of_quantity(name, known_units.get(name, ""), regression, values[known], confidence))
+    return found, left_out
+
+
+def _of_quantity(name: str, unit: str, regression: Regression, values: Floats, confidence: float) -> QuantityIndices:
+    if np.std(values) <= _CONSTANT * np.max(np.abs(values)):
+        value = float(np.mean(values))
+        return QuantityIndices(name, unit, len(values), Bounded(value, value, value), None)
+    surrogate = regression.fit(values)
+    of = sobol_indices(regression, surrogate, values, confidence)
+    return QuantityIndices(name, unit, len(values), mean(regression, surrogate, confidence), of)
+
+
+def regression_of(sample: Sample) -> Regression:
+    """Return the least squares at the points of a sample; raises ``JobError`` if they determine no surrogate."""
+    try:
+        return Regression(sample.points, sample.normal)
+    except ValueError as error:
+        raise JobError([f"{sample.plan.path}: {error}"]) from None
+
+
+def describe_sample(sample: Sample, records: Mapping[str, CaseRecord]) -> Iterator[str]:
+    """Yield lines on the cases that are used, and on those that are left out."""
+    plan = sample.plan
+    names = ", ".join(f"{key} ({d.kind})" for key, d in sample.distributions.items())
+    yield f"{plan.sweep.sweep}: {len(sample.cases)} of {len(plan.cases)} cases, {sample.axis.kind} sample of {names}"
+    by_status: dict[str, list[int]] = {}
+    for number, status in sample.failed.items():
+        by_status.setdefault(status, []).append(number)
+    for status, numbers in by_status.items():
+        more = ", …" if len(numbers) > _LISTED else ""
+        yield f"left out: {len(numbers)} failed: {status}: case {', '.join(map(str, numbers[:_LISTED]))}{more}"
+    if by_status:
+        yield "  what follows continues the polynomials to the parameters of failed cases"
+    if doubtful := sum(records[case.key].verdict == "fail" for case in sample.cases):
+        yield f"included: {doubtful} whose certificate fails"
+
+
+def describe(found: QuantityIndices, keys: Sequence[str], confidence: float) -> Iterator[str]:
+    """Yield the lines on one quantity."""
+    unit = f" {found.unit}" if found.unit else ""
+    of = found.indices
+    if of is None:
+        yield f"{found.name}: constant, {found.mean.value:.6g}{unit} in all {found.cases} cases"
+        return
+    yield f"{found.name}: {accuracy(of)}"
+    if not of.decided:
+        yield f"  {advice(of, len(keys))}"
+        return
+    yield (
+        f"  mean {found.mean.value:.6g} [{found.mean.low:.6g}, {found.mean.high:.6g}]{unit}, standard deviation"
+        f" {of.sd.value:.4g} [{of.sd.low:.4g}, {of.sd.high:.4g}]{unit}"
+    )
+    yield from table_of(of, keys, confidence)
+
+
+def accuracy(of: Indices) -> str:
+    """Return a line on the surrogate, which begins with "not decided" where it is not good enough."""
+    error = math.sqrt(max(1 - of.q2, 0.0))
+    return (
+        f"{'' if of.decided else 'not decided: '}degree {of.degree} ({of.terms} terms), leave-one-out error"
+        f" {error:.2g} of the standard deviation (Q² {of.q2:.6g})"
+    )
+
+
+def advice(of: Indices, parameters: int) -> str:
+    """Return what to do about a surrogate that is not good enough."""
+    needed = cases_needed(parameters, of.degree + 1)
+    return (
+        f"its indices would not be reliable below Q² {GOOD}; degree {of.degree + 1} needs at least {needed} cases;"
+        " if more cases do not help, the quantity jumps, or does not depend on these parameters"
+    )
+
+
+def table_of(of: Indices, keys: Sequence[str], confidence: float) -> Iterator[str]:
+    """Yield a table of the indices of each parameter."""
+    width = max(len("interactions"), *map(len, keys))
+    yield f"  {'':{width}}  {'first order':22}  total ({100 * confidence:g} % intervals)"
+    for key, first, total in zip(keys, of.first, of.total, strict=True):
+        yield f"  {key:{width}}  {_shown(first):22}  {_shown(total)}"
+    yield f"  {'interactions':{width}}  {of.interactions:.3f}"
+
+
+def _shown(index: Bounded) -> str:
+    return f"{index.value:.3f} [{index.low:.3f}, {index.high:.3f}]"
+
+
+def as_data(found: Sequence[QuantityIndices], sample: Sample, confidence: float) -> dict[str, Any]:
+    """Return all figures, in SI, as plain data."""
+    return {
+        "sweep": sample.plan.sweep.sweep,
+        "confidence": confidence,
+        "parameters": {key: asdict(d) | {"dimension": None} for key, d in sample.distributions.items()},
+        "cases": len(sample.cases),
+        "failed": {str(number): status for number, status in sample.failed.items()},
+        "quantities": {
+            q.name: {"unit": q.unit, "cases": q.cases, "mean": q.mean._asdict()} | data_of(q.indices, sample)
+            for q in found
+        },
+    }
+
+
+def data_of(of: Indices | None, sample: Sample) -> dict[str, Any]:
+    """Return the figures of indices as plain data."""
+    if of is None:
+        return {"constant": True}
+    parameters = zip(sample.distributions, of.first, of.total, strict=True)
+    return {
+        "constant": False,
+        "decided": of.decided,
+        "degree": of.degree,
+        "terms": of.terms,
+        "q2": of.q2,
+        "standard_deviation": of.sd._asdict(),
+        "indices": {key: {"first": first._asdict(), "total": total._asdict()} for key, first, total in parameters},
+    }
+
+
+def costs(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Iterator[str]:
+    """Yield lines on the cases that surrogates of each degree need, and the solves that are left for them.
+
+    Raises:
+        JobError: the sweep is not one sample.
+    """
+    axis = sample_axis(plan)
+    number, planned = len(axis.sample), len(plan.cases)
+    seconds = [record.seconds for record in records.values()]
+    each = f", {in_words(statistics.median(seconds))} each" if seconds else ""
+    sample = f"{axis.kind} sample of {number} parameters"
+    yield f"{plan.sweep.sweep}: {sample}; {planned} cases, {len(seconds)} finished{each}"
+    yield f"{'degree':>6}  {'terms':>7}  {'cases':>7}  {'solves left':>11}  time"
+    for degree in range(1, _DEGREES_SHOWN + 1):
+        needed = cases_needed(number, degree)
+        kept = 0 if axis.kind == "latin_hypercube" and needed > planned else len(seconds)
+        left = max(0, needed - kept)
+        time = in_words(left * statistics.median(seconds)) if seconds else "not known"
+        yield f"{degree:6}  {terms(number, degree):7,}  {needed:7,}  {left:11,}  {time}"
+    yield "cases are the least that a degree is fitted to, one after the other on one group of ranks"
+    if not seconds:
+        yield "time is known when cases are finished; run some by 'sweep run --first 8' (results are kept)"
+    match axis.kind:
+        case "latin_hypercube":
+            yield "a Latin hypercube of more cases is another one, all of whose cases are new"
+        case "sobol":
+            yield "a Sobol sample is best with a power of two as 'count'; a larger one keeps the finished cases"
+        case _:
+            yield "a random sample with a larger 'count' keeps the finished cases"
