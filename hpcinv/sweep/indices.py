@@ -273,13 +273,14 @@ def costs(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Iterator[str]:
     axis = sample_axis(plan)
     number, planned = len(axis.sample), len(plan.cases)
     seconds = [record.seconds for record in records.values()]
+    converged = sum(record.converged for record in records.values())
     each = f", {in_words(statistics.median(seconds))} each" if seconds else ""
     sample = f"{axis.kind} sample of {number} parameters"
     yield f"{plan.sweep.sweep}: {sample}; {planned} cases, {len(seconds)} finished{each}"
     yield f"{'degree':>6}  {'terms':>7}  {'cases':>7}  {'solves left':>11}  time"
     for degree in range(1, _DEGREES_SHOWN + 1):
         needed = cases_needed(number, degree)
-        kept = 0 if axis.kind == "latin_hypercube" and needed > planned else len(seconds)
+        kept = 0 if axis.kind == "latin_hypercube" and needed > planned else converged
         left = max(0, needed - kept)
         time = in_words(left * statistics.median(seconds)) if seconds else "not known"
         yield f"{degree:6}  {terms(number, degree):7,}  {needed:7,}  {left:11,}  {time}"

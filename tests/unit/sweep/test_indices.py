@@ -16,10 +16,12 @@ from scipy.stats import qmc
 
 from hpcinv.__main__ import main
 from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.sampling import Distribution
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.export import save
+from hpcinv.mesh.io.vtu import read_vtu
+from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.sweep.chaos import Indices, Regression, exponents, mean, polynomials, sobol_indices, terms
 from hpcinv.sweep.plan import SweepPlan, load_sweep
 
@@ -297,6 +299,67 @@ def test_shapes_that_were_not_kept(
     assert "set: {output: {mesh: [vtu]}}" in told
     assert "another 'store'" in told
     assert not shape.exists()
+
+
+TETRAHEDRON = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def keep_shapes(plan: SweepPlan, position: Callable[[float, float], Floats]) -> None:
+    """Put a tetrahedron beside the record of each case, in mm."""
+    ledger = ledger_of(plan.store)
+    for case in plan.cases:
+        points = position(case.parameters[MU], case.parameters[DENSITY])
+        none = np.zeros((0, 3), dtype=np.int64)
+        tags, cells = np.arange(1, len(points) + 1), np.arange(4)[None]
+        source = MeshSource(Path("a.vtu"), "tetrahedron", 1, points, tags, cells, np.array([1]), none, unit=1e-3)
+        path = ledger.directory(case.key) / "run-1-1" / "shape.vtu"
+        path.parent.mkdir(parents=True)
+        save(path, source, points)
+
+
+def test_the_spread_of_a_shape(tmp_path: Path, solve: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    """Node 1 moves with one parameter, node 3 with both in different directions, the others not at all."""
+
+    def position(mu: float, density: float) -> Floats:
+        found = TETRAHEDRON.copy()
+        found[1, 1] += 1e-5 * mu
+        found[3] += [2e-5 * mu, 0.0, 1e-3 * density]
+        return found
+
+    plan = draw(tmp_path, 16)
+    solve(plan, linear)
+    keep_shapes(plan, position)
+    shape = tmp_path / "spread.vtu"
+    assert main(["sweep", "indices", str(plan.path), "--shape", str(shape)]) == 0
+    assert "largest standard deviation of a node 0.03055 m" in capsys.readouterr().out
+    found = read_vtu(shape)
+    of_mu, of_density = (2e-5 * 500) ** 2, (1e-3 * 100) ** 2 / 12
+    values = {name: array.values[:, 0] for name, array in found.data.items()}
+    np.testing.assert_allclose(values["sd"], [0, 5e-3, 0, math.sqrt(of_mu + of_density)], atol=1e-12)
+    np.testing.assert_allclose(values[f"total index of {MU}"][[1, 3]], [1, of_mu / (of_mu + of_density)])
+    assert np.isnan(values[f"first-order index of {DENSITY}"][[0, 2]]).all()
+    assert values["dominating parameter"].tolist() == [-1, 0, -1, 1]
+    np.testing.assert_allclose(found.points * 1e-3, position(1e4, 200.0), atol=1e-12)
+
+
+def test_a_shape_that_does_not_change(
+    tmp_path: Path, solve: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = draw(tmp_path, 16)
+    solve(plan, linear)
+    keep_shapes(plan, lambda mu, density: TETRAHEDRON)
+    assert main(["sweep", "indices", str(plan.path), "--shape", str(tmp_path / "spread.vtu")]) == 0
+    assert "shape: the same in all cases" in capsys.readouterr().out
+
+
+def test_shapes_of_different_meshes(
+    tmp_path: Path, solve: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = draw(tmp_path, 16)
+    solve(plan, linear)
+    keep_shapes(plan, lambda mu, density: TETRAHEDRON if density < 240 else np.vstack([TETRAHEDRON, [[1, 1, 1]]]))
+    assert main(["sweep", "indices", str(plan.path), "--shape", str(tmp_path / "spread.vtu")]) == 2
+    assert "differ in more than the positions of their nodes" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
