@@ -32,7 +32,12 @@ COORDINATES: dict[str, Dimension | None] = dict.fromkeys(AXES, LENGTH)
 POSITIONS = COORDINATES | dict.fromkeys(("X", "Y", "Z", "ux", "uy", "uz"), LENGTH)
 STRESS = Dimension(length=-1, mass=1, time=-2)
 STRESSES = (*COMPONENTS, *MEASURES, "energy")
-FIELDS: dict[str, Dimension | None] = {"J": Dimension(), **dict.fromkeys(STRESSES, STRESS)}
+NORMALS = ("nx", "ny", "nz")
+FIELDS: dict[str, Dimension | None] = {
+    "J": Dimension(),
+    **dict.fromkeys(STRESSES, STRESS),
+    **dict.fromkeys(NORMALS, Dimension()),
+}
 
 LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
@@ -192,7 +197,8 @@ class QuantityOfInterest(Spec):
 
     Formulas can use the reference position X, Y, Z, the current position x, y, z, the displacement ux, uy, uz, the
     volume ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, stress measures such as p = -(sxx + syy + szz)/3 and
-    von_mises, and the energy per reference volume.
+    von_mises, and the energy per reference volume; on a surface also its outward unit normal nx, ny, nz in the current
+    body.
     """
 
     name: Name
@@ -246,6 +252,11 @@ class QuantityOfInterest(Spec):
         return self.of.names & FIELDS.keys()
 
     @property
+    def needs_surface(self) -> bool:
+        """True if the formula has the normal of a surface."""
+        return not self.of.names.isdisjoint(NORMALS)
+
+    @property
     def dimension(self) -> Dimension | None:
         """Dimension of a displacement or formula; ``None`` if numbers leave it open, or only the mesh defines it."""
         if self.is_displacement:
@@ -289,6 +300,8 @@ class QuantityOfInterest(Spec):
             problems.append((("over",), "is needed for an integral: over the 'reference' or the 'current' body"))
         elif self.over is not None and (self.on is None or self.reduce in ("max", "min", "max_abs")):
             problems.append((("over",), "is valid only with an integral, a mean or rms on a region"))
+        if self.at is not None and self.needs_surface:
+            problems.append((("of",), "has the normal of a surface: name a region of the boundary with 'on', not 'at'"))
         if self.is_displacement and self.on is not None:
             problems.append((("of",), "is a vector; use a formula on a region, such as norm(ux, uy, uz)"))
         elif not self.is_displacement:

@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem
 from ufl.classes import FacetJacobianDeterminant
 
+from hpcinv.job.sections import NORMALS
 from hpcinv.kinematics.staged_derivatives import without_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import FACET_KIND
@@ -44,7 +45,8 @@ class SceneFields:
     """Fields of a scene at the present state and position of the mesh.
 
     These are ``X Y Z x y z ux uy uz`` (m), ``J``, the Cauchy stress ``sxx syy szz sxy syz sxz`` and its measures (Pa),
-    and ``energy``, stored per reference volume (J/m³).
+    and ``energy``, stored per reference volume (J/m³); on facets also ``nx ny nz``, the outward unit normal of the
+    current body.
     """
 
     def __init__(self, body: Body, scene: Scene, scales: Scales, names: Collection[str]) -> None:
@@ -73,7 +75,7 @@ class SceneFields:
         mine = [i for i, place in enumerate(places) if place.rank == comm.rank]
         cells = np.array([places[i].cell for i in mine], dtype=np.int32)
         values = self._values("points", np.stack([place.xi for place in places]), cells, cells)
-        named = self._named(values[np.arange(len(mine)), mine])
+        named = self._named("points", values[np.arange(len(mine)), mine])
         found = {i: {name: float(v[row]) for name, v in named.items()} for row, i in enumerate(mine)}
         everywhere = {i: at for part in comm.allgather(found) for i, at in part.items()}
         return [everywhere[i] for i in range(len(places))]
@@ -91,7 +93,7 @@ class SceneFields:
         values = self._values(kind, points, entities, cells)
         values[..., -2:] *= weights[:, None] * self._scales.length ** (3 if kind == "cells" else 2)
         flat = values.reshape(-1, values.shape[2])
-        return Samples(self._named(flat[:, :-2]), flat[:, -2], flat[:, -1])
+        return Samples(self._named(kind, flat[:, :-2]), flat[:, -2], flat[:, -1])
 
     def _values(self, kind: str, points: Floats, entities: LocalIndices, cells: LocalIndices) -> Floats:
         """Return the fields and the volume or area ratios at reference points, (entities, points, …); collective."""
@@ -102,7 +104,7 @@ class SceneFields:
             if not comm.allreduce(bool(here.any()), op=MPI.LOR):
                 continue  # no cell of this law among the entities
             if (kind, number) not in self._compiled:
-                expressions = [field for field, _ in self._fields(number).values()] + self._sizes(kind)
+                expressions = [field for field, _ in self._fields(number, kind).values()] + self._sizes(kind)
                 self._compiled[kind, number] = fem.Expression(
                     without_stages(ufl.as_vector(expressions)),
                     points,
@@ -125,17 +127,19 @@ class SceneFields:
             return [abs(FacetJacobianDeterminant(mesh)) * ratio for ratio in kin.areas]
         return [abs(ufl.JacobianDeterminant(mesh)) * ratio for ratio in kin.volumes]
 
-    def _fields(self, part: int) -> dict[str, tuple[Any, float]]:
+    def _fields(self, part: int, kind: str) -> dict[str, tuple[Any, float]]:
         """Return the UFL scalar and the SI value of its unit, by field name."""
         scene, kin, scales = self._scene, self._scene.kinematics, self._scales
         found = dict(zip(_POSITIONS, ((c, scales.length) for v in (kin.X, kin.x, kin.u) for c in v), strict=True))
         found["J"] = (scene.J, 1.0)
+        if kind == "facets":
+            found |= {name: (kin.n[i], 1.0) for i, name in enumerate(NORMALS)}
         if self._of_laws:
             sigma, _ = scene.cauchy_stress[part]
             found |= {name: (sigma[at], scales.stress) for name, at in COMPONENTS.items()}
             found["energy"] = (scene.parts[part].energy, scales.stress)
         return {name: field for name, field in found.items() if name in self._names}
 
-    def _named(self, values: Floats) -> dict[str, Floats]:
-        named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self._fields(0).items())}
+    def _named(self, kind: str, values: Floats) -> dict[str, Floats]:
+        named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self._fields(0, kind).items())}
         return named | {m: MEASURES[m](*(named[c] for c in components_of(m))) for m in self._measures}

@@ -42,7 +42,12 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
         if quantity.on is not None:
             with naming_field(f"quantities: {quantity.name}"):
                 region = find(body.regions, quantity.on, body.source)
-                if quantity.by_quadrature and not region.cell_count:
+                if quantity.needs_surface and region.cell_count:
+                    problems.append(
+                        f"quantities: {quantity.name}: '{quantity.of}' has the normal of a surface, and '{quantity.on}'"
+                        " has cells"
+                    )
+                elif quantity.by_quadrature and not region.cell_count:
                     body.boundary_facets(quantity.on)
         elif locate(body, np.array(quantity.at)) is None:
             problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")

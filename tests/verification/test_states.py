@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import log
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
 from hpcinv.solver.problem_cache import Workspace
 
+ROOT = Path(__file__).parents[2]
 MU, LAM = 1e4, 4e4
 SOFT: dict[str, Any] = {"material": {"law": "neo-hookean", "mu": MU, "lam": LAM}, "certificate": NO_CERTIFICATE}
 BASE = [{"region": "z0", "fix": ["x", "y", "z"]}]
@@ -306,3 +308,23 @@ def test_bad_states_are_refused_with_one_message(changes: dict[str, Any], messag
     with pytest.raises(JobError, match=message) as caught:
         job(mesh=box((1, 1, 1)), **SOFT, **whole | changes)
     assert len(caught.value.problems) == 1
+
+
+@pytest.mark.release
+def test_a_ventricle_fills_as_klotz_found(comm: MPI.Intracomm) -> None:
+    """Volumes at 2 to 30 mmHg, from that at 9 mmHg alone, by the curve of human hearts.
+
+    Source: Klotz et al. (2006), doi:10.1152/ajpheart.01240.2005.
+    """
+    found = hpcinv.run(hpcinv.load(ROOT / "jobs" / "ventricle.yaml"), comm).quantities
+    pressure, volume = 9.0, found["volume-filled"]
+    a, c, base = 25e-3, 60e-3, 15e-3
+    cavity = np.pi * a**2 * ((base - base**3 / (3 * c**2)) + 2 * c / 3)
+    assert volume == pytest.approx(cavity, rel=1e-3)  # of curved cells of 8 mm
+    empty = volume * (0.6 - 0.006 * pressure)
+    at_30 = empty + (volume - empty) / (pressure / 27.78) ** (1 / 2.76)
+    beta = np.log(pressure / 30) / np.log(volume / at_30)
+    for p in (2, 4, 6, 30):
+        klotz = at_30 * (p / 30) ** (1 / beta)
+        print(f"{p} mmHg: {1e6 * found[f'volume-at-{p}']:.1f} ml, Klotz {1e6 * klotz:.1f} ml")
+        assert found[f"volume-at-{p}"] == pytest.approx(klotz, rel=0.05)

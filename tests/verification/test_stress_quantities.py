@@ -88,9 +88,27 @@ def test_a_homogeneous_state_has_its_stress_everywhere(comm: MPI.Intracomm) -> N
             (named("1", on="z0", reduce="integral", over=over), areas[2]),
             (named("p*J", on="block", reduce="integral", over=over), exact["p"] * J * ratio),
         ]
+        # The divergence theorem: the volume of the current body by its boundary.
+        normal = np.linalg.inv(F).T[:, 0] if direction == "forward" else np.eye(3)[0]
+        volume = np.linalg.det(F) if direction == "forward" else 1.0
+        enclosed = "(x*nx + y*ny + z*nz)/3"
+        asked += [(named(enclosed, on="boundary", reduce="integral", over="current"), volume)]
+        asked += [
+            (named(name, on="x1", reduce="mean"), component)
+            for name, component in zip(("nx", "ny", "nz"), normal / np.linalg.norm(normal), strict=True)
+        ]
         found = values(comm, direction, lambda x: H @ x, [q for q, _ in asked])  # noqa: B023
         for (q, value), got in zip(asked, found, strict=True):
             assert got == pytest.approx(value, rel=1e-11, abs=1e-13 * MU * ("J" not in q.of.names)), q
+
+
+def test_normals_are_refused_where_there_are_none(comm: MPI.Intracomm) -> None:
+    with pytest.raises(JobError, match=r"has the normal of a surface: name a region of the boundary with 'on'"):
+        job(**GOOD, quantities=[{"name": "q", "of": "nx", "at": [0, 0, 0]}])
+    its = job(**GOOD, quantities=[{"name": "q", "of": "nx", "on": "block", "reduce": "mean"}])
+    body = build_body(its.mesh, its.regions, comm, resolve=its.resolve)
+    with pytest.raises(MeshError, match=r"quantities: q: 'nx' has the normal of a surface, and 'block' has cells"):
+        check_points(its.quantities, body)
 
 
 @pytest.mark.parallel([1, 2])
