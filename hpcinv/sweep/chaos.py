@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
+import scipy.stats
 from numpy.polynomial import hermite_e, legendre
 
 from hpcinv.mesh.source import Floats, Ints
@@ -34,6 +35,7 @@ HIGHEST = 12
 GOOD = 0.95
 """share of the variance (Q²) that a surrogate must predict for its indices to count"""
 _CONDITION = 1e8  # of the polynomials at the sample, above which a degree is not used
+_LONG_TAIL = 1.0  # excess kurtosis; that of a uniform sample is -1.2, of a normal one 0
 _RESAMPLES, _SEED = 1000, 20080701
 
 
@@ -184,6 +186,7 @@ class Indices:
         q2: share of the variance that the surrogate predicts at cases that are left out; negative if it is worse than
             the mean.
         first, total: of each parameter.
+        kurtosis: excess kurtosis of the values, 0 for normal ones.
     """
 
     degree: int
@@ -192,6 +195,12 @@ class Indices:
     sd: Bounded
     first: tuple[Bounded, ...]
     total: tuple[Bounded, ...]
+    kurtosis: float
+
+    @property
+    def has_long_tail(self) -> bool:
+        """Whether rare values carry so much of the variance that the intervals are too narrow."""
+        return self.kurtosis > _LONG_TAIL
 
     @property
     def decided(self) -> bool:
@@ -246,6 +255,7 @@ def sobol_indices(regression: Regression, surrogate: Surrogate, values: Floats, 
         Bounded(*(math.sqrt(v) for v in variance)),
         tuple(share(part) for part in alone.T @ squares),
         tuple(share(part) for part in involved.T @ squares),
+        float(scipy.stats.kurtosis(values).max()),
     )
 
 

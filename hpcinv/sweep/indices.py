@@ -199,6 +199,8 @@ def describe(found: QuantityIndices, keys: Sequence[str], confidence: float) -> 
         f"  mean {found.mean.value:.6g} [{found.mean.low:.6g}, {found.mean.high:.6g}]{unit}, standard deviation"
         f" {of.sd.value:.4g} [{of.sd.low:.4g}, {of.sd.high:.4g}]{unit}"
     )
+    if of.has_long_tail:
+        yield f"  the values have a long tail (excess kurtosis {of.kurtosis:.2g}): the intervals may be too narrow"
     yield from table_of(of, keys, confidence)
 
 
@@ -259,6 +261,7 @@ def data_of(of: Indices | None, sample: Sample) -> dict[str, Any]:
         "degree": of.degree,
         "terms": of.terms,
         "q2": of.q2,
+        "long_tail": of.has_long_tail,
         "standard_deviation": of.sd._asdict(),
         "indices": {key: {"first": first._asdict(), "total": total._asdict()} for key, first, total in parameters},
     }

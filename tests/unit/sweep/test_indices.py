@@ -188,6 +188,26 @@ def test_intervals_contain_the_indices_as_often_as_they_say(kind: str) -> None:
     assert np.all(coverage >= 0.89)
 
 
+def test_intervals_that_a_long_tail_makes_too_narrow_are_told() -> None:
+    """Of exp(0.8 z₁ + 0.5 z₂), whose indices are those of a product of lognormal factors."""
+    rng = np.random.default_rng(11)
+    s = np.array([0.8, 0.5])
+    v = np.expm1(s**2)
+    whole = np.prod(1 + v) - 1
+    exact = np.array([*(v / whole), *(v * np.prod(1 + v) / (1 + v) / whole)])
+    inside, told = [], []
+    for _ in range(100):
+        points = rng.standard_normal((60, 2))
+        found = indices_of(points, [True] * 2, np.exp(points @ s))
+        of = np.array([*found.first, *found.total])
+        inside.append((of[:, 1] <= exact) & (exact <= of[:, 2]))
+        told.append(found.has_long_tail)
+    print("long tail", np.mean(inside, axis=0), np.mean(told))
+    assert np.mean(told) > 0.9
+    uniform = rng.uniform(-1, 1, (60, 2))
+    assert not indices_of(uniform, [False] * 2, uniform @ s).has_long_tail
+
+
 def test_noise_is_not_decided() -> None:
     points = cube(64, 2)
     found = indices_of(points, [False] * 2, np.random.default_rng(8).standard_normal(64))
