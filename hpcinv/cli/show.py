@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,11 +11,11 @@ from hpcinv.cli.mesh import JOBS, mesh_spec, on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import load
+from hpcinv.pictures.colours import COLOURS, Colour
 
 if TYPE_CHECKING:
     from hpcinv.pictures.drawing import Picture
 
-_COLOURS = ("displacement", "von-mises", "pressure", "J", "error")
 _EPILOG = """examples:
   hpcinv show jobs/thick-sphere.yaml          the mesh with supports and loads, before an hour of compute
   hpcinv show body.msh                        the named regions of a mesh
@@ -32,7 +31,7 @@ def add_show(commands: Any) -> None:
     )
     show.add_argument("input", type=Path, help="job file, mesh or generator of one, or directory of a run")
     show.add_argument("--output", type=Path, help="the PNG; by default NAME.png in the working directory")
-    show.add_argument("--colour", choices=_COLOURS, help="field on the bodies of a run; by default displacement")
+    show.add_argument("--colour", choices=COLOURS, help="field on the bodies of a run; by default displacement")
     show.add_argument("--unit", help="length unit of a mesh, as mesh.unit of a job")
     add_option(show)
     show.set_defaults(command=_show)
@@ -59,18 +58,17 @@ def _show(options: argparse.Namespace) -> int:
     return 0
 
 
-def _of_run(directory: Path, colour: str) -> Picture:
+def _of_run(directory: Path, colour: Colour) -> Picture:
+    from hpcinv.output.run_directory import RunDirectory
     from hpcinv.pictures.boundary import NAME, read_boundary
     from hpcinv.pictures.result_picture import draw_result
 
-    try:
-        summary = json.loads((directory / "summary.json").read_text())
-        boundary = read_boundary(directory / NAME)
-        return draw_result(summary, boundary, colour)
-    except (OSError, ValueError, KeyError, TypeError):
+    summary = RunDirectory(directory).summary()
+    if summary is None or not {"job", "certificate"} <= summary.keys():
         raise OutputError(
             f"{directory}: has no summary of a run", "Give the directory that 'run' printed at its beginning."
-        ) from None
+        )
+    return draw_result(summary, read_boundary(directory / NAME), colour)
 
 
 def _of_body(path: Path, unit: str | None) -> Picture:

@@ -26,7 +26,7 @@ class SurfaceDistance:
     def __init__(self, path: Path, unit: float, flip: bool, comm: MPI.Intracomm) -> None:
         import pyvista
 
-        points, triangles = comm.bcast(on_root(comm, lambda: _read(path)))
+        points, triangles = on_root(comm, lambda: _read(path))
         surface = pyvista.PolyData.from_regular_faces(points * unit, triangles[:, ::-1] if flip else triangles)
         self._surface = surface.compute_normals(
             feature_angle=_SMOOTH,

@@ -20,8 +20,8 @@ from hpcinv.results.totals import Totals
 from hpcinv.sensitivity.analysis import Sensitivities
 
 if TYPE_CHECKING:
+    from hpcinv.pictures.colours import Colour
     from hpcinv.pictures.drawing import Picture
-    from hpcinv.pictures.result_picture import Colour
 
 
 @dataclass(frozen=True, repr=False)

@@ -47,13 +47,19 @@ class RunDirectory:
     def checkpoints(self) -> Path:
         return self.path / "checkpoints"
 
+    def summary(self) -> dict[str, Any] | None:
+        """Return the content of ``summary.json``, ``None`` if it is missing or not that of a run."""
+        try:
+            found: dict[str, Any] = json.loads((self.path / "summary.json").read_text())
+            _ = found["status"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        return found
+
     @property
     def is_finished(self) -> bool:
-        try:
-            status = json.loads((self.path / "summary.json").read_text())["status"]
-        except (OSError, ValueError, KeyError, TypeError):
-            return False
-        return bool(status == "converged")
+        summary = self.summary()
+        return summary is not None and bool(summary["status"] == "converged")
 
     @property
     def is_begun(self) -> bool:

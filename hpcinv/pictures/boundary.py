@@ -100,14 +100,17 @@ def boundary_of(body: Body, solutions: Sequence[Solution] = (), estimate: Estima
 
     nodes = solutions[0].mesh_nodes if solutions else body.mesh.geometry.x * body.length_scale
     given = gather_surface(body, nodes, evaluate)
-    others = [[gather_surface(body, x) for x in (one.mesh_nodes, one.other_nodes)] for one in solutions]
-    if given is None:
+    others = [gather_surface(body, one.other_nodes) for one in solutions]
+    rest = gather_surface(body, solutions[1].mesh_nodes) if len(solutions) > 1 else given
+    if given is None or rest is None:
         return None
     cut, n = _cut(given), len(regions)
+    meshes = [cut.points, *[_cut(rest).points] * (len(solutions) - 1)]  # further states are solved from one shape
     values = given.values[cut.facet]
     results = []
-    for i, (solution, surfaces) in enumerate(zip(solutions, others, strict=True)):
-        mesh, found = (_cut(surface).points for surface in surfaces if surface is not None)
+    for i, (solution, surface) in enumerate(zip(solutions, others, strict=True)):
+        assert surface is not None  # on rank 0
+        mesh, found = meshes[i], _cut(surface).points
         of_cells = values[:, n + 10 * i : n + 10 * i + 10]
         results.append(
             BoundaryResult(solution.state, solution.direction, mesh, found, stress=of_cells[:, 1:], J=of_cells[:, 0])

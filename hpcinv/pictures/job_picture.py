@@ -12,6 +12,7 @@ from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
 from hpcinv.pictures.boundary import Boundary
 from hpcinv.pictures.drawing import Body, Glyphs, Picture, View, directions, extent, figure
+from hpcinv.quantity.units import readable
 
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")
@@ -19,7 +20,6 @@ _LOADS = ("#D55E00", "#E69F00", "#CC79A7", "#8B2500")
 _REGIONS = ("#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0072B2", "#D55E00", "#F0E442", "#666666")
 _SYMBOLS = 40  # of one support or load
 _SIZE = 0.07  # of an arrow, relative to the body
-_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 _TEXT = 90  # characters of a line of the legend
 
 
@@ -153,9 +153,7 @@ def _text(given: Mapping[str, Any], head: str) -> str:
 
 
 def _size(points: Floats) -> str:
-    sides = np.ptp(points, axis=0)
-    unit, name = next((unit, name) for unit, name in _UNITS if sides.max() >= unit or name == "nm")
-    return " x ".join(f"{side / unit:.3g}" for side in sides) + f" {name}"
+    return " x ".join(readable(float(side), "m") for side in np.ptp(points, axis=0))
 
 
 def _cycle(colours: Sequence[str]) -> Iterator[str]:

@@ -2,16 +2,16 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from hpcinv.errors import OutputError
 from hpcinv.mesh.source import Floats
 from hpcinv.pictures.boundary import Boundary, BoundaryResult
+from hpcinv.pictures.colours import Colour
 from hpcinv.pictures.drawing import Body, Picture, View, directions, figure
-
-type Colour = Literal["displacement", "von-mises", "pressure", "J", "error"]
+from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 
 
 @dataclass(frozen=True)
@@ -20,19 +20,16 @@ class _Field:
     evaluate: Callable[[Boundary, BoundaryResult], Floats | None]
 
 
-def von_mises(_boundary: Boundary, result: BoundaryResult) -> Floats:
-    """Return the von Mises stress of each triangle, in Pa."""
+def measure(name: str, result: BoundaryResult) -> Floats:
+    """Return a stress measure of each triangle, in Pa."""
     stress = result.stress.reshape(-1, 3, 3)
-    deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
-    return np.asarray(np.sqrt(1.5 * np.einsum("tij,tij->t", deviator, deviator)))
+    return np.asarray(MEASURES[name](*(stress[:, *COMPONENTS[one]] for one in components_of(name))))
 
 
-FIELDS: dict[str, _Field] = {
+FIELDS: dict[Colour, _Field] = {
     "displacement": _Field("displacement (m)", lambda _, result: np.linalg.norm(result.displacement, axis=1)),
-    "von-mises": _Field("von Mises stress (Pa), mean of each cell", von_mises),
-    "pressure": _Field(
-        "pressure -tr σ/3 (Pa), mean of each cell", lambda _, result: -result.stress[:, [0, 4, 8]].mean(axis=1)
-    ),
+    "von-mises": _Field("von Mises stress (Pa), mean of each cell", lambda _, result: measure("von_mises", result)),
+    "pressure": _Field("pressure -tr σ/3 (Pa), mean of each cell", lambda _, result: measure("p", result)),
     "J": _Field("volume ratio J, mean of each cell", lambda _, result: result.J),
     "error": _Field("estimated error of the displacement gradient", lambda boundary, _: boundary.error),
 }
@@ -47,7 +44,7 @@ class _Shape:
     result: BoundaryResult
 
 
-def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: str = "displacement") -> Picture:
+def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour = "displacement") -> Picture:
     """Draw the given body beside those that were found, in one frame; behind each there is another one as a shadow.
 
     A body without load shows the values of the result that it belongs to, at the same material points.

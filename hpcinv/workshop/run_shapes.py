@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,18 +38,17 @@ def read_shape(run: Path, shape: Shape) -> MeshSource:
 def _summary(run: Path) -> dict[str, Any]:
     if not run.is_dir():
         raise OutputError(f"{run}: no such directory", "Give the directory that 'run' printed at its beginning.")
-    try:
-        summary: dict[str, Any] = json.loads((run / "summary.json").read_text())
-        status = summary["status"]
-    except (OSError, ValueError, KeyError, TypeError):
-        begun = RunDirectory(run).is_begun and is_file(run / "job.yaml")
+    directory = RunDirectory(run)
+    if (summary := directory.summary()) is None:
+        begun = directory.is_begun and is_file(run / "job.yaml")
         raise OutputError(
             f"{run}: {'the run is not finished' if begun else 'is not the directory of a finished run'}",
             f"Finish it by 'resume {run}'." if begun else "Give the directory that 'run' printed at its beginning.",
-        ) from None
-    if status != "converged":
+        )
+    if summary["status"] != "converged":
         raise OutputError(
-            f"{run}: the run failed, and has no shape: {status}", "summary.json and run.log tell what to try."
+            f"{run}: the run failed, and has no shape: {summary['status']}",
+            "summary.json and run.log tell what to try.",
         )
     return summary
 
