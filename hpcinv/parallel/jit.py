@@ -12,25 +12,38 @@ time out. The functions here (with `hpcinv.parallel.kernel_files`) have no such 
 another user could have written are not loaded.
 """
 
+import ctypes
 import gc
 import hashlib
-import importlib.util
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
+import cffi
 import dolfinx.jit
 import ffcx.codegeneration.jit as ffcx_jit
+import ffcx.compiler
 from dolfinx.jit import get_options
 
 from hpcinv.errors import OutputError
-from hpcinv.parallel.kernel_files import check_room, is_sealed, locked, make_directory, private_directory, publish
+from hpcinv.parallel.kernel_compiler import DECLARATIONS, NotCompiled, compile_kernel, interface_code
+from hpcinv.parallel.kernel_files import (
+    NotWritten,
+    check_room,
+    is_sealed,
+    locked,
+    make_directory,
+    private_directory,
+    publish,
+    unsealed,
+)
 from hpcinv.parallel.ownership import foreign_writer, foreign_writer_above
 from hpcinv.parallel.ranks import wait_for_root
 from hpcinv.parallel.runtime import MPI
@@ -99,13 +112,11 @@ JIT_OPTIONS = {"cffi_extra_compile_args": [*FLAGS, *_environment()], "cache_dir"
 NOT_FOUND: list[str] = []
 """names of the kernels that this process did not find in the cache, so that it had to compile them or to wait"""
 
-_compile_in_place = ffcx_jit._compile_objects
 
-
-def _find(name: str, directory: Path) -> Path | None:
+def _find(name: str, directory: Path, suffix: str = ".so") -> Path | None:
     """Complete file of a kernel that no other user could have written, or None."""
     for place in _PLACES if directory == DIRECTORY else (directory,):
-        path = place / f"{name}.so"
+        path = place / f"{name}{suffix}"
         try:
             with path.open("rb") as file:
                 foreign = "" if _TRUSTS else foreign_writer(os.fstat(file.fileno()))
@@ -118,13 +129,29 @@ def _find(name: str, directory: Path) -> Path | None:
     return None
 
 
-def _load(path: Path, name: str, objects: Sequence[str]) -> tuple[list[Any], Any]:
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{path}: is not an extension module")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return [getattr(module.lib, of) for of in objects], module
+_types: dict[str, Any] = {}
+
+
+def _interface(directory: Path) -> Any:
+    """CFFI's description of the C types of kernels, kept as a file among them if that can be written."""
+    if not _types:
+        name = f"ufcx_{hashlib.sha1(f'{cffi.__version__}{DECLARATIONS}'.encode()).hexdigest()}"
+        if path := _find(name, directory, ".py"):
+            code = unsealed(path.read_bytes()).decode()
+        else:
+            code = interface_code()
+            with suppress(NotWritten):
+                publish(directory / f"{name}.py", code.encode())
+        exec(compile(code, name, "exec"), _types)
+    return _types["ffi"]
+
+
+def _load(path: Path, objects: Sequence[str], directory: Path) -> tuple[list[Any], Any]:
+    """The named forms or expressions of a kernel's file, and what DOLFINx calls their module."""
+    ffi, library = _interface(directory), ctypes.CDLL(str(path))
+    kind = "ufcx_form" if path.name.startswith("libffcx_forms") else "ufcx_expression"
+    addresses = [ctypes.addressof(ctypes.c_char.in_dll(library, of)) for of in objects]
+    return [ffi.cast(f"{kind} *", address)[0] for address in addresses], SimpleNamespace(ffi=ffi, lib=library)
 
 
 def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _timeout: int) -> tuple[Any, Any]:
@@ -133,14 +160,14 @@ def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _time
     if path is None:
         NOT_FOUND.append(name)
         return None, None
-    return _load(path, name, objects)
+    return _load(path, objects, Path(directory))
 
 
 def _load_objects(directory: Path, name: str, objects: Sequence[str]) -> tuple[Any, Any]:
     path = _find(name, Path(directory))
     if path is None:
         raise ModuleNotFoundError(f"the kernel {name} was removed from {directory} after its compilation")
-    return _load(path, name, objects)
+    return _load(path, objects, Path(directory))
 
 
 @contextmanager
@@ -156,14 +183,15 @@ def _no_garbage_collection() -> Iterator[None]:
 
 
 def _compile_objects(
-    declarations: str,
+    _declarations: str,
     forms: Any,
-    objects: Sequence[str],
+    _objects: Sequence[str],
     name: str,
     options: Any,
     directory: Path,
-    *arguments: Any,
-    **further: Any,
+    flags: Sequence[str],
+    *_cffi: Any,
+    visualise: bool = False,
 ) -> str:
     """Compile a kernel in a private directory and publish it, unless another process has done so."""
     directory = Path(directory)
@@ -171,16 +199,16 @@ def _compile_objects(
         if _find(name, directory) is not None:
             return ""
         with private_directory() as private, _no_garbage_collection():
+            (_, code), _suffixes = ffcx.compiler.compile_ufl_objects(
+                forms, namespace=name, options=options, visualise=visualise
+            )
             try:
-                code: str = _compile_in_place(
-                    declarations, forms, objects, name, options, private, *arguments, **further
-                )
-            except Exception:
+                made = compile_kernel(code, name, flags, private)
+            except (NotCompiled, OSError):
                 check_room(private)
                 raise
-            (made,) = private.glob(f"{name}.*so")
-            publish(directory / f"{name}.so", made.read_bytes())
-        return code
+            publish(directory / f"{name}.so", made)
+        return str(code)
 
 
 _jit_here: Callable[..., Any] = dolfinx.jit.ffcx_jit.__wrapped__

@@ -45,10 +45,14 @@ def make_directory(path: Path) -> None:
         os.umask(before)
 
 
+def unsealed(content: bytes) -> bytes:
+    """What was published, of the content of its file."""
+    return content[: -len(_MARK) - sha256().digest_size]
+
+
 def is_sealed(content: bytes) -> bool:
     """Return whether the content is a complete kernel file, unchanged since it was published."""
-    digest = sha256(content[: -len(_MARK) - sha256().digest_size]).digest()
-    return content.endswith(digest + _MARK)
+    return content.endswith(sha256(unsealed(content)).digest() + _MARK)
 
 
 def publish(path: Path, content: bytes) -> None:

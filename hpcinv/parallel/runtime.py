@@ -49,9 +49,17 @@ def compilation_explained(comm: MPI.Intracomm) -> Iterator[None]:
         raise
 
 
+def c_compiler() -> list[str]:
+    """Command of the C compiler: that of CC, else that of the Python in use, else cc."""
+    if asked := os.environ.get("CC"):
+        return shlex.split(asked)
+    own = shlex.split(sysconfig.get_config_var("CC") or "cc")
+    return own if shutil.which(own[0]) else ["cc"]
+
+
 def _explain_compilation(text: str) -> None:
-    packages = "On Debian and Ubuntu: apt-get install gcc libc6-dev python3-dev; elsewhere set CC to your compiler."
-    compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[0]
+    packages = "On Debian and Ubuntu: apt-get install gcc libc6-dev; elsewhere set CC to your compiler."
+    compiler = c_compiler()[0]
     if shutil.which(compiler) is None:
         raise SystemPartMissing(f"no C compiler '{compiler}', which DOLFINx needs to compile kernels", packages)
     if unwritten := re.search(r"(kernels cannot be written|the compiler cannot write) to .*", text):
@@ -59,14 +67,15 @@ def _explain_compilation(text: str) -> None:
             unwritten[0],
             "Make room there, or name other directories: HPCINV_KERNELS for kernels, TMPDIR for the compiler's files.",
         )
-    if "CompileError" in text or "LinkError" in text:
-        raise SystemPartMissing(f"the C compiler '{compiler}' could not compile a kernel: {text}", packages)
+    if failed := re.search(r"the C compiler .* could not compile a kernel.*", text, re.DOTALL):
+        raise SystemPartMissing(failed[0], packages)
 
 
 __all__ = [
     "MPI",
     "abort",
     "agree",
+    "c_compiler",
     "compilation_explained",
     "failing_together",
     "on_root",

@@ -1,0 +1,79 @@
+"""Compilation of a kernel's C code, and the types in it.
+
+CFFI would compile each kernel as an extension module of Python. A kernel needs none of Python's headers: as a plain
+shared object it compiles in half the time, with the C compiler alone.
+"""
+
+import io
+import os
+import shlex
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from hpcinv.parallel.runtime import c_compiler  # its import order first
+
+# isort: split
+import cffi
+import ffcx.codegeneration
+import ffcx.codegeneration.jit as ffcx_jit
+
+DECLARATIONS = (
+    ffcx_jit.UFC_HEADER_DECL.format("float64")
+    + ffcx_jit.UFC_INTEGRAL_DECL
+    + ffcx_jit.UFC_FORM_DECL
+    + ffcx_jit.UFC_EXPRESSION_DECL
+)
+"""C types of kernels"""
+
+
+class NotCompiled(Exception):
+    """The C compiler fails, or cannot be started."""
+
+
+def compile_kernel(code: str, name: str, flags: Sequence[str], directory: Path) -> bytes:
+    """Compile C code to a shared object.
+
+    Args:
+        flags: of the compiler; those of CPPFLAGS, CFLAGS and LDFLAGS in the environment come later and prevail.
+        directory: for the files of the compiler.
+
+    Raises:
+        NotCompiled: with the first lines that the compiler writes.
+        OSError: the code cannot be written, or the shared object not be read.
+    """
+    source, target = directory / f"{name}.c", directory / f"{name}.so"
+    source.write_text(code)
+    preprocessor, compiler, linker = (shlex.split(os.environ.get(of, "")) for of in ("CPPFLAGS", "CFLAGS", "LDFLAGS"))
+    include = f"-I{ffcx.codegeneration.get_include_path()}"
+    command = [*c_compiler(), "-std=c17", "-fPIC", "-shared", *flags, include, *preprocessor, *compiler]
+    failure = f"the C compiler '{command[0]}' could not compile a kernel"
+    try:
+        subprocess.run(
+            [*command, str(source), "-o", str(target), *linker, "-lm"],
+            check=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+        )
+    except OSError as error:
+        raise NotCompiled(f"{failure}: {error.strerror}") from error
+    except subprocess.CalledProcessError as error:
+        said = " ".join(error.stderr.split("\n", 3)[:3]).strip()
+        raise NotCompiled(f"{failure}: exit code {error.returncode}. {said}".rstrip()) from error
+    return target.read_bytes()
+
+
+def interface_code() -> str:
+    """Python code that defines ``ffi``, CFFI's description of the C types of kernels.
+
+    CFFI takes 60 ms to make it from the declarations in C, most of them for importing its parser.
+    """
+    from cffi.recompiler import make_py_source  # with a parser of C, which most processes do not need
+
+    ffi = cffi.FFI()
+    ffi.cdef(DECLARATIONS)
+    code = io.StringIO()
+    make_py_source(ffi, "ufcx", code)
+    return code.getvalue()
