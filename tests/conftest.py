@@ -18,6 +18,8 @@ UNIT = ROOT / "tests" / "unit"
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 # A rank that fails alone leaves the others waiting: let mpiexec end them, so that the test fails instead of hanging.
 os.environ.setdefault("MPIEXEC_TIMEOUT", "300")
+# Most kernels are called a few times, on small meshes: compiling them takes longer than running them.
+os.environ.setdefault("CFLAGS", "-O0")
 # Without byte code each of some thousand processes would compile all that it imports: twice its processor time.
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
     os.environ["PYTHONPYCACHEPREFIX"] = str(ROOT / ".pytest_cache" / "bytecode")

@@ -24,16 +24,12 @@ from hpcinv.job.job import Job, parse
 from hpcinv.materials import laws
 from hpcinv.mesh import build_body
 from hpcinv.output.progress import Progress
-from hpcinv.parallel.jit import FLAGS, JIT_OPTIONS
+from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.problem import Model
 
 HERE = Path(__file__).parents[1]
-UNOPTIMIZED = JIT_OPTIONS | {
-    "cffi_extra_compile_args": ["-O0", *(flag for flag in JIT_OPTIONS["cffi_extra_compile_args"] if flag not in FLAGS)]
-}
-"""The kernels of this test are called once: most of their time would be the compiler's."""
 FIBRES = {
     "fibre": {"direction": [1, 0.5, 0], "given_on": "current"},
     "fibre1": {"direction": ["1 + y/(3 m)", "-0.2", "Z/(2 m)"], "given_on": "current"},
@@ -115,10 +111,10 @@ def test_moduli_of_the_registry_make_the_compiled_tangent(
     for pressure in parts[1:]:
         pressure.interpolate(lambda x: 0.3 * np.cos(x[0] - 2 * x[2]))
     with as_for(cells=1_000_000):
-        filled = tangent_of(scene, UNOPTIMIZED)
+        filled = tangent_of(scene, JIT_OPTIONS)
     assert isinstance(filled, FilledTangent), filled.note
     matrices = []
-    for tangent in (filled, CompiledTangent(scene, UNOPTIMIZED)):
+    for tangent in (filled, CompiledTangent(scene, JIT_OPTIONS)):
         matrix, assemble = tangent.create_matrix(model.supports.conditions)
         assemble()
         matrices.append(matrix)

@@ -83,7 +83,8 @@ def check(solved: Solved, k: float, stress: Any, energy: Any) -> None:
         "displacement": solved.relative_error(u, ufl.as_vector([k * y, 0, 0])),
     }
     print(f"k = {k}:", ", ".join(f"{name} {error:.1e}" for name, error in errors.items()))
-    assert max(errors.values()) < 1e-12
+    assert max(errors["energy"], errors["displacement"]) < 1e-12
+    assert errors["stress"] < 1e-11  # a pressure of up to 1000 shear moduli times the rounding of the volume ratio
 
 
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
