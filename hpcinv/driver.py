@@ -25,7 +25,7 @@ from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.shape_distance import differences
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.results.totals import totals_of
-from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
+from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
 from hpcinv.solver.observer import Observer, Observers, StopSignal
 from hpcinv.solver.problem import Model
 from hpcinv.solver.problem_cache import Workspace
@@ -78,7 +78,7 @@ def run(
         checkpoint_writer = CheckpointWriter(checkpoints, store, model)
         observer = Observers(progress, checkpoint_writer, report, stop)
         quantities: dict[str, Value] = {}
-        slopes: Sensitivities | None = None
+        slopes: dict[str, Sensitivities] = {}
         for number, solve in enumerate(models.plan):
             model = models.of(number, solutions[0].displacement if number else None)
             if number == len(solutions):
@@ -96,8 +96,10 @@ def run(
                 if solve.mesh is not None:
                     wanted = carried(wanted, body, solution.mesh_nodes)
                 quantities |= evaluate(wanted, body, solution, model)
-                slopes = sensitivities(model, solution) if number == 0 else slopes
-                store.write_shape(job, model, solution, slopes if number == 0 else None, progress)
+                if parameters := job.differentiated:
+                    given = None if solve.mesh is None else (solutions[0], next(iter(slopes.values())))
+                    slopes[solve.shape] = sensitivities(model, solution, parameters, given)
+                store.write_shape(job, model, solution, slopes.get(solve.shape), progress)
             checkpoint_writer.finished(solution)
         quantities = {q.name: quantities[q.name] for q in job.quantities}
 
@@ -106,7 +108,7 @@ def run(
                 models, solutions, quantities, problem.estimate, progress.detail, progress
             )
         errors = differences(body, solutions, problem.expected)
-        return report.conclude(solutions, certificate, quantities, errors, estimate, slopes)
+        return report.conclude(solutions, certificate, quantities, errors, estimate, of_all_shapes(slopes, quantities))
 
 
 def _solve(

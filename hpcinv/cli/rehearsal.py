@@ -23,7 +23,7 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.keys import parse_key
 from hpcinv.results.quantities_of_interest import evaluate
 from hpcinv.results.solution import Solution, solution_of
-from hpcinv.sensitivity.analysis import sensitivities
+from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.problem import Model
 from hpcinv.solver.problem_cache import Workspace
@@ -52,6 +52,7 @@ def _rehearse(job: Job, source: MeshSource) -> None:
     with Workspace(MPI.COMM_SELF) as workspace:
         models = workspace.models(_held(job), body, Timings())
         solutions: list[Solution] = []
+        slopes: list[Sensitivities] = []
         for number, solve in enumerate(models.plan):
             model = models.of(number, solutions[0].displacement if solutions else None)
             model.unknowns.state.x.array[:] = 0.0
@@ -60,7 +61,9 @@ def _rehearse(job: Job, source: MeshSource) -> None:
             equilibrium.compile(prescribed_motion=moved[number])
             solutions.append(solution_of(model, solve.direction, model.scene(solve.direction), ()))
             model.release(equilibrium)
-        sensitivities(models.of(0), solutions[0])
+            if (parameters := job.differentiated) and (number == 0 or solve.job.state):
+                given = (solutions[0], slopes[0]) if solve.mesh is not None else None
+                slopes.append(sensitivities(model, solutions[number], parameters, given))
         if not job.states:
             _check(models.of(0), solutions)
         known = set[tuple[int, str, bool]]()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -62,12 +62,14 @@ class PlannedSolve:
         job: the job, or that of one state by itself.
         mesh: number of the earlier solve that finds the body on which this one is solved; ``None`` for the given mesh.
         start: number of the earlier solve at whose solution the load path begins; ``None`` for the unloaded body.
+        shape: name of the state whose shape it computes; empty without states.
     """
 
     job: Job
     direction: Direction
     mesh: int | None
     start: int | None = None
+    shape: str = ""
 
 
 class Job(Spec):
@@ -199,7 +201,9 @@ class Job(Spec):
             direction: Direction = "inverse" if self.states[i].given else "forward"
             names = [solve.job.state for solve in found]
             start = names.index(before) if (before := self.states[i].start) in names else None
-            found.append(PlannedSolve(self._in_state(i), direction, 0 if found and not has_rest else None, start))
+            shape = self.rest if self.states[i].given else self.states[i].name
+            mesh = 0 if found and not has_rest else None
+            found.append(PlannedSolve(self._in_state(i), direction, mesh, start, shape))
         return tuple(found)
 
     @property
@@ -229,9 +233,7 @@ class Job(Spec):
         }
         job = self.model_copy(update=changes)
         job._state = state.name
-        job._places = {"effects": f"states[{number}].effects"}
-        if state.supports is not None:
-            job._places |= {"supports": f"states[{number}].supports"}
+        job._places = _places_of(number, state)
         return job
 
     def place(self, section: str) -> str:
@@ -275,9 +277,15 @@ class Job(Spec):
     @property
     def differentiated(self) -> list[Parameter]:
         """Parameters by which the results are differentiated, in the order of ``sensitivities``."""
-        job = self.plan[0].job if self.states else self
-        owners = _owners(job.material, job.effects, job.fibres, job.supports, job.place)
+        owners: dict[str, Owner] = {}
+        for solve in self.plan:
+            owners |= solve.job.owners
         return [parameter(key, owners, deviation) for key, deviation in self.sensitivities.items()]
+
+    @property
+    def owners(self) -> dict[str, Owner]:
+        """The parts with numbers by which results can be differentiated, by their place in the job."""
+        return _owners(self.material, self.effects, self.fibres, self.supports, self._places)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle with the plugins, which another rank imports before it unpickles their classes."""
@@ -472,19 +480,11 @@ class Job(Spec):
         if not {"material", "effects", "fibres", "supports"} <= info.data.keys():  # already reported
             return {}
         material, effects, fibres, supports = (info.data[s] for s in ("material", "effects", "fibres", "supports"))
-        places: dict[str, str] = {}
-        if states := info.data.get("states", ()):
-            first = in_order(states)[0]
-            effects, places["effects"] = states[first].effects, f"states[{first}].effects"
-            if states[first].supports is not None:
-                supports, places["supports"] = states[first].supports, f"states[{first}].supports"
-            text = f"is of another state: derivatives are those of state '{states[first].name}', which is solved first"
-            raise_if_any(
-                ((i if isinstance(given, list | tuple) else key,), f"{key} {text}")
-                for i, key in enumerate(given if isinstance(given, Mapping | list | tuple) else ())
-                if str(key).startswith("states[") and not str(key).startswith(f"states[{first}].")
-            )
-        owners = _owners(material, effects, fibres, supports, lambda section: places.get(section, section))
+        owners = _owners(material, effects, fibres, supports, {})
+        for i, state in enumerate(info.data.get("states", ())):
+            of_state = supports if state.supports is None else state.supports
+            owners |= _owners(material, state.effects, fibres, of_state, _places_of(i, state))
+            effects = (*effects, *state.effects)
         found, problems = read_sensitivities(given, owners)
         raise_if_any(problems)
         if found and any("multiplier" in effect.functions(1) for effect in effects):
@@ -571,15 +571,21 @@ def _owners(
     effects: Sequence[Effect],
     fibres: Mapping[str, FibreFamily],
     supports: Sequence[Support],
-    place: Callable[[str], str],
+    places: Mapping[str, str],
 ) -> dict[str, Owner]:
     """The parts of a job with numbers by which results can be differentiated, by their place in the job.
 
     Args:
-        place: of the effects and of the supports in the job.
+        places: of the effects and of the supports in the job, where they are those of a state.
     """
-    parts = {**_laws(material), **_numbered(place("effects"), effects)}
-    return parts | _families(parts.values(), fibres) | _numbered(place("supports"), supports)
+    parts = {**_laws(material), **_numbered(places.get("effects", "effects"), effects)}
+    return parts | _families(parts.values(), fibres) | _numbered(places.get("supports", "supports"), supports)
+
+
+def _places_of(number: int, state: State) -> dict[str, str]:
+    """Places of a state's sections in the job, by their names."""
+    own = ["effects"] if state.supports is None else ["effects", "supports"]
+    return {section: f"states[{number}].{section}" for section in own}
 
 
 def _numbered[T](section: str, entries: Sequence[T]) -> dict[str, T]:

@@ -1,6 +1,6 @@
 """Supports: components of the displacement that are fixed or prescribed on regions of the boundary."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES, Support
 from hpcinv.mesh import Body
+from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import load_factor
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
@@ -98,22 +99,29 @@ class Supports:
                     )
         self.end_path()
 
-    def prescribe_rates(self, number: int, variant: Callable[[float], Support], at: float) -> None:
-        """Prescribe derivatives of the displacements at full load, until `scale` is called.
+    def rates(self, number: int, variant: Callable[[float], Support], at: float) -> list[Floats]:
+        """Return derivatives of the displacements at full load, on the mesh at its given coordinates.
 
         Args:
             variant: the support of this number as a function of a parameter.
             at: value of the parameter at which to differentiate.
         """
-        step = step_at(at)
+        step, found = step_at(at), []
         specs = [variant(at + k * step) for k in POINTS]
         for one in self.prescribed:
-            one.now.x.array[:] = 0.0
+            rate = np.zeros_like(one.full)
             formulas = [spec.displacement and spec.displacement[one.axis] for spec in specs]
             if one.support == number and formulas[0] is not None:
                 points = one.points * self._length
                 values = [_values(spec, f, points) for spec, f in zip(specs, formulas, strict=True) if f is not None]
-                one.now.x.array[one.nodes] = central_difference(values, step) / self._length
+                rate[one.nodes] = central_difference(values, step) / self._length
+            found.append(rate)
+        return found
+
+    def prescribe(self, values: Sequence[Floats]) -> None:
+        """Prescribe what `rates` returned, until `scale` is called."""
+        for one, of_one in zip(self.prescribed, values, strict=True):
+            one.now.x.array[:] = of_one
 
     def scale(self, load: float) -> None:
         """Prescribe the displacements at a share of the whole load, or of the path from another state."""

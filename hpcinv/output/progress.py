@@ -379,14 +379,21 @@ def _sensitivities(found: Mapping[str, Any] | None) -> list[str]:
     """Return lines on the derivatives by each parameter, and on the standard deviation of the shape."""
     if found is None:
         return []
-    lines = ["per SI unit of"]
+    lines, shapes = ["per SI unit of"], found.get("shapes") or {"": found["shape"]}
     for key in found["parameters"]:
         slopes = [f"{name} {_value(of['slopes'][key], digits=4)}" for name, of in found["quantities"].items()]
-        lines.append(f"  {key}: {', '.join([*slopes, f'shape up to {_number(found["shape"]["largest"][key], 4)} m'])}")
-    shape = found["shape"]
-    if shape["sd"] is not None:
-        lines.append(f"shape: standard deviation up to {_number(shape['sd'], 2)} m, at {_value(shape['sd_at'], 4)}")
+        for state, shape in shapes.items():
+            slopes.append(f"{_shape(state)} up to {_number(shape['largest'][key], 4)} m")
+        lines.append(f"  {key}: {', '.join(slopes)}")
+    for state, shape in shapes.items():
+        if shape["sd"] is not None:
+            most = f"up to {_number(shape['sd'], 2)} m, at {_value(shape['sd_at'], 4)}"
+            lines.append(f"{_shape(state)}: standard deviation {most}")
     return lines
+
+
+def _shape(state: str) -> str:
+    return f"shape '{state}'" if state else "shape"
 
 
 def _reactions(statistics: Mapping[str, Any]) -> dict[str, str]:

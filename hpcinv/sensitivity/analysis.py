@@ -4,14 +4,21 @@ The solution of ``R(x; θ) = 0`` follows a parameter as ``K dx/dθ = -∂R/∂θ
 solution: exact derivatives of the discrete solution. Unknowns that supports prescribe follow their formulas. In an
 inverse analysis, where ``X = x - u`` and x is given, ``dX/dθ = -du/dθ``.
 
+A further state is solved on the reference shape X, which follows the parameters of the given state; what is given on
+the current body follows the displacement u₀ there: ``K dx/dθ = -∂R/∂θ - ∂R/∂X dX/dθ - ∂R/∂u₀ du₀/dθ``. The last two
+are central differences of the residual of fourth order.
+
 To first order, what is made of independent parameters with standard deviations σ has ``sd² = Σ (dQ/dθ σ)²``.
 
 Source: Tortorelli & Michaleris, "Design sensitivity analysis: overview and review" (1994),
 doi:10.1080/174159794088027573; JCGM 100:2008, *Guide to the expression of uncertainty in measurement*, 5.1.2.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -20,14 +27,18 @@ import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.assembly.system import System
 from hpcinv.errors import SolveError
+from hpcinv.job.sections import Support
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
+from hpcinv.model.parameters import Direction
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
-from hpcinv.sensitivity.slopes import Change, slopes
+from hpcinv.sensitivity.slopes import STEP, Change, ReferenceChange, change_limit, slopes
 from hpcinv.solver.problem import Model
 
 
@@ -42,7 +53,9 @@ class Sensitivities:
         shape: largest length of those over all nodes.
         deviations: of each quantity, ``None`` if no parameter has one.
         deviation: of the shape, at the node where it is largest: ``√(Σ |dX/dθ|² σ²)`` in m, ``None`` likewise.
-        deviation_at: position of that node in the given body (m).
+        deviation_at: position (m) of that node in the body on whose mesh was solved.
+        shapes: the same of each solve by itself, by the state whose shape it computes; the other attributes but
+            ``slopes`` and ``deviations`` are then those of the first solve.
     """
 
     parameters: Sequence[Parameter]
@@ -53,6 +66,7 @@ class Sensitivities:
     deviations: Mapping[str, Value | None]
     deviation: float | None
     deviation_at: list[float] | None
+    shapes: Mapping[str, Sensitivities] = field(default_factory=dict)
 
     def as_data(self) -> dict[str, Any]:
         """Return JSON data, without the fields."""
@@ -61,8 +75,11 @@ class Sensitivities:
             "quantities": {
                 name: {"slopes": dict(by_key), "sd": self.deviations[name]} for name, by_key in self.slopes.items()
             },
-            "shape": {"largest": dict(self.shape), "sd": self.deviation, "sd_at": self.deviation_at},
-        }
+            "shape": self._shape(),
+        } | ({"shapes": {name: found._shape() for name, found in self.shapes.items()}} if self.shapes else {})
+
+    def _shape(self) -> dict[str, Any]:
+        return {"largest": dict(self.shape), "sd": self.deviation, "sd_at": self.deviation_at}
 
     def fields(self) -> list[fem.Function]:
         """Return fields for ParaView: ``d displacement/d KEY`` and, if known, the standard deviation ``sd`` in m."""
@@ -81,19 +98,32 @@ class Sensitivities:
         return found
 
 
-def sensitivities(model: Model, solution: Solution) -> Sensitivities | None:
-    """Differentiate a solution at full load by the job's parameters; ``None`` if there are none; collective.
+def sensitivities(
+    model: Model,
+    solution: Solution,
+    parameters: Sequence[Parameter],
+    given: tuple[Solution, Sensitivities] | None = None,
+) -> Sensitivities:
+    """Differentiate a solution at full load by parameters of the job; collective.
+
+    The mesh must lie as the job gives it.
+
+    Args:
+        given: for a further state, what was found in the given one, from which its reference shape comes.
 
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
-    parameters, body = model.job.differentiated, model.body
-    if not parameters:
-        return None
-    with model.timings("sensitivities"), model.at(solution.mesh_nodes, *solution.fields):
-        changes = _changes(model, solution, parameters)
+    body, changes = model.body, dict[str, Change]()
+    with model.timings("sensitivities"):
+        references = {p.key: _reference(model, p, *given) for p in parameters} if given else {}
+        prescribed = {p.key: _prescribed(model, p) for p in parameters if isinstance(p.owner, Support)}
+        with model.at(solution.mesh_nodes, *solution.fields):
+            changes = _changes(model, solution, parameters, references, prescribed)
         by_quantity = slopes(model, solution, [(p, changes[p.key]) for p in parameters])
     nodes = {key: solution.sign * change.u for key, change in changes.items()}
+    for key, reference in references.items():
+        nodes[key] = nodes[key] + reference.nodes
     comm = body.mesh.comm
     lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
     deviation, at = None, None
@@ -111,32 +141,61 @@ def sensitivities(model: Model, solution: Solution) -> Sensitivities | None:
     )
 
 
-def _changes(model: Model, solution: Solution, parameters: Sequence[Parameter]) -> dict[str, Change]:
+def of_all_shapes(found: Mapping[str, Sensitivities], quantities: Iterable[str]) -> Sensitivities | None:
+    """Join what was found with each computed shape, by its name, or with the one shape of a job without states.
+
+    Args:
+        quantities: names of all quantities of interest, in order.
+    """
+    first, *more = found.values() or [None]
+    if first is None or not more:
+        return first
+    of = {name: one for name in quantities for one in found.values() if name in one.slopes}
+    return replace(
+        first,
+        slopes={name: one.slopes[name] for name, one in of.items()},
+        deviations={name: one.deviations[name] for name, one in of.items()},
+        shapes=found,
+    )
+
+
+def _prescribed(model: Model, parameter: Parameter) -> list[Floats]:
+    """Rates of the prescribed displacements, whose formulas are of positions in the given mesh."""
+    if parameter.where not in model.job.owners:
+        return []
+    owner = parameter.owner
+    assert isinstance(owner, Support)
+    number = model.job.supports.index(owner)
+    return model.supports.rates(number, partial(owner.with_number, parameter.place), parameter.value)
+
+
+def _reference(model: Model, parameter: Parameter, solution: Solution, found: Sensitivities) -> ReferenceChange:
+    """What a further state takes from the given one, whose solution and derivatives are known."""
+    key = parameter.key
+    given, nodes = found.displacement[key], found.nodes[key]
+    return ReferenceChange(nodes, given, change_limit(model, solution, given))
+
+
+def _changes(
+    model: Model,
+    solution: Solution,
+    parameters: Sequence[Parameter],
+    references: Mapping[str, ReferenceChange],
+    prescribed: Mapping[str, Sequence[Floats]],
+) -> dict[str, Change]:
     """Return the derivatives of the solution and of the scene's parameters, by the key of the job's parameter."""
     scene = model.scene(solution.direction)
     equilibrium = model.equilibrium(scene)
     system = equilibrium.system
     system.linearise(1.0)
-    with model.timings("compile"):
-        derivative = scene.parameter_derivative
     position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
     found: dict[str, Change] = {}
     for parameter in parameters:
-        owner, place = parameter.owner, parameter.place
-        if isinstance(owner, Ingredient):
-            local = parameter.where.removeprefix(model.job.place("effects").removesuffix("effects"))
-            along = scene.parameters.direction({local: owner.rates(place)})
-            with model.timings("residual"):
-                derivative.assemble(along, b)
-                b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-                fem_petsc.set_bc(b, model.supports.conditions, alpha=0.0)
-                b.scale(-1.0)
-        else:
-            along = scene.parameters.direction({})
-            number = model.job.supports.index(owner)
-            model.supports.prescribe_rates(number, partial(owner.with_number, place), parameter.value)
-            system.lift(b)
-            model.supports.scale(1.0)
+        along = _explicit(model, system, parameter, prescribed, b)
+        if (reference := references.get(parameter.key)) is not None:
+            x.array[:] = _rate_of_forces(model, system, solution, reference)
+            fem_petsc.set_bc(x, model.supports.conditions, alpha=0.0)
+            b.axpy(-1.0, x)
         if not equilibrium.linear.solve(b, x):
             raise SolveError(
                 "sensitivities: the tangent at the solution is singular, so that there are no derivatives there",
@@ -144,12 +203,51 @@ def _changes(model: Model, solution: Solution, parameters: Sequence[Parameter]) 
             )
         system.set_state(x)
         u, p = model.solution()
-        found[parameter.key] = Change(along, u, model.unknowns.at_nodes(u), p)
+        found[parameter.key] = Change(along, u, model.unknowns.at_nodes(u), p, reference)
         system.set_state(position)
     for vector in (position, b, x):
         vector.destroy()
     model.release(equilibrium)
     return found
+
+
+def _explicit(
+    model: Model, system: System, parameter: Parameter, prescribed: Mapping[str, Sequence[Floats]], b: PETSc.Vec
+) -> Direction:
+    """Set ``b`` to the right-hand side for a parameter; return the direction in which it moves the scene's."""
+    owner, place, job, scene = parameter.owner, parameter.place, model.job, system.scene
+    unchanged = scene.parameters.direction({})
+    if parameter.where not in job.owners:  # of another state
+        b.set(0.0)
+        return unchanged
+    if not isinstance(owner, Ingredient):
+        model.supports.prescribe(prescribed[parameter.key])
+        system.lift(b)
+        model.supports.scale(1.0)
+        return unchanged
+    with model.timings("compile"):
+        derivative = scene.parameter_derivative
+    local = parameter.where.removeprefix(job.place("effects").removesuffix("effects"))
+    along = scene.parameters.direction({local: owner.rates(place)})
+    with model.timings("residual"):
+        derivative.assemble(along, b)
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        fem_petsc.set_bc(b, model.supports.conditions, alpha=0.0)
+        b.scale(-1.0)
+    return along
+
+
+def _rate_of_forces(model: Model, system: System, solution: Solution, reference: ReferenceChange) -> Floats:
+    """Change of the nodal forces (scaled) of the owned unknowns with the reference shape, per unit of the parameter."""
+    if not math.isfinite(reference.limit):
+        return np.zeros(system.rhs.local_size)
+    step = STEP * reference.limit
+
+    def forces(number: int) -> Floats:
+        with reference.at(model, solution.mesh_nodes, number * step):
+            return system.forces(1.0)
+
+    return np.asarray(central_difference(map(forces, POINTS), step))
 
 
 def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) -> Floats:

@@ -4,38 +4,68 @@ A quantity is an explicit function ``Q(u, p, θ)``: its derivative along ``(du, 
 differences of fourth order with a step of 2⁻¹⁰ of the smallest of displacement, pressure and parameter, their error is
 about 1e-12 of the slope, and 1e-13 of the quantity over what it changes by as the parameter doubles. A ``max`` or
 ``min`` has the slope at the node or point that attains it; where another takes over within the step, one in between.
+
+In a further state of a body, the reference shape X on which it is solved, and the displacement of the given state, to
+which fibres and fields are attached, change too: ``Q(u, p, θ, X, u₀)``.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
 from dolfinx import fem
 
 from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import Direction
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
-from hpcinv.results.quantities_of_interest import Value, fields_for, values_of
+from hpcinv.results.quantities_of_interest import Value, carried, fields_for, values_of
 from hpcinv.results.solution import Solution
 from hpcinv.solver.problem import Model
 
-_STEP = 2.0**-10
+STEP = 2.0**-10
+"""Length of differences, as part of what would change a solution by its own size."""
 _SMALL = 1e-3  # displacement of an unloaded body that counts as much, relative to the body
+
+
+@dataclass(frozen=True)
+class ReferenceChange:
+    """Derivatives by one parameter of what a further state takes from the given one.
+
+    Attributes:
+        nodes: of the local geometry nodes of the reference shape, (n, 3).
+        given: of the given state's displacement, in m.
+        limit: parameter's change by which the given state's displacement would double.
+    """
+
+    nodes: Floats
+    given: fem.Function
+    limit: float
+
+    @contextmanager
+    def at(self, model: Model, nodes: Floats, step: float) -> Iterator[None]:
+        """Context with the reference shape a step away from ``nodes`` (m), and the given state likewise."""
+        moved = (nodes + step * self.nodes) / model.body.length_scale
+        with placed(model.body.mesh, moved), model.given_moved(self.given, step):
+            yield
 
 
 @dataclass(frozen=True)
 class Change:
     """Derivatives by one parameter (SI): of the scene's parameters (scaled), displacement (m) and pressure (Pa).
 
-    ``u`` is that of the displacement at the local geometry nodes, (n, 3).
+    ``u`` is that of the displacement at the local geometry nodes, (n, 3); ``reference`` is for further states.
     """
 
     along: Direction
     displacement: fem.Function
     u: Floats
     pressure: fem.Function | None
+    reference: ReferenceChange | None = None
 
 
 def slopes(
@@ -43,21 +73,31 @@ def slopes(
 ) -> dict[str, dict[str, Value]]:
     """Return derivatives (SI) of each quantity of interest, without reactions, by the parameters' keys.
 
-    Collective; the mesh must lie as the solution's.
+    Collective; the mesh must lie as the job gives it.
     """
     scene, body = model.scene(solution.direction), model.body
     quantities = [quantity for quantity in model.job.quantities if not quantity.is_reaction]
     scene.parameters.set_load(1.0)
-    fields = fields_for(quantities, body, scene, model.scales)
+    with model.at(solution.mesh_nodes, *solution.fields):
+        fields = fields_for(quantities, body, scene, model.scales)
 
     def at(change: Change, shift: float) -> dict[str, Floats]:
         u, p = solution.displacement.copy(), solution.pressure and solution.pressure.copy()
         u.x.array[:] += shift * change.displacement.x.array
         if p is not None and change.pressure is not None:
             p.x.array[:] += shift * change.pressure.x.array
-        moved = replace(solution, u=solution.u + shift * change.u, displacement=u, pressure=p)
-        with model.at(solution.mesh_nodes, u, p), scene.parameters.moved(change.along, shift):
-            return {name: np.array(v) for name, v in values_of(quantities, body, moved, fields).items()}
+        nodes, wanted = solution.mesh_nodes, quantities
+        if change.reference is not None:
+            nodes = nodes + shift * change.reference.nodes
+            wanted = list(carried(quantities, body, nodes))
+        moved = replace(solution, mesh_nodes=nodes, u=solution.u + shift * change.u, displacement=u, pressure=p)
+        given = change.reference and change.reference.given
+        with (
+            model.at(nodes, u, p),
+            model.given_moved(given, shift),
+            scene.parameters.moved(change.along, shift),
+        ):
+            return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields).items()}
 
     found: dict[str, dict[str, Value]] = {quantity.name: {} for quantity in quantities}
     for parameter, change in changes if found else ():
@@ -69,16 +109,24 @@ def slopes(
 
 
 def _step(model: Model, solution: Solution, parameter: Parameter, change: Change) -> float:
-    """Derivative by the parameter (SI)."""
-    comm, diagonal = model.body.mesh.comm, model.body.length_scale
-    u, du = _largest(comm, solution.displacement), _largest(comm, change.displacement)
+    """Length of the differences by the parameter (SI)."""
+    comm = model.body.mesh.comm
     limits = [abs(parameter.value)] if parameter.value else []
-    if du:
-        limits.append((u or _SMALL * diagonal) / du)
+    limits.append(change_limit(model, solution, change.displacement))
     if solution.pressure is not None and change.pressure is not None:
         p, dp = _largest(comm, solution.pressure), _largest(comm, change.pressure)
         limits += [p / dp] if p and dp else []
-    return _STEP * min(limits, default=1.0)
+    if change.reference is not None:
+        limits.append(change.reference.limit)
+    least = min(limits)
+    return STEP * (least if math.isfinite(least) else 1.0)
+
+
+def change_limit(model: Model, solution: Solution, rate: fem.Function) -> float:
+    """Return the change (SI) of a parameter by which the displacement (m), with that rate, would double; collective."""
+    comm = model.body.mesh.comm
+    u, du = _largest(comm, solution.displacement), _largest(comm, rate)
+    return (u or _SMALL * model.body.length_scale) / du if du else math.inf
 
 
 def _largest(comm: MPI.Intracomm, function: fem.Function) -> float:

@@ -151,6 +151,20 @@ class Model:
             self._given = self._given or Function(self.unknowns.displacement_space)  # kept, since scenes refer to it
             self._given.x.array[:] = u.x.array / self.scales.length
 
+    @contextmanager
+    def given_moved(self, along: Function | None, step: float) -> Iterator[None]:
+        """Context with the given state's displacement a step along a rate (m) of it, where something is given there."""
+        if along is None or self.given is None:
+            yield
+            return
+        values = self.given.x.array
+        before = values.copy()
+        values += step / self.scales.length * along.x.array
+        try:
+            yield
+        finally:
+            values[:] = before
+
     def equilibrium(self, scene: Scene, observer: Observer = SILENT) -> Equilibrium:
         """Return the equations of a scene with the solver of the job."""
         equilibrium = self._idle.pop(id(scene), None)

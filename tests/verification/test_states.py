@@ -16,6 +16,7 @@ from scipy.integrate import quad
 import hpcinv
 from hpcinv.errors import JobError, MeshError
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.keys import assigned
 from hpcinv.results.solution import Solution
 from hpcinv.solver.problem_cache import Workspace
 
@@ -242,19 +243,68 @@ def test_states_that_differ_in_numbers_share_equations(comm: MPI.Intracomm) -> N
         assert one.unknowns is other.unknowns
 
 
-def test_derivatives_are_those_of_the_state_that_is_solved_first(comm: MPI.Intracomm) -> None:
-    def found(density: float, **more: Any) -> Any:
-        states = [SUPINE, PRONE | {"effects": [gravity(1, density=density)]}]
-        quantities = [{"name": "top", "of": "uz", "at": [1, 1, 1]}]
-        return hpcinv.run(job(**BLOCK, supports=BASE, states=states, quantities=quantities, **more), comm)
+DIFFERENTIATED: dict[str, Any] = {
+    "mesh": box((2, 1, 2)) | {"geometry_degree": 2},
+    "material": {"law": "neo-hookean", "mu": "10 kPa*(1 + x/(1 m) + z*z/(1 m)/(1 m))", "lam": LAM},
+    "discretisation": {"displacement": 2, "formulation": "displacement"},
+    "certificate": NO_CERTIFICATE,
+    "solver": {"tolerance": 1e-13},
+    "supports": BASE,
+    "states": [
+        {"name": "prone", "given": True, "effects": [gravity(1, density="400 + 300*x*z/(1 m)/(1 m)")]},
+        {"name": "supine", "effects": [gravity(-1, density=300, density_in="current")]},
+        {
+            "name": "pulled",
+            "start": "supine",
+            "effects": [gravity(0.5)],
+            "supports": [*BASE, {"region": "z1", "displacement": ["0.1*s*x", 0, "0.1*s"], "constants": {"s": 1}}],
+        },
+    ],
+    "quantities": [
+        {"name": "top", "of": "displacement", "at": [0.4, 0.6, 0.9]},
+        {"name": "volume", "of": "1", "on": "block", "reduce": "integral", "over": "current"},
+        {"name": "energy", "of": "energy", "on": "block", "reduce": "integral", "over": "reference"},
+    ],
+}
+DIFFERENTIATED["states"][0]["effects"][0]["density_in"] = "current"
+KEYS = [
+    "material.lam",
+    "states[0].effects[0].acceleration[2]",
+    "states[1].effects[0].density",
+    "states[2].supports[1].constants.s",
+]
 
-    key = "states[1].effects[0].density"
-    slopes = found(200, sensitivities=[key, "material.mu"]).sensitivities.slopes
-    assert list(slopes) == ["top-prone"]
-    ahead, behind = (found(200 + h).quantities["top-prone"] for h in (0.01, -0.01))
-    assert slopes["top-prone"][key] == pytest.approx((ahead - behind) / 0.02, rel=1e-7)
-    with pytest.raises(JobError, match=r"states\[0\].* is of another state: derivatives are those of state 'prone'"):
-        found(200, sensitivities=["states[0].effects[0].density"])
+
+@pytest.mark.parallel([1, 2])
+def test_derivatives_of_all_states_are_differences_of_whole_runs(comm: MPI.Intracomm) -> None:
+    """A modulus and a density are given on the given body, so that all states follow the given one in two ways."""
+    with Workspace(comm) as workspace:
+
+        def found(key: str, shift: float) -> Any:
+            values = {p.key: p.value for p in job(**DIFFERENTIATED, sensitivities=KEYS).differentiated}
+            changed = assigned(DIFFERENTIATED, {key: values[key] * (1 + shift)})
+            return hpcinv.run(job(**changed), comm, workspace=workspace)
+
+        derivatives = hpcinv.run(job(**DIFFERENTIATED, sensitivities=KEYS), comm, workspace=workspace).sensitivities
+        assert list(derivatives.shapes) == ["rest", "supine", "pulled"]
+        for p in derivatives.parameters if comm.size == 1 else derivatives.parameters[1:2]:
+            ahead, behind = (found(p.key, shift) for shift in (1e-3, -1e-3))
+            assert list(derivatives.slopes) == list(ahead.quantities)
+            for number, (state, of_state) in enumerate(derivatives.shapes.items()):
+                one, other = (r.solutions[number].other_nodes for r in (ahead, behind))
+                expected = (one - other) / (2e-3 * p.value)
+                size = comm.allreduce(abs(expected).max(), op=MPI.MAX)
+                error = comm.allreduce(abs(of_state.nodes[p.key] - expected).max(), op=MPI.MAX)
+                print(f"{p.key}, {state}: {size:.3g}, difference {error:.1g}")
+                if p.key.startswith(("material", "states[0]", f"states[{number}]")):
+                    assert error < 2e-5 * size
+                else:
+                    assert not of_state.nodes[p.key].any()
+                    assert size * abs(p.value) < 1e-9
+            for name, slope in derivatives.slopes.items():
+                expected = (np.array(ahead.quantities[name]) - behind.quantities[name]) / (2e-3 * p.value)
+                size = max(abs(expected).max(), 1e-7 * np.abs(ahead.quantities[name]).max() / abs(p.value))
+                assert slope[p.key] == pytest.approx(expected.tolist(), rel=0, abs=2e-5 * size)
 
 
 def test_a_support_of_one_state_that_the_mesh_lacks_is_named(comm: MPI.Intracomm) -> None:
