@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers.batches import IN_BATCH, Batches, RankOfBatch
+from helpers.batches import IN_BATCH, Batches, RankOfBatch, ranks_of
 
 from hpcinv.parallel.runtime import MPI
 
@@ -18,8 +18,6 @@ UNIT = ROOT / "tests" / "unit"
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 # A rank that fails alone leaves the others waiting: let mpiexec end them, so that the test fails instead of hanging.
 os.environ.setdefault("MPIEXEC_TIMEOUT", "300")
-# Most kernels are called a few times, on small meshes: compiling them takes longer than running them.
-os.environ.setdefault("CFLAGS", "-O0")
 # Without byte code each of some thousand processes would compile all that it imports: twice its processor time.
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
     os.environ["PYTHONPYCACHEPREFIX"] = str(ROOT / ".pytest_cache" / "bytecode")
@@ -41,8 +39,16 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as fast what is in tests/unit, unless it is slow or starts several ranks: ``pytest -m fast``."""
     for item in items:
+        if is_tested_on_more_ranks(item):
+            item.add_marker("release")
         if UNIT in item.path.parents and not any(item.iter_markers("slow")) and not any(item.iter_markers("parallel")):
             item.add_marker("fast")
+
+
+def is_tested_on_more_ranks(item: pytest.Item) -> bool:
+    """True for a test on one rank that is also one on several, which take the same path and more."""
+    ranks = [mark.args[0] for mark in item.iter_markers("parallel") if mark.args and isinstance(mark.args[0], list)]
+    return any(1 in of and len(of) > 1 for of in ranks) and ranks_of(item) == 1
 
 
 @pytest.fixture(scope="session", autouse=True)

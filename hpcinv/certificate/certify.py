@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
 from hpcinv.certificate.contact import contacts
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
-from hpcinv.certificate.estimate import Estimate, estimate, finer_forecast
+from hpcinv.certificate.estimate import Correction, Estimate, estimate, finer_forecast
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.ineffective_loads import ineffective_loads
 from hpcinv.certificate.limit_points import limit_points
@@ -38,6 +38,7 @@ def certify(
     known: Estimate | None = None,
     begins: Callable[[str], None] = lambda _: None,
     observer: Observer = SILENT,
+    given: Correction | None = None,
 ) -> tuple[Certificate, Estimate | None]:
     """Check the solutions of a run; collective.
 
@@ -47,6 +48,7 @@ def certify(
         known: the estimate of the first solution, if it has been made before.
         begins: called with the name of each check when it begins.
         observer: of the solve back.
+        given: for a further state, the correction of the rest shape by the estimate of the given one.
     """
     solution, found, lines = solutions[0], known, list[Line]()
 
@@ -64,7 +66,7 @@ def certify(
     def discretisation() -> Iterable[Line]:
         nonlocal found
         if found is None and model.job.certificate.estimate:
-            found = estimate(model, solution, computed)
+            found = estimate(model, solution, computed, given)
         yield _discretisation(model, solution, found)
 
     def way_back() -> Iterable[Line]:

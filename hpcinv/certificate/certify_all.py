@@ -27,7 +27,8 @@ def certify_all(
         model = models.of(number, solutions[0].displacement if number else None)
         of_state = {q.name: quantities[q.name] for q in model.job.quantities}
         detail(solution.state)
-        found, of_solution = certify(model, [solution], of_state, None, observer=observer)
+        given = estimate.correction if estimate and not model.is_of_given_mesh else None
+        found, of_solution = certify(model, [solution], of_state, None, observer=observer, given=given)
         lines += found.lines
         estimate = estimate.joined(of_solution) if estimate and of_solution else estimate or of_solution
     return Certificate(tuple(lines)), estimate

@@ -10,6 +10,8 @@ the same cells with a geometry of a higher degree. ``u_h`` is taken there by ref
 the correction and the corrected quantities have the error of the geometry in them, to first order. Elsewhere the
 estimate leaves that error out, and says so.
 
+A further state of a body is corrected on the corrected rest shape, so that its estimate has the error of that in it.
+
 Source: Bank & Weiser, "Some a posteriori error estimators for elliptic partial differential equations" (1985),
 doi:10.1090/S0025-5718-1985-0777265-X; Ainsworth & Oden, *A Posteriori Error Estimation in Finite Element Analysis*
 (2000), ch. 5, doi:10.1002/9781118032824.
@@ -42,8 +44,24 @@ if TYPE_CHECKING:
     from hpcinv.job.job import Job
     from hpcinv.job.sections import QuantityOfInterest
     from hpcinv.mesh import Body
+    from hpcinv.mesh.source import Floats
     from hpcinv.results.solution import Solution
     from hpcinv.solver.linear.cost_model import Forecast
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What the estimate of the given state finds about the rest shape, on which further states are solved.
+
+    Attributes:
+        nodes: correction of the local geometry nodes of the rest shape, (n, 3) in m.
+        displacement: corrected displacement of the given state in the finer spaces, in m.
+        without_geometry: as in `Estimate`, of further states.
+    """
+
+    nodes: Floats
+    displacement: fem.Function
+    without_geometry: str
 
 
 @dataclass(frozen=True)
@@ -58,6 +76,7 @@ class Estimate:
         cells: ``∫ |∇δ|² dx`` of each owned cell, in scaled lengths: where the error is.
         unknowns: number of unknowns of the finer spaces.
         without_geometry: why the error of the geometry is left out; empty if it is included.
+        correction: of the rest shape; ``None`` if it is not finite.
     """
 
     quantities: Mapping[str, Value]
@@ -66,6 +85,7 @@ class Estimate:
     cells: npt.NDArray[np.float64]
     unknowns: int
     without_geometry: str = ""
+    correction: Correction | None = None
 
     @property
     def left_out(self) -> str:
@@ -89,20 +109,23 @@ class Estimate:
         }
 
 
-def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) -> Estimate | None:
+def estimate(
+    model: Model, solution: Solution, computed: Mapping[str, Value], given: Correction | None = None
+) -> Estimate | None:
     """Estimate the discretisation errors of a solution; collective.
 
     Args:
         model: the model that the solution was computed with.
         computed: values of the job's quantities of interest.
+        given: for a further state, the correction of the rest shape; without it, that shape is taken as computed.
 
     Returns:
         ``None`` if iterations do not find the correction and there is no memory to factorize the finer problem.
     """
     quantities = tuple(q for q in model.job.quantities if not q.is_reaction)
     if not model.is_of_given_mesh:
-        quantities = carried(quantities, model.body, solution.mesh_nodes)
-    with in_finer_spaces(model, solution) as finer:
+        quantities = carried(quantities, model.body, _nodes(solution, given))
+    with in_finer_spaces(model, solution, given) as finer:
         body, forecast = finer.body, finer_forecast(model)
         before, _ = finer.solution()
         if not (forecast.operations > two_level.MANY and two_level.correct(model, solution, finer)):
@@ -113,11 +136,15 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
             equilibrium.destroy()
         better = solution_of(finer, solution.direction, finer.scene(solution.direction), ())
         at_nodes = better if body is model.body else _at_given_nodes(model, better)
-        mine = np.linalg.norm(at_nodes.u - solution.u, axis=1)
+        moved = solution.sign * (at_nodes.u - solution.u)
+        if given is not None:
+            moved += given.nodes
+        mine = np.linalg.norm(moved, axis=1)
         # The largest of NaN and a number depends on their order.
         largest = float(mine.max(initial=0.0)) if np.isfinite(mine).all() else np.inf
         largest = body.mesh.comm.allreduce(largest, op=MPI.MAX)
         corrected = _corrected(quantities, model, at_nodes, better, finer) if isfinite(largest) else {}
+        displacement = on_mesh(model.body.mesh, better.displacement).copy()
         delta = better.displacement
         delta.x.array[:] -= before.x.array
         return Estimate(
@@ -128,38 +155,50 @@ def estimate(model: Model, solution: Solution, computed: Mapping[str, Value]) ->
             shape=largest,
             cells=_by_cell(delta, body.length_scale),
             unknowns=finer.unknowns.size,
-            without_geometry=_finer_body(model)[1],
+            without_geometry=_finer_body(model, given)[1],
+            correction=Correction(moved, displacement, _of_further_states(model)) if isfinite(largest) else None,
         )
 
 
-_OTHER_STATE = "the rest shape is as computed, and its error is that of the given state"
+def _nodes(solution: Solution, given: Correction | None) -> Floats:
+    """Local geometry nodes (m) on which a solution is corrected."""
+    return solution.mesh_nodes if given is None else solution.mesh_nodes + given.nodes
 
 
-def _finer_body(model: Model) -> tuple[Body, str]:
+def _finer_body(model: Model, given: Correction | None) -> tuple[Body, str]:
     """Return the body with the true geometry, if that is known, and why it is not; collective.
 
-    Of a state that is solved from the rest shape it is not known: the rest shape is computed.
+    A state that is solved from the rest shape has the cells of the given mesh.
     """
     if not model.is_of_given_mesh:
-        return model.body, _OTHER_STATE
+        return model.body, "the rest shape is taken as computed" if given is None else given.without_geometry
     body, unknown = model.body.with_finer_geometry
     return body or model.body, unknown
 
 
+def _of_further_states(model: Model) -> str:
+    """Why the error of the geometry is left out in states that are solved from this one; collective."""
+    if model.body.mesh.geometry.cmap.degree < model.job.discretisation.displacement:
+        return "of the rest shape, only the nodes of the mesh are carried (see mesh.geometry_degree)"
+    body, unknown = model.body.with_finer_geometry
+    return unknown if body is None or body is model.body else "it is known for the given mesh only"
+
+
 @contextmanager
-def in_finer_spaces(model: Model, solution: Solution) -> Iterator[Model]:
+def in_finer_spaces(model: Model, solution: Solution, given: Correction | None = None) -> Iterator[Model]:
     """Context with a model in spaces of one degree more, on the finer geometry if one is known; collective.
 
-    Its state is the solution, and its mesh lies where that was computed. Before, the mesh must lie as the job gives it.
+    Its state is the solution, and its mesh lies where that was computed, or, with the correction of the rest shape, on
+    the corrected one. Before, the mesh must lie as the job gives it.
     """
     with model.timings("mesh"):
-        body, _ = _finer_body(model)
+        body, _ = _finer_body(model, given)
     finer = Model(one_degree_more(model.job), body, model.timings)
-    if (given := model.given_displacement()) is not None:
+    if (other := model.given_displacement()) is not None:
         u = fem.Function(finer.unknowns.displacement_space)
-        u.interpolate(given)
+        u.interpolate(other if given is None else given.displacement)
         finer.carry(u)
-    with placed(model.body.mesh, solution.mesh_nodes / model.body.length_scale):
+    with placed(model.body.mesh, _nodes(solution, given) / model.body.length_scale):
         u, p = finer.solution()
         u.interpolate(on_mesh(body.mesh, solution.displacement))
         if p is not None:

@@ -35,7 +35,9 @@ def add_export(commands: Any) -> None:
     )
     export.add_argument("run", type=Path, help="directory of the run")
     export.add_argument("--to", type=Path, required=True, metavar="FILE", help="surface (.stl, .ply, .3mf), replaced")
-    export.add_argument("--shape", choices=("undeformed", "deformed"), default="undeformed")
+    export.add_argument(
+        "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"
+    )
     export.add_argument("--region", help="only the cells of this region (physical group)")
     export.add_argument("--unit", default="mm", help="of the coordinates in the files (default: mm)")
     export.add_argument(

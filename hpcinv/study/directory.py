@@ -37,8 +37,15 @@ class StudyDirectory:
 
 
 def check_content(path: Path, study: str) -> None:
-    """Raise ``OutputError`` if a directory holds anything else than this study."""
-    if path.is_dir() and any(path.iterdir()) and (name := _mark(path).get("study")) != study:
+    """Raise ``OutputError`` if a directory holds anything else than this study.
+
+    Hidden files are those of another allocation that begins at the same moment.
+    """
+    if (
+        path.is_dir()
+        and any(not p.name.startswith(".") for p in path.iterdir())
+        and (name := _mark(path).get("study")) != study
+    ):
         content = f"the study '{name}'" if name else "files that are not of a study"
         raise OutputError(f"{path}: holds {content}", "Choose another --output.")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from hpcinv.errors import OutputError
 from hpcinv.files.names import is_file
@@ -12,25 +12,45 @@ from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.run_directory import RunDirectory
 
-type Shape = Literal["undeformed", "deformed"]
+UNDEFORMED, DEFORMED = "undeformed", "deformed"
 
 
-def read_shape(run: Path, shape: Shape) -> MeshSource:
+def read_shape(run: Path, shape: str) -> MeshSource:
     """Read a shape of a run on this process, in m.
+
+    Args:
+        shape: the name of a state, in a run with states, or `UNDEFORMED` or `DEFORMED`.
 
     Raises:
         OutputError: there is no run, it is not finished, or it has not kept this shape.
         MeshError: the given mesh cannot be read any more.
     """
     summary = _summary(run)
-    found: Shape = "undeformed" if summary["solutions"][0]["direction"] == "inverse" else "deformed"
-    if shape == found:
-        return _found(run)
+    if states := summary.get("states"):
+        (given,), (rest,) = ([name for name, of in states.items() if of[kind]] for kind in ("given", "rest"))
+        name = rest if shape == UNDEFORMED and shape not in states else shape
+        if name not in states:
+            raise OutputError(
+                f"{run}: has no state '{shape}'; its states are {', '.join(states)}",
+                "Give one of them, or 'undeformed' for the rest shape.",
+            )
+        return _given(run, name) if name == given else _found(run, f"shape-{name}")
+    if shape not in (UNDEFORMED, DEFORMED):
+        raise OutputError(
+            f"{run}: has no state '{shape}': the job of this run has no states",
+            f"Give '{UNDEFORMED}' or '{DEFORMED}'.",
+        )
+    found = UNDEFORMED if summary["solutions"][0]["direction"] == "inverse" else DEFORMED
+    return _found(run, "shape") if shape == found else _given(run, shape)
+
+
+def _given(run: Path, shape: str) -> MeshSource:
+    """Read the mesh of the run's job."""
     job = RunDirectory(run).job(None)
     if job.accuracy:
         raise OutputError(
-            f"{run}: the {shape} shape was given to this run, which made meshes of its own (accuracy)",
-            f"Export the {found} shape.",
+            f"{run}: the shape '{shape}' was given to this run, which made meshes of its own (accuracy)",
+            "Export a shape that it found.",
         )
     return read_source(job.mesh, job.resolve(job.mesh.file))
 
@@ -53,10 +73,12 @@ def _summary(run: Path) -> dict[str, Any]:
     return summary
 
 
-def _found(run: Path) -> MeshSource:
+def _found(run: Path, name: str) -> MeshSource:
     for suffix, read in FILES.items():
-        path = run / f"shape{suffix}"
+        path = run / f"{name}{suffix}"
         if path.exists():
             source = read(path)
             return source.in_metres(source.unit or 1.0) if suffix != ".bp" else source
-    raise OutputError(f"{run}: has no file of the shape", "Run it again with output: {mesh: [msh]}.")
+    raise OutputError(
+        f"{run}: has no file of the shape ({name}.msh, .vtu or .bp)", "Run it again with output: {mesh: [msh]}."
+    )

@@ -24,6 +24,24 @@ def test_shape_of_a_run_on_two_ranks(tmp_path: Path) -> None:
     assert surface.volume > 1.0
 
 
+def test_states_are_exported_by_name(tmp_path: Path) -> None:
+    up, down = ([{"effect": "gravity", "acceleration": [0, 0, g], "density": 500}] for g in (1.0, -1.0))
+    states = [{"name": "hung", "given": True, "effects": up}, {"name": "stood", "effects": down}]
+    without = {name: value for name, value in BLOCK.items() if name not in ("effects", "analysis")}
+    job = write_job(tmp_path / "block.yaml", without, job="block", states=states)
+    ran = hpcinv(1, "run", job, "--output", "run", cwd=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    heights = {}
+    for shape in ("undeformed", "rest", "hung", "stood"):
+        done = hpcinv(1, "export", "run", "--shape", shape, "--to", f"{shape}.stl", "--unit", "m", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        heights[shape] = pyvista.read(tmp_path / f"{shape}.stl").bounds[5]
+    assert heights["stood"] < heights["rest"] == heights["undeformed"] < heights["hung"]
+    refused = hpcinv(1, "export", "run", "--shape", "deformed", "--to", "block.stl", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "has no state 'deformed'; its states are hung, stood, rest" in refused.stderr
+
+
 def test_several_ranks_are_refused_once(tmp_path: Path) -> None:
     refused = hpcinv(2, "export", "run", "--to", "block.stl", cwd=tmp_path)
     assert refused.returncode == 2

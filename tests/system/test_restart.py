@@ -121,7 +121,7 @@ def assert_history_goes_on(run: Path, position: dict[str, Any], output: str) -> 
     assert output.count("  load ") == len(summary(run)["solutions"]) * STEPS - steps_behind(position)
 
 
-@pytest.mark.parametrize("ranks", [1, 3])
+@pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.release), 3])
 def test_killed_on_two_ranks_it_goes_on_with_any_number(ranks: int, copy: Path, whole: Path) -> None:
     position = state(newest(copy))
     assert steps_behind(position) >= 2
@@ -361,7 +361,14 @@ def test_the_last_state_is_the_given_one(states: Path) -> None:
     assert tips["tip-turned"] != pytest.approx(tips["tip-sagging"], abs=0.01 * LENGTH)
 
 
-@pytest.mark.parametrize(("after", "ranks"), [("state turned", 1), ("state return", 3), ("from turned\nforward:", 1)])
+@pytest.mark.parametrize(
+    ("after", "ranks"),
+    [
+        ("state turned", 1),
+        ("state return", 3),
+        pytest.param("from turned\nforward:", 1, marks=pytest.mark.release),
+    ],
+)
 def test_killed_between_states_and_within_one_it_goes_on(after: str, ranks: int, states: Path, tmp_path: Path) -> None:
     with Started(2, "run", states.parent / "states.yaml", "--output", "killed", cwd=tmp_path) as started:
         started.wait_for(after)

@@ -287,6 +287,9 @@ def test_a_directory_of_something_else_is_refused(tmp_path: Path) -> None:
     StudyDirectory(tmp_path / "out", "column")
     with pytest.raises(OutputError, match="holds the study 'column'"):
         StudyDirectory(tmp_path / "out", "beam")
+    (begun := tmp_path / "begun").mkdir()
+    (begun / ".study.json.0123456789abcdef.partial").touch()  # another allocation is about to make it
+    StudyDirectory(begun, "column")
 
 
 def test_the_hash_follows_what_result_and_time_depend_on(tmp_path: Path) -> None:

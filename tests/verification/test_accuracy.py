@@ -95,6 +95,7 @@ def clamped(demand: float, *, hexahedra: bool, **solver: Any) -> Job:
     )
 
 
+@pytest.mark.release
 def test_two_kinds_of_cells_agree_where_the_stress_is_singular(comm: MPI.Intracomm) -> None:
     tips, bounds = [], []
     for hexahedra in (False, True):

@@ -209,7 +209,7 @@ def test_a_correction_that_wanders_to_another_path_fails() -> None:
 # A cube under tension from all sides.
 
 
-@pytest.mark.parametrize("analysis", ["inverse", "forward"])
+@pytest.mark.parametrize("analysis", ["inverse", pytest.param("forward", marks=pytest.mark.release)])
 @pytest.mark.parallel([2])
 def test_two_shapes_carry_the_same_tension(analysis: str, comm: MPI.Intracomm) -> None:
     for limit_points, low, high in ((0, 1.0, J_LIMIT), (1, J_LIMIT, 20.0)):

@@ -221,6 +221,7 @@ def test_a_tube_with_two_families_widens_as_its_quadrature_says(tube: Tube, comm
     assert abs(swapped.other(tube.inner) - tube.other(tube.inner)) > 0.01 * tube.inner
 
 
+@pytest.mark.release
 def test_the_arterial_ring_has_the_undeformed_radii_that_its_header_tells(comm: MPI.Intracomm) -> None:
     file = Path(__file__).parents[2] / "jobs" / "arterial-ring.yaml"
     ring = Tube("inverse", "current", 1.5e-3, 1.8e-3, 100 * 133.322387415, dispersion=0.0, angle=20.0)

@@ -57,7 +57,7 @@ def effectivities(found: package.Result, exact: dict[str, float]) -> dict[str, f
 
 
 @pytest.mark.parallel([1, 3])
-@pytest.mark.parametrize("hexahedra", [False, True])
+@pytest.mark.parametrize("hexahedra", [False, pytest.param(True, marks=pytest.mark.release)])
 def test_the_error_of_straight_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intracomm) -> None:
     """Without the geometry the estimate would be 0.04 to 0.23 of the error of the radii."""
     found = effectivities(package.run(hollow_sphere(2, 1, hexahedra=hexahedra), comm), EXACT)
@@ -74,7 +74,7 @@ def test_the_error_of_curved_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intrac
     assert all(0.5 < found[name] < 2 for name in ("inner", "outer"))
 
 
-@pytest.mark.parametrize("direction", ["inverse", "forward"])
+@pytest.mark.parametrize("direction", ["inverse", pytest.param("forward", marks=pytest.mark.release)])
 def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Intracomm) -> None:
     inner, outer = (cylinder.INNER, cylinder.OUTER) if direction == "inverse" else (cylinder.A, cylinder.B)
     letters = "X, Y" if direction == "inverse" else "x, y"

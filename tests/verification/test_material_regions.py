@@ -99,7 +99,9 @@ def stress_error(result: Result, lower: np.ndarray, upper: np.ndarray) -> float:
 
 
 @pytest.mark.parallel([1, 2])
-@pytest.mark.parametrize("rest", ["elsewhere", "block", "block of a partitioned mesh"])
+@pytest.mark.parametrize(
+    "rest", ["elsewhere", pytest.param("block", marks=pytest.mark.release), "block of a partitioned mesh"]
+)
 def test_two_confined_layers_stretch_each_by_its_own_law(
     rest: str, comm: MPI.Intracomm, meshes: Path, run_directory: Path
 ) -> None:

@@ -188,7 +188,7 @@ def largest(values: np.ndarray, comm: MPI.Intracomm) -> float:
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("density_in", ["reference", "current"])
+@pytest.mark.parametrize("density_in", [pytest.param("reference", marks=pytest.mark.release), "current"])
 def test_a_tetrahedron_ends_where_the_direct_method_does(law: str, density_in: str, comm: MPI.Intracomm) -> None:
     diagonal, tolerance = np.sqrt(3.0), 1e-10
     weight = {"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 1000, "density_in": density_in}

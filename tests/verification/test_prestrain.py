@@ -363,6 +363,7 @@ def test_a_ring_that_was_closed_has_its_residual_stress(comm: MPI.Intracomm) -> 
                 assert stress[1] < stress[0] / 1.7
 
 
+@pytest.mark.release
 def test_the_artery_of_the_example_has_the_radii_that_its_header_tells(comm: MPI.Intracomm) -> None:
     """With fibres, which lie along ``F_e⁻¹ a`` in the open sector: ``I4 = 1/(cos² β/λ_θ² + sin² β/λ_z²)``."""
     file = ROOT / "jobs" / "opening-angle.yaml"

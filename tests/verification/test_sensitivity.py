@@ -275,6 +275,7 @@ def check(data: dict[str, Any], stresses: dict[str, float], others: dict[str, fl
     assert left < 1e-12 * largest
 
 
+@pytest.mark.release
 def test_two_laws_and_values_by_region_in_an_inverse_analysis(comm: MPI.Intracomm) -> None:
     check(LAYERS, LAYERS_STRESSES, LAYERS_OTHERS, comm)
 

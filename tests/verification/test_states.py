@@ -126,6 +126,36 @@ def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> Non
     assert found.quantities["rest-hanging"] == pytest.approx(undeformed, rel=1e-6)
 
 
+def test_the_error_of_a_further_state_has_that_of_the_rest_shape_in_it(comm: MPI.Intracomm) -> None:
+    """The column on few cells: hanging, half of the error is that of the rest shape."""
+    weight = {"density": 1000, "density_in": "current"}
+    found = hpcinv.run(
+        job(
+            mesh=box((1, 1, 4), lx="0.2 m", ly="0.2 m"),
+            **SOFT | {"certificate": NO_CERTIFICATE | {"estimate": True}},
+            supports=[{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
+            states=[
+                {"name": "standing", "given": True, "effects": [gravity(-1, **weight)]},
+                {"name": "hanging", "effects": [gravity(1, **weight)]},
+            ],
+            discretisation={"displacement": 1},
+            quantities=[{"name": "top", "of": "z", "at": [0.1, 0.1, 1]}],
+        ),
+        comm,
+    )
+
+    def stretch(z: float, up: float) -> float:
+        return root(lambda s: confined(s) - up * 9810 * (1 - z), 0.5, 2.0)
+
+    exact = float(quad(lambda z: stretch(z, 1) / stretch(z, -1), 0, 1, epsabs=1e-11)[0])
+    error = exact - found.quantities["top-hanging"]
+    assert found.estimate is not None
+    effectivity = found.estimate.quantities["top-hanging"] / error
+    print(f"error {error:.2e}, effectivity {effectivity:.3f}")
+    assert effectivity == pytest.approx(1, abs=0.1)
+    assert "geometry" not in found.estimate.left_out
+
+
 def test_a_sphere_in_three_states(comm: MPI.Intracomm) -> None:
     """Inflated as given, at rest, and under twice the pressure (incompressible neo-Hooke)."""
 

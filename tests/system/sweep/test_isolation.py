@@ -66,7 +66,7 @@ def statuses(sweep: Path) -> list[str]:
     return [record.status if record is not None else "open" for record in records_of(sweep).values()]
 
 
-@pytest.mark.parametrize(("ranks", "per_case"), [(2, 1), (2, 2)])
+@pytest.mark.parametrize(("ranks", "per_case"), [(2, 1), pytest.param(2, 2, marks=pytest.mark.release)])
 def test_cases_that_crash_are_told_and_all_others_are_solved(ranks: int, per_case: int, tmp_path: Path) -> None:
     how = ["SIGSEGV", "abort", "exit 0", "MPI_Abort"] if per_case == 1 else ["SIGSEGV", "exit 0"]
     sweep = crashing(tmp_path, how, good=4)

@@ -35,7 +35,18 @@ def tip(result: Result) -> np.ndarray:
 # Bulk modulus
 
 
-@pytest.mark.parametrize("ratio", [1.0, 10.0, 10.1, 1e3, 1e6, 1e9, np.inf])
+@pytest.mark.parametrize(
+    "ratio",
+    [
+        pytest.param(1.0, marks=pytest.mark.release),
+        10.0,
+        10.1,
+        pytest.param(1e3, marks=pytest.mark.release),
+        1e6,
+        pytest.param(1e9, marks=pytest.mark.release),
+        np.inf,
+    ],
+)
 def test_no_ratio_of_bulk_to_shear_modulus_locks(ratio: float, comm: MPI.Intracomm) -> None:
     """The tip is within 1 % of beam theory's with Young's modulus ``E = 9 K mu/(3 K + mu)``."""
     d1 = "incompressible" if ratio == np.inf else ratio * MU / 2
@@ -74,7 +85,9 @@ def test_sagging_under_up_to_eight_times_its_weight(factor: float, comm: MPI.Int
     assert error < 0.01
 
 
-@pytest.mark.parametrize("factor", [1.0, 4.0, 8.0])
+@pytest.mark.parametrize(
+    "factor", [pytest.param(1.0, marks=pytest.mark.release), pytest.param(4.0, marks=pytest.mark.release), 8.0]
+)
 def test_the_coil_that_is_straight_under_up_to_eight_times_its_weight(factor: float, comm: MPI.Intracomm) -> None:
     """Distances between points of the axis are those of the theory, whatever the clamp does at its end."""
     points = [{"name": f"at-{s:.0%}"[:-1], "of": "displacement", "at": [s * LENGTH, 0, 0]} for s in HELD]
