@@ -127,11 +127,11 @@ def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> Non
 
 
 def test_the_error_of_a_further_state_has_that_of_the_rest_shape_in_it(comm: MPI.Intracomm) -> None:
-    """The column on few cells: hanging, half of the error is that of the rest shape."""
+    """Of the length of the hanging column, half of the error is that of the rest shape."""
     weight = {"density": 1000, "density_in": "current"}
     found = hpcinv.run(
         job(
-            mesh=box((1, 1, 4), lx="0.2 m", ly="0.2 m"),
+            mesh=box((1, 1, 16), lx="0.2 m", ly="0.2 m"),
             **SOFT | {"certificate": NO_CERTIFICATE | {"estimate": True}},
             supports=[{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
             states=[
