@@ -170,7 +170,9 @@ def _show_ranking(outcomes: list[Outcome]) -> None:
 
     scatter = "residual / its sd" if outcomes[0].fit.deviations_known else "residual"
     table = Table(
-        "law", "parameters", "R²", scatter, "AICc", "difference", "weight", "stable", box=None, pad_edge=False
+        *("law", "parameters", "R²", scatter, "AICc", "difference", "weight", "stable", "elliptic"),
+        box=None,
+        pad_edge=False,
     )
     for row in ranking(outcomes):
         table.add_row(*row)

@@ -63,10 +63,15 @@ class Outcome:
         found = []
         for r in self.ranges:
             if r.lost_at is not None:
-                where = "within the tested range" if r.tested else "in a mode that was not tested"
                 found.append(
-                    f"{self.label} is not stable {where}: {r.mode.name}, {r.mode.measure} {r.lost_at:.4g}"
+                    f"{self.label} is not stable {_place(r)}: {r.mode.name}, {r.mode.measure} {r.lost_at:.4g}"
                     f" (Drucker's condition, checked from {r.low:.4g} to {r.high:.4g})"
+                )
+            if r.not_elliptic_at is not None:
+                found.append(
+                    f"{self.label} is not strongly elliptic {_place(r)}: {r.mode.name}, {r.mode.measure}"
+                    f" {r.not_elliptic_at:.4g} (checked from {r.low:.4g} to {r.high:.4g}): the strain may jump across"
+                    " surfaces in a body that is so deformed, and results depend on the mesh"
                 )
         fit = self.fit
         if fit.deviations_known and fit.scatter > _POOR:
@@ -112,7 +117,8 @@ class Outcome:
                 for i, test in enumerate(fit.tests)
             ],
             "stability": [
-                {"mode": r.mode.name, "from": r.low, "to": r.high, "tested": r.tested, "lost_at": r.lost_at}
+                {"mode": r.mode.name, "from": r.low, "to": r.high, "tested": r.tested}
+                | {"lost_at": r.lost_at, "not_elliptic_at": r.not_elliptic_at}
                 for r in self.ranges
             ],
             "warnings": self.warnings(),
@@ -136,14 +142,20 @@ def describe(outcome: Outcome) -> list[str]:
             f" (largest), R² {r_squared:.5f}"
         )
     stable = [r for r in outcome.ranges if r.lost_at is None]
-    if stable:
-        texts = [f"{r.mode.name} {r.low:.3g} to {r.high:.3g}{'' if r.tested else ' (not tested)'}" for r in stable]
-        lines.append(f"  stable: {', '.join(texts)}")
+    elliptic = [r for r in outcome.ranges if r.not_elliptic_at is None]
+    for name, ranges in (("stable", stable), ("strongly elliptic", elliptic)):
+        texts = [f"{r.mode.name} {r.low:.3g} to {r.high:.3g}{'' if r.tested else ' (not tested)'}" for r in ranges]
+        if texts:
+            lines.append(f"  {name}: {', '.join(texts)}")
     return lines
 
 
+def _place(checked: Range) -> str:
+    return "within the tested range" if checked.tested else "in a mode that was not tested"
+
+
 def ranking(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
-    """Return the rows of the comparison, best first: law, parameters, R², scatter, AICc, its difference, weight."""
+    """Return the rows of the comparison, best first: law, parameters, R², scatter, AICc, difference, weight, checks."""
     known = outcomes[0].fit.deviations_known
     ordered = sorted(outcomes, key=lambda outcome: outcome.fit.aicc)
     differences = np.array([o.fit.aicc for o in ordered]) - ordered[0].fit.aicc
@@ -151,8 +163,8 @@ def ranking(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for outcome, difference, weight in zip(ordered, differences, weights / weights.sum(), strict=True):
         fit = outcome.fit
-        lost = [r for r in outcome.ranges if r.lost_at is not None]
-        stable = "yes" if not lost else "not in the tests" if any(r.tested for r in lost) else "in the tests"
+        stable = _extent([r for r in outcome.ranges if r.lost_at is not None])
+        elliptic = _extent([r for r in outcome.ranges if r.not_elliptic_at is not None])
         rows.append(
             (
                 outcome.label,
@@ -163,9 +175,15 @@ def ranking(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
                 f"{difference:.1f}" if np.isfinite(difference) else "",
                 f"{weight:.2g}" if np.isfinite(difference) else "",
                 stable,
+                elliptic,
             )
         )
     return rows
+
+
+def _extent(lost: Sequence[Range]) -> str:
+    """Return where a condition holds, from the ranges in which it is lost."""
+    return "yes" if not lost else "not in the tests" if any(r.tested for r in lost) else "in the tests"
 
 
 def _correlations(fit: Fit) -> str:

@@ -1,7 +1,11 @@
-"""Stability of a law over ranges of stretch by Drucker's condition: a change of stress does work on that of the strain.
+"""Stability of a law over ranges of stretch: Drucker's condition, and strong ellipticity.
 
-It is ``dτ : dε > 0`` for all changes of the principal logarithmic strains ``ε``, with Kirchhoff's stress ``τ``; of an
-incompressible material for those changes that keep the volume. Without it, a body may have no solution or several.
+Drucker's condition, that a change of stress does work on that of the strain, is ``dτ : dε > 0`` for all changes of the
+principal logarithmic strains ``ε``, with Kirchhoff's stress ``τ``; of an incompressible material for those changes that
+keep the volume. Without it, a body may have no solution or several.
+
+Strong ellipticity (`hpcinv.fitting.ellipticity`) excludes jumps of the strain across surfaces. Neither implies the
+other.
 
 Source: Hill (1970), "Constitutive inequalities for isotropic elastic solids under finite strain",
 doi:10.1098/rspa.1970.0018.
@@ -13,7 +17,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
+from hpcinv.fitting.ellipticity import is_elliptic
 from hpcinv.fitting.homogeneous import MODES, Mode, Response
 from hpcinv.fitting.measurements import Test
 from hpcinv.fitting.taylor import Floats
@@ -29,7 +35,8 @@ class Range:
     Attributes:
         low, high: ends of the measure (stretch, amount of shear or volume ratio).
         tested: whether it is the range of a test; otherwise its stretches are those of the other tests.
-        lost_at: the measure nearest to the undeformed state at which the law is not stable, or ``None``.
+        lost_at: the measure nearest to the undeformed state at which Drucker's condition does not hold, or ``None``.
+        not_elliptic_at: the same of strong ellipticity.
     """
 
     mode: Mode
@@ -37,6 +44,7 @@ class Range:
     high: float
     tested: bool
     lost_at: float | None
+    not_elliptic_at: float | None
 
 
 def stability(response: Response, parameters: Floats, tests: Sequence[Test]) -> list[Range]:
@@ -51,15 +59,29 @@ def stability(response: Response, parameters: Floats, tests: Sequence[Test]) -> 
         tested = name in ranges
         low, high = ranges.get(name, (mode.at_rest, largest - 1 / largest if mode.is_shear else largest))
         if tested or (not mode.is_volumetric and high > low):
-            found.append(Range(mode, low, high, tested, _lost_at(response, parameters, mode, low, high)))
+            points = _points(mode, low, high)
+            lost_at, not_elliptic_at = (
+                _nearest(mode, points, ~holds(response, parameters, mode, points))
+                for holds in (_is_stable, is_elliptic)
+            )
+            found.append(Range(mode, low, high, tested, lost_at, not_elliptic_at))
     return found
 
 
-def _lost_at(response: Response, parameters: Floats, mode: Mode, low: float, high: float) -> float | None:
-    rest = mode.at_rest
-    measure = np.concatenate([np.linspace(rest, end, _POINTS + 1)[1:] for end in (low, high) if end != rest])
-    lost = measure[~(smallest_stiffness(response, parameters, mode, measure) > 0)]
-    return float(lost[np.abs(lost - rest).argmin()]) if len(lost) else None
+def _points(mode: Mode, low: float, high: float) -> Floats:
+    """Return the measures at which a range is checked, without the undeformed state."""
+    ends = [end for end in (low, high) if end != mode.at_rest]
+    return np.concatenate([np.linspace(mode.at_rest, end, _POINTS + 1)[1:] for end in ends])
+
+
+def _nearest(mode: Mode, measure: Floats, lost: npt.NDArray[np.bool_]) -> float | None:
+    """Return the measure nearest to the undeformed state among those that are marked."""
+    found = measure[lost]
+    return float(found[np.abs(found - mode.at_rest).argmin()]) if len(found) else None
+
+
+def _is_stable(response: Response, parameters: Floats, mode: Mode, measure: Floats) -> npt.NDArray[np.bool_]:
+    return smallest_stiffness(response, parameters, mode, measure) > 0
 
 
 def smallest_stiffness(response: Response, parameters: Floats, mode: Mode, measure: Floats) -> Floats:

@@ -20,7 +20,7 @@ class Gent(IsochoricLaw):
     example: ClassVar = {"law": "gent", "mu": "0.3 MPa", "jm": 30, "kappa": "2 MPa"}
     starting_values: ClassVar = {
         "rubber": StartingValues(
-            {"mu": "0.299 MPa", "jm": 93.4, "kappa": "incompressible"},
+            {"mu": "0.3 MPa", "jm": 93.9, "kappa": "incompressible"},
             "natural rubber",
             "our fit to the uniaxial test of Treloar (1944), doi:10.1039/TF9444000059, up to a stretch of 7.6",
         ),
