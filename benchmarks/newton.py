@@ -1,4 +1,4 @@
-"""What Newton's method and the continuation take: the measuring set of docs/newton.md, counted, not timed.
+"""What Newton's method and the continuation take: the measuring set of docs/theory/newton.md, counted, not timed.
 
 Every case is solved from the unloaded body. Counted are factorizations, Newton iterations, and solves that failed; the
 last columns are the largest difference from the displacements of an earlier run, and seconds of processor time.

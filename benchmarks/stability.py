@@ -1,4 +1,4 @@
-"""Modes of forward tangents, spurious and physical ones, and what confirming them takes (docs/stability.md).
+"""Modes of forward tangents, spurious and physical ones, and what confirming them takes (docs/theory/stability.md).
 
 ``modes`` solves ``K v = ω M v`` on the discrete kernel of the volume constraint, with M the linear elastic energy, and
 prints the lowest ω with the root mean square of the volume change by that of the gradient. ``counts`` prints how many

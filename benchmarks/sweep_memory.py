@@ -1,7 +1,7 @@
 """Whether a sweep's process grows: resident memory and free communicators over many cases in one process.
 
 Blocks of random stiffness are solved as a sweep does it, some with another law or mesh than the one before, so that
-models and meshes come and go. The curve goes to docs/sweep-memory.{png,svg}.
+models and meshes come and go. The curve goes to docs/pictures/sweep-memory.{png,svg}.
 
 Command: python benchmarks/sweep_memory.py [--cases 500]
 """
@@ -89,7 +89,7 @@ def main() -> None:
     below.plot([n for n, _, _ in seen], [f for _, _, f in seen])
     below.set(ylabel="communicators free", xlabel="cases solved in one process", ylim=(0, None))
     for form in ("png", "svg"):
-        figure.savefig(ROOT / "docs" / f"sweep-memory.{form}")
+        figure.savefig(ROOT / "docs" / "pictures" / f"sweep-memory.{form}")
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 MARGIN = 0.01
 """Share of the linear elastic energy of a direction that is added before it counts as unstable."""
-PENALTY = 10.0  # other values: docs/stability.md
+PENALTY = 10.0  # other values: docs/theory/stability.md
 _OVERLAP = 0.01  # share of α that stays in Λ too: what is left of Λ stays positive definite
 
 

@@ -165,7 +165,7 @@ def setup(bench: Bench, counts: Sequence[int]) -> Findings:
         [
             f"{len(os.sched_getaffinity(0))} cores may be used; the ranks of each row are in one communicator",
             "Iterative solves are limited by memory: more ranks help them as far as this column rises.",
-            "Where imports take longer on more ranks, read docs/start-up.md.",
+            "Where imports take longer on more ranks, read docs/how-to/start-up.md.",
         ],
         {str(count): of for count, of in found.items()},
     )

@@ -27,7 +27,8 @@ A file has columns named with their units, such as
   # mode: uniaxial
   stretch [-], nominal stress [MPa]
   1.10, 0.12
-Modes are uniaxial, equibiaxial, planar (pure shear), simple-shear and volumetric. docs/fit.md lists the columns."""
+Modes are uniaxial, equibiaxial, planar (pure shear), simple-shear and volumetric.
+docs/how-to/fit.md lists the columns."""
 
 
 def add_fit(commands: Any) -> None:

@@ -1,8 +1,8 @@
 """Untrusted files: with ``--untrusted`` nothing in them is executed, and no files outside their directory are used.
 
-For the risks of jobs without the option see docs/security.md. The checks are made where a file is read: validators use
-`applies`, and report faults at their places. The option sets the environment variable HPCINV_UNTRUSTED=1, which has the
-same effect for all commands, also in processes that a command starts.
+For the risks of jobs without the option see docs/how-to/security.md. The checks are made where a file is read:
+validators use `applies`, and report faults at their places. The option sets the environment variable
+HPCINV_UNTRUSTED=1, which has the same effect for all commands, also in processes that a command starts.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Summary of a run: its content as plain data, which docs/summary.md explains, and its files."""
+"""Summary of a run: its content as plain data, which docs/reference/summary.md explains, and its files."""
 
 import io
 import json

@@ -1,7 +1,7 @@
 """Settings of malloc in glibc: freed memory is kept for the next factorization, and released on request.
 
 By default glibc returns every large block to the system and gets the next one page by page, each cleared again, on all
-ranks of a node at the same time: a fifth of the time of a factorization (docs/linear-solvers.md).
+ranks of a node at the same time: a fifth of the time of a factorization (docs/performance/linear-solvers.md).
 """
 
 import ctypes

@@ -148,7 +148,7 @@ def test_a_summary_is_finite_the_same_in_both_files_and_documented(comm: MPI.Int
     assert all(3e7 < size["max"] <= max(found["peak_memory"]["ranks"]) for size in sizes.values())
 
     # Every key has its row, and every row its key.
-    text = (ROOT / "docs" / "summary.md").read_text()
+    text = (ROOT / "docs" / "reference" / "summary.md").read_text()
     rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
     documented = {key for row in rows for key in re.findall(r"`([^`]+)`", row)} - NOT_OF_EVERY_JOB
     there = {*keys(found)}

@@ -11,7 +11,7 @@ from hpcinv.__main__ import _parser
 from hpcinv.cli.study import with_action
 
 ROOT = Path(__file__).parents[2]
-PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("**/*.md")]
 
 
 def anchor(heading: str) -> str:

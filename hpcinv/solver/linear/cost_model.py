@@ -4,8 +4,8 @@ Nested dissection cuts a body with n unknowns by separators of about s = n h/L o
 and h the distance of its nodes. Most work is in the largest fronts: O(s³) each, of which a cube has O(1) and a rod
 O(n/s^1.5) one after the other, so that both take O(n s^1.5) operations and O(n s^0.5) entries (George, SIAM J. Numer.
 Anal. 10, 345–363, 1973, doi:10.1137/0710032). The constants were fitted to MUMPS's own counts for blocks of 2,312 to
-112,724 unknowns and of aspect ratio 1 to 40 (docs/linear-solvers.md), the times to one core; more cores change the
-times of both solvers alike.
+112,724 unknowns and of aspect ratio 1 to 40 (docs/performance/linear-solvers.md), the times to one core; more cores
+change the times of both solvers alike.
 """
 
 from __future__ import annotations
