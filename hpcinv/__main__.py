@@ -17,6 +17,7 @@ from hpcinv.cli.export import add_export
 from hpcinv.cli.fit import add_fit
 from hpcinv.cli.laws import add_laws
 from hpcinv.cli.mesh import add_mesh
+from hpcinv.cli.report import add_report
 from hpcinv.cli.run import add_run
 from hpcinv.cli.show import add_show
 from hpcinv.cli.study import add_study, with_action
@@ -78,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
         add_validate,
         add_explain,
         add_show,
+        add_report,
         add_export,
         add_laws,
         add_fit,

@@ -18,6 +18,7 @@ from hpcinv.output.result import Result
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
+from hpcinv.output.snapshot_writer import SnapshotWriter
 from hpcinv.parallel.runtime import MPI, compilation_explained
 from hpcinv.parallel.timings import Timings
 from hpcinv.preparation import prepare
@@ -76,7 +77,8 @@ def run(
         progress.body(totals)
         report = RunReport(job, model, store, progress, totals, problem.record, problem.unused_options)
         checkpoint_writer = CheckpointWriter(checkpoints, store, model)
-        observer = Observers(progress, checkpoint_writer, report, stop)
+        snapshots = SnapshotWriter(store, model, restart)
+        observer = Observers(progress, checkpoint_writer, snapshots, report, stop)
         quantities: dict[str, Value] = {}
         slopes: dict[str, Sensitivities] = {}
         for number, solve in enumerate(models.plan):
@@ -88,6 +90,7 @@ def run(
                     if solve.start is not None:
                         start = replace(start, origin=solutions[solve.start].fields)
                     progress.state(job, number)
+                    snapshots.begin(number, model, solve.direction)
                     solutions.append(_solve(model, solve.direction, solutions, start, observer, report, progress))
             report.check_reached(solutions)
             solution = solutions[number]

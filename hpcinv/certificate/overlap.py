@@ -33,10 +33,11 @@ _FINER = 4  # further subdivisions of curved facets, on which a crossing must pe
 
 @dataclass(frozen=True)
 class Overlap:
-    """Number of pairs of boundary facets that cross, and a point (m) of one pair; ``None`` if none do."""
+    """Number of pairs of boundary facets that cross, a point (m) of one pair, ``None`` if none do, and these facets."""
 
     pairs: int
     at: tuple[float, float, float] | None
+    facets: frozenset[int] = frozenset()
 
 
 def overlap(body: Body, nodes: Floats) -> Overlap:
@@ -67,7 +68,7 @@ def find_overlap(surface: Surface) -> Overlap:
     if not len(pairs):
         return Overlap(0, None)
     x, y, z = at[0].tolist()
-    return Overlap(len(pairs), (x, y, z))
+    return Overlap(len(pairs), (x, y, z), frozenset(np.unique(pairs).tolist()))
 
 
 def _crossing_facets(triangles: Triangles, among: Ints | None = None) -> tuple[Ints, Floats]:

@@ -45,6 +45,11 @@ def add_run(commands: Any) -> None:
         parallel.add_argument(
             "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
         )
+        parallel.add_argument(
+            "--report",
+            action="store_true",
+            help="write report.html, as does 'report: true' in the job's section output",
+        )
         add_option(parallel)
 
 
@@ -53,11 +58,17 @@ def _run(options: argparse.Namespace) -> int:
         job = load(options.job)
         if options.certificate is not None:
             job = job.with_({"certificate": options.certificate})
+        job = _reported(job, options)
         directory = choose(options.output, job)
         directory.check_free(overwrite=options.overwrite)
         return job, directory
 
     return _in_parallel(options, read, resume=False)
+
+
+def _reported(job: Job, options: argparse.Namespace) -> Job:
+    """The job, with a report if the options ask for one."""
+    return job.with_({"output.report": True}) if options.report else job
 
 
 def _resume(options: argparse.Namespace) -> int:
@@ -69,7 +80,7 @@ def _resume(options: argparse.Namespace) -> int:
 
     def read() -> tuple[Job, RunDirectory]:
         directory = RunDirectory(options.directory)
-        return directory.job(options.job), directory
+        return _reported(directory.job(options.job), options), directory
 
     return _in_parallel(options, read, resume=True)
 

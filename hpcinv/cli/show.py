@@ -77,7 +77,7 @@ def _of_body(path: Path, unit: str | None) -> Picture:
 
     from hpcinv.mesh import build_body
     from hpcinv.parallel.runtime import MPI
-    from hpcinv.pictures.boundary import boundary_of
+    from hpcinv.pictures.gathering import boundary_of
     from hpcinv.pictures.job_picture import draw_job, draw_mesh
 
     def report(text: str) -> None:

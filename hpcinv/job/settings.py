@@ -205,6 +205,17 @@ class Output(Spec):
     """warn of sizes, masses and loads that look like a mistake in a unit"""
     summary: ListOf[Literal["json", "h5"]] = ("json", "h5")
     """formats of the summary; json must be among them"""
+    surface: bool | None = Field(default=None, exclude_if=lambda surface: surface is None)
+    """the boundary with results, for pictures and reports; by default as 'fields'"""
+    snapshots: Annotated[int, Field(ge=0), BeforeValidator(lambda value: 0 if value is False else value)] = 20
+    """largest number of accepted steps of a solution at which the boundary is kept, for reports; 0 for none"""
+    report: bool = False
+    """report.html, to look at in a browser"""
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether the boundary is written."""
+        return self.report or (self.fields if self.surface is None else self.surface)
 
     @field_validator("summary")
     @classmethod

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.accuracy import AccuracyRecord
-from hpcinv.certificate import Certificate, Estimate
+from hpcinv.certificate import Certificate, Estimate, Verdict
+from hpcinv.certificate.shape import OVERLAP
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import on_root
-from hpcinv.pictures.boundary import boundary_of
+from hpcinv.pictures.boundary import Boundary
+from hpcinv.pictures.gathering import boundary_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.sensitivity.analysis import Sensitivities
@@ -77,13 +79,20 @@ class Result:
         """
         from hpcinv.pictures.result_picture import draw_result  # loads matplotlib
 
-        boundary = boundary_of(self.body, self.solutions, self.estimate)
+        boundary = self.boundary()
 
         def draw() -> Picture:
             assert boundary is not None  # on rank 0
             return draw_result(self.statistics, boundary, colour)
 
         return on_root(self.body.mesh.comm, draw)
+
+    def boundary(self) -> Boundary | None:
+        """Gather the boundary with the results on rank 0, ``None`` on others; collective."""
+        overlapping = {
+            line.state for line in self.certificate.lines if line.name == OVERLAP and line.verdict is Verdict.FAIL
+        }
+        return boundary_of(self.body, self.solutions, self.estimate, self.job.fibres, overlapping=overlapping)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a copy of the content of ``summary.json``, the same on every rank."""

@@ -21,7 +21,8 @@ from hpcinv.job.yaml_reader import read_yaml
 
 _JOB, _ORIGIN = "job.yaml", "origin.json"
 _CONTENT = (
-    *(_JOB, "checkpoints", "fields", "fields-*", "shape.*", "shape-*", "surface.npz", "summary.*", "run.log"),
+    *(_JOB, "checkpoints", "fields", "fields-*", "shape.*", "shape-*", "surface.npz", "snapshots"),
+    *("summary.*", "run.log", "report.html"),
     ".*.partial",
 )
 
@@ -29,7 +30,7 @@ _CONTENT = (
 @dataclass(frozen=True)
 class RunDirectory:
     """``job.yaml`` as run, ``origin.json`` (where from), ``checkpoints/``, ``fields/``, ``shape.*``, ``summary.*``, and
-    ``surface.npz`` for pictures.
+    ``surface.npz`` and ``snapshots/`` for pictures.
 
     A run that is killed at its beginning leaves nothing, ``.lock``, or ``origin.json`` without ``job.yaml``: never a
     partial file.

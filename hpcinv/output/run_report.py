@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Estimate, Line, Verdict
@@ -12,8 +13,10 @@ from hpcinv.output.result import Result
 from hpcinv.output.run_directory import relative
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.summary import statistics, write_summary
+from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary import NAME as BOUNDARY
 from hpcinv.pictures.boundary import write_boundary
+from hpcinv.reports.of_run import write_run_report
 from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
@@ -71,8 +74,8 @@ class RunReport(Observer):
             for text in self._totals.warnings:
                 self._progress.warn(text)
 
-    def _finish(self, result: Result, status: str) -> Result:
-        result = self._write(result, status)
+    def _finish(self, result: Result, status: str, advice: str = "") -> Result:
+        result = self._write(result, status, advice)
         self._progress.finish(result.statistics)
         return result
 
@@ -91,7 +94,7 @@ class RunReport(Observer):
             line = Line("load factor", solution.load, "", "must reach 1", Verdict.FAIL, why.text)
         if solution.state:
             where, line = f"state '{solution.state}': {where}", replace(line, state=solution.state)
-        self._finish(self._unfinished(solutions, line), why.text)
+        self._finish(self._unfinished(solutions, line), why.text, why.advice)
         raise SolveError(f"{where}: {why.text}", why.advice)
 
     def check_not_stopped(self, before: Sequence[Solution], found: SolvedDirection, state: str) -> None:
@@ -119,15 +122,26 @@ class RunReport(Observer):
     def _unfinished(self, solutions: Sequence[Solution], line: Line) -> Result:
         return Result(self._job, self._model.body, tuple(solutions), Certificate((line,)))
 
-    def _write(self, result: Result, status: str) -> Result:
+    def _write(self, result: Result, status: str, advice: str = "") -> Result:
         model, store = self._model, self._store
         result = replace(result, directory=store.path, accuracy=self._record, totals=self._totals)
         size = model.unknowns.size
-        found = statistics(result, status, size, self._unused_options, model.timings, store.comm)
+        found = statistics(result, status, size, self._unused_options, model.timings, store.comm, advice=advice)
         if (path := store.path) is not None:
             store.check_in_place()
-            if result.solutions and self._job.output.fields:
+            if result.solutions and self._job.output.has_surface:
                 with model.timings("output"):
-                    write_boundary(path / BOUNDARY, model.body, result.solutions, result.estimate)
+                    self._write_boundary(path / BOUNDARY, result)
             write_summary(path, found, store.comm, formats=self._job.output.summary)
+            if self._job.output.report:
+                on_root(store.comm, lambda: write_run_report(path, found))
         return replace(result, statistics=found)
+
+    def _write_boundary(self, path: Path, result: Result) -> None:
+        boundary = result.boundary()
+
+        def write() -> None:
+            assert boundary is not None  # on rank 0
+            write_boundary(path, boundary)
+
+        on_root(self._store.comm, write)

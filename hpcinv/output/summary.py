@@ -38,15 +38,19 @@ def statistics(
     unused_options: Sequence[str],
     timings: Timings,
     comm: MPI.Intracomm,
+    *,
+    advice: str = "",
 ) -> dict[str, Any]:
     """Return the summary of a run as JSON data, its numbers finite or ``None``, the same on every rank; collective.
 
     Args:
         status: "converged", or the reason why the run ended.
+        advice: what to try if it did not reach the full load.
     """
     job, body = result.job, result.body
     found = {
         "status": status,
+        "advice": advice or None,
         "job": job.model_dump(mode="json"),
         "fingerprint": on_root(comm, lambda: fingerprint(job)),  # other ranks may not see the mesh file
         "versions": versions(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,24 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.certificate.surface import Surface, Triangles, gather_surface
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import output_errors, replace
-from hpcinv.mesh.cells import jacobians, scalar_element
-from hpcinv.mesh.source import Floats, Ints
-from hpcinv.parallel.runtime import on_root
 
-if TYPE_CHECKING:
-    from dolfinx.fem import Function
-
-    from hpcinv.certificate import Estimate
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.regions import LocalIndices
-    from hpcinv.results.solution import Solution
+if TYPE_CHECKING:  # importing the mesh takes seconds
+    from hpcinv.mesh.source import Floats, Ints
 
 NAME = "surface.npz"
-_REGION, _RESULT = "region:", "result:"
-_SIDES = 2  # parts of each side of a curved facet
+_REGION, _RESULT, _FIBRES = "region:", "result:", "fibres:"
 
 
 @dataclass(frozen=True)
@@ -43,6 +33,10 @@ class BoundaryResult:
         others: the points of the body that was found, (n, 3) m.
         stress: mean Cauchy stress of the cell behind each triangle, (m, 9) Pa, row by row.
         J: mean volume ratio there, (m,).
+        stretches: principal stretches in the middle of that cell, largest first, (m, 3).
+        crossing: triangles of facets where the body that was found passes through itself, (m,); looked for only if the
+            certificate says that it does.
+        fibres: by family, unit directions in that cell of the loaded body, (m, 3).
     """
 
     state: str
@@ -51,6 +45,9 @@ class BoundaryResult:
     others: Floats
     stress: Floats
     J: Floats
+    stretches: Floats
+    crossing: npt.NDArray[np.bool_]
+    fibres: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
     def displacement(self) -> Floats:
@@ -68,6 +65,7 @@ class Boundary:
         regions: for each name, the triangles on facets or cells of that region, (m,).
         results: what was found, for each state of the body; empty before a run.
         error: estimated error of the displacement gradient in the cell behind each triangle, root mean square, (m,).
+        fibres: by family, unit directions on the undeformed body in the cell behind each triangle, (m, 3).
     """
 
     points: Floats
@@ -75,96 +73,30 @@ class Boundary:
     regions: Mapping[str, npt.NDArray[np.bool_]] = field(default_factory=dict)
     results: tuple[BoundaryResult, ...] = ()
     error: Floats | None = None
+    fibres: Mapping[str, Floats] = field(default_factory=dict)
 
 
-def boundary_of(body: Body, solutions: Sequence[Solution] = (), estimate: Estimate | None = None) -> Boundary | None:
-    """Gather the boundary of a body and of what was found of it on rank 0, ``None`` on others; collective.
-
-    Args:
-        solutions: the first, and those of further states of the body; others, such as the way back of a round trip,
-            are left out.
-        estimate: of the first solution.
-    """
-    solutions = [*solutions[:1], *(one for one in solutions[1:] if one.state)]
-    regions = {name: region for name, region in body.regions.items() if region.origin != "built in"}
-
-    def evaluate(facets: LocalIndices, cells: LocalIndices) -> Floats:
-        found: list[Floats | npt.NDArray[np.bool_]] = [
-            np.isin(facets, one.facets) | np.isin(cells, one.cells) for one in regions.values()
-        ]
-        for solution in solutions:
-            found.extend([_in(solution.J, cells), *_in(solution.cauchy_stress, cells).reshape(-1, 9).T])
-        if estimate:
-            found.append(np.sqrt(estimate.cells[cells] / _volumes(body, cells)))
-        return np.array(found, dtype=float).reshape(len(found), len(facets)).T
-
-    nodes = solutions[0].mesh_nodes if solutions else body.mesh.geometry.x * body.length_scale
-    given = gather_surface(body, nodes, evaluate)
-    others = [gather_surface(body, one.other_nodes) for one in solutions]
-    rest = gather_surface(body, solutions[1].mesh_nodes) if len(solutions) > 1 else given
-    if given is None or rest is None:
-        return None
-    cut, n = _cut(given), len(regions)
-    meshes = [cut.points, *[_cut(rest).points] * (len(solutions) - 1)]  # further states are solved from one shape
-    values = given.values[cut.facet]
-    results = []
-    for i, (solution, surface) in enumerate(zip(solutions, others, strict=True)):
-        assert surface is not None  # on rank 0
-        mesh, found = meshes[i], _cut(surface).points
-        of_cells = values[:, n + 10 * i : n + 10 * i + 10]
-        results.append(
-            BoundaryResult(solution.state, solution.direction, mesh, found, stress=of_cells[:, 1:], J=of_cells[:, 0])
-        )
-    return Boundary(
-        points=cut.points,
-        triangles=cut.corners,
-        regions={name: values[:, i] > 0 for i, name in enumerate(regions)},
-        results=tuple(results),
-        error=values[:, -1] if estimate else None,
-    )
+def write_boundary(path: Path, boundary: Boundary) -> None:
+    """Write a boundary as compressed NumPy arrays (.npz); raises ``OutputError`` if that fails."""
+    arrays: dict[str, Any] = {"points": boundary.points, "triangles": boundary.triangles}
+    if boundary.error is not None:
+        arrays["error"] = boundary.error
+    arrays |= {_REGION + name: inside for name, inside in boundary.regions.items()}
+    arrays |= {_FIBRES + name: directions.astype(np.float32) for name, directions in boundary.fibres.items()}
+    for i, result in enumerate(boundary.results):
+        head = f"{_RESULT}{i}:"
+        own = {name: np.asarray(value) for name, value in vars(result).items() if name != "fibres"}
+        own |= {_FIBRES + name: directions.astype(np.float32) for name, directions in result.fibres.items()}
+        arrays |= {head + name: value for name, value in own.items()}
+    write_arrays(path, arrays)
 
 
-def _cut(surface: Surface) -> Triangles:
-    return surface.cut(1 if surface.degree == 1 else _SIDES, np.arange(len(surface.nodes)))
-
-
-def _in(function: Function, cells: LocalIndices) -> Floats:
-    """Values of a piecewise constant function, (cells, components)."""
-    space = function.function_space
-    values = function.x.array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list[cells, 0]]
-    return np.asarray(values.squeeze(axis=1) if values.shape[1] == 1 else values)
-
-
-def _volumes(body: Body, cells: LocalIndices) -> Floats:
-    """Volumes of cells in scaled lengths, from the Jacobian in their middle: exact for straight cells."""
-    geometry, kind = body.mesh.geometry, body.source.kind
-    middle = scalar_element(kind, 1).points.mean(axis=0)[None]
-    matrices = jacobians(kind, body.source.degree, geometry.x[geometry.dofmaps[0][cells]], middle)[:, 0]
-    return np.asarray(np.abs(np.linalg.det(matrices)) / (6.0 if kind == "tetrahedron" else 1.0))
-
-
-def write_boundary(path: Path, body: Body, solutions: Sequence[Solution], estimate: Estimate | None) -> None:
-    """Write the boundary as compressed NumPy arrays (.npz), completely or not at all; collective.
-
-    Raises:
-        OutputError: on every rank, if it cannot be written.
-    """
-    boundary = boundary_of(body, solutions, estimate)
-
-    def save() -> None:
-        assert boundary is not None  # on rank 0
-        arrays: dict[str, Any] = {"points": boundary.points, "triangles": boundary.triangles}
-        if boundary.error is not None:
-            arrays["error"] = boundary.error
-        arrays |= {_REGION + name: inside for name, inside in boundary.regions.items()}
-        for i, result in enumerate(boundary.results):
-            arrays |= {f"{_RESULT}{i}:{name}": np.asarray(value) for name, value in vars(result).items()}
-        stream = io.BytesIO()
-        np.savez_compressed(stream, **arrays)
-        with output_errors(path, "Is there space left?"):
-            replace(path, stream.getvalue())
-
-    on_root(body.mesh.comm, save)
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write compressed NumPy arrays (.npz), completely or not at all; raises ``OutputError`` if that fails."""
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)
+    with output_errors(path, "Is there space left?"):
+        replace(path, stream.getvalue())
 
 
 def read_boundary(path: Path) -> Boundary:
@@ -177,16 +109,21 @@ def read_boundary(path: Path) -> Boundary:
         with np.load(path) as found:
             arrays = dict(found)
         results: dict[str, dict[str, Any]] = {}
-        regions = {}
+        regions, directions = {}, {}
         for key in list(arrays):
             if key.startswith(_REGION):
                 regions[key.removeprefix(_REGION)] = arrays.pop(key)
+            elif key.startswith(_FIBRES):
+                directions[key.removeprefix(_FIBRES)] = arrays.pop(key)
             elif key.startswith(_RESULT):
-                _, number, name = key.split(":")
-                value = arrays.pop(key)
-                results.setdefault(number, {})[name] = value if value.ndim else str(value)
+                _, number, name = key.split(":", 2)
+                value, result = arrays.pop(key), results.setdefault(number, {"fibres": {}})
+                if name.startswith(_FIBRES):
+                    result["fibres"][name.removeprefix(_FIBRES)] = value
+                else:
+                    result[name] = value if value.ndim else str(value)
         each = tuple(BoundaryResult(**result) for result in results.values())
-        return Boundary(regions=regions, results=each, **arrays)
+        return Boundary(regions=regions, results=each, fibres=directions, **arrays)
     except FileNotFoundError:
         raise OutputError(
             f"{path}: no such file", "A run that finds a shape writes it, unless its job has output.fields: false."

@@ -6,7 +6,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -18,7 +18,9 @@ from matplotlib.patches import Patch
 
 from hpcinv.errors import OutputError, SystemPartMissing
 from hpcinv.files.atomic import output_errors, replace
-from hpcinv.mesh.source import Floats, Ints
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.source import Floats, Ints
 
 COLOUR_MAP = "viridis"
 _PIXELS = (1000, 800)  # of one view

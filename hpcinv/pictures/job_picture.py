@@ -1,7 +1,9 @@
 """Picture of a job before it runs: the mesh with regions, supports and loads."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,10 +11,12 @@ import yaml
 
 from hpcinv.effects import Effect
 from hpcinv.job.job import Job
-from hpcinv.mesh.source import Floats
 from hpcinv.pictures.boundary import Boundary
 from hpcinv.pictures.drawing import Body, Glyphs, Picture, View, directions, extent, figure
 from hpcinv.quantity.units import readable
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.source import Floats
 
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")

@@ -1,17 +1,21 @@
 """Picture of a result: the given body beside the one that was found, coloured by a field."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hpcinv.errors import OutputError
-from hpcinv.mesh.source import Floats
 from hpcinv.pictures.boundary import Boundary, BoundaryResult
 from hpcinv.pictures.colours import Colour
 from hpcinv.pictures.drawing import Body, Picture, View, directions, figure
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.source import Floats
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour =
             "Run it with certificate.estimate: true, or choose another colour.",
         )
     frame = np.concatenate([shape.points for shape in shapes])
-    front, _, up = directions(frame, _upwards(job))
+    front, _, up = directions(frame, upwards(job))
     views = []
     for i, (shape, of_shape) in enumerate(zip(shapes, known, strict=True)):
         shadow = Body(shapes[0 if i else 1].points, boundary.triangles, opacity=0.2)
@@ -89,7 +93,7 @@ def _shapes(boundary: Boundary, rest: str) -> list[_Shape]:
     ]
 
 
-def _upwards(job: Mapping[str, Any]) -> Floats | None:
+def upwards(job: Mapping[str, Any]) -> Floats | None:
     """Direction against gravity, ``None`` without gravity."""
     states = job.get("states") or ()
     effects = [*job.get("effects", ()), *(effect for state in states for effect in state.get("effects") or ())]

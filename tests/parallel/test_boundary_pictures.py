@@ -12,7 +12,8 @@ import hpcinv
 from hpcinv.errors import OutputError
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.pictures.boundary import NAME, Boundary, boundary_of, read_boundary
+from hpcinv.pictures.boundary import NAME, Boundary, read_boundary
+from hpcinv.pictures.gathering import boundary_of
 from hpcinv.pictures.result_picture import measure
 
 SHEAR: dict[str, Any] = {

@@ -133,8 +133,8 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
     def make(*, directory: bool = True, directions: int = 1) -> tuple[RunReport, dict[str, Any]]:
         given: dict[str, Any] = {"warnings": []}
 
-        def statistics(result: Any, status: str, _size: int, unused: Any, *_: Any) -> dict[str, Any]:
-            given.update(result=result, status=status, unused=list(unused))
+        def statistics(result: Any, status: str, _size: int, unused: Any, *_: Any, advice: str) -> dict[str, Any]:
+            given.update(result=result, status=status, unused=list(unused), advice=advice)
             return {"status": status}
 
         monkeypatch.setattr(run_report, "statistics", statistics)
@@ -142,7 +142,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         job = SimpleNamespace(
             directions=("inverse", "forward")[:directions],
             accuracy={},
-            output=SimpleNamespace(unit_warnings=True, summary=("json",), fields=False),
+            output=SimpleNamespace(unit_warnings=True, summary=("json",), has_surface=False, report=False),
         )
         unknowns = SimpleNamespace(size=12)
         model: Any = SimpleNamespace(job=job, body=None, unknowns=unknowns, timings=None)
@@ -184,6 +184,7 @@ def test_a_load_that_is_not_reached_is_a_solve_error_with_a_summary(report: Make
     [line] = given["result"].certificate.lines
     assert (line.name, line.value, line.verdict) == ("load factor", 0.25, Verdict.FAIL)
     assert given["written"] == {"status": given["status"]}
+    assert "solver.maximum_iterations" in given["advice"]
     one, given = report()
     fixed_point = solve(1.0, Outcome.FIXED_POINT_LIMIT, position_residual=0.125)
     with pytest.raises(SolveError, match=r"stopped 0\.125 m from the given shape: the fixed-point method"):

@@ -1,0 +1,137 @@
+"""Gathering of the boundary of a body and of results from all ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.certificate.overlap import find_overlap
+from hpcinv.certificate.surface import Surface, Triangles, gather_surface
+from hpcinv.mesh.cells import jacobians, scalar_element
+from hpcinv.mesh.source import Floats
+from hpcinv.pictures.boundary import Boundary, BoundaryResult
+from hpcinv.results.cell_middles import deformation_gradients, fibres
+
+if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
+    from hpcinv.certificate import Estimate
+    from hpcinv.job.fibres import FibreFamily
+    from hpcinv.mesh import Body
+    from hpcinv.mesh.regions import LocalIndices
+    from hpcinv.results.solution import Solution
+
+_SIDES = 2  # parts of each side of a curved facet
+
+
+def boundary_of(
+    body: Body,
+    solutions: Sequence[Solution] = (),
+    estimate: Estimate | None = None,
+    families: Mapping[str, FibreFamily] = MappingProxyType({}),
+    *,
+    overlapping: Collection[str] = (),
+) -> Boundary | None:
+    """Gather the boundary of a body and of what was found of it on rank 0, ``None`` on others; collective.
+
+    Args:
+        solutions: the first, and those of further states of the body; others, such as the way back of a round trip,
+            are left out.
+        estimate: of the first solution.
+        families: fibres of the job.
+        overlapping: states in which the body that was found passes through itself, by the certificate.
+    """
+    solutions = [*solutions[:1], *(one for one in solutions[1:] if one.state)]
+    regions = {name: region for name, region in body.regions.items() if region.origin != "built in"}
+
+    def evaluate(facets: LocalIndices, cells: LocalIndices) -> Floats:
+        found: list[Floats | npt.NDArray[np.bool_]] = [
+            np.isin(facets, one.facets) | np.isin(cells, one.cells) for one in regions.values()
+        ]
+        given, undeformed = None, dict[str, Floats]()
+        for solution in solutions:
+            gradients = deformation_gradients(body, solution, cells)
+            if given is None:
+                given = gradients
+                undeformed = fibres(body, families, solution, gradients, cells)
+            found.extend([_in(solution.J, cells), *_in(solution.cauchy_stress, cells).reshape(-1, 9).T])
+            found.extend(np.linalg.svd(gradients, compute_uv=False).T)
+            for direction in undeformed.values():
+                found.extend(_unit(np.einsum("cij,cj->ci", gradients, direction)).T)
+        for direction in undeformed.values():
+            found.extend(direction.T)
+        if estimate:
+            found.append(np.sqrt(estimate.cells[cells] / _volumes(body, cells)))
+        return np.array(found, dtype=float).reshape(len(found), len(facets)).T
+
+    nodes = solutions[0].mesh_nodes if solutions else body.mesh.geometry.x * body.length_scale
+    given = gather_surface(body, nodes, evaluate)
+    others = [gather_surface(body, one.other_nodes) for one in solutions]
+    rest = gather_surface(body, solutions[1].mesh_nodes) if len(solutions) > 1 else given
+    if given is None or rest is None:
+        return None
+    cut, n = cut_of(given), len(regions)
+    meshes = [cut.points, *[cut_of(rest).points] * (len(solutions) - 1)]  # further states are solved from one shape
+    values = given.values[cut.facet]
+    columns = iter(values[:, n:].T)
+
+    def take(count: int) -> Floats:
+        return np.stack([next(columns) for _ in range(count)], axis=1)
+
+    results = []
+    for mesh, solution, surface in zip(meshes[: len(solutions)], solutions, others, strict=True):
+        assert surface is not None  # on rank 0
+        crossing = np.zeros(len(cut.corners), dtype=bool)
+        if solution.state in overlapping:
+            crossing = np.isin(cut.facet, list(find_overlap(surface).facets))
+        results.append(
+            BoundaryResult(
+                solution.state,
+                solution.direction,
+                mesh,
+                cut_of(surface).points,
+                J=take(1)[:, 0],
+                stress=take(9),
+                stretches=take(3),
+                crossing=crossing,
+                fibres={name: take(3) for name in families},
+            )
+        )
+    return Boundary(
+        points=cut.points,
+        triangles=cut.corners,
+        regions={name: values[:, i] > 0 for i, name in enumerate(regions)},
+        results=tuple(results),
+        fibres={name: take(3) for name in families} if solutions else {},
+        error=take(1)[:, 0] if estimate else None,
+    )
+
+
+def _unit(vectors: Floats) -> Floats:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    found: Floats = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+    return found
+
+
+def cut_of(surface: Surface) -> Triangles:
+    """Return the triangles of pictures of a boundary."""
+    return surface.cut(1 if surface.degree == 1 else _SIDES, np.arange(len(surface.nodes)))
+
+
+def _in(function: Function, cells: LocalIndices) -> Floats:
+    """Values of a piecewise constant function, (cells, components)."""
+    space = function.function_space
+    values = function.x.array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list[cells, 0]]
+    return np.asarray(values.squeeze(axis=1) if values.shape[1] == 1 else values)
+
+
+def _volumes(body: Body, cells: LocalIndices) -> Floats:
+    """Volumes of cells in scaled lengths, from the Jacobian in their middle: exact for straight cells."""
+    geometry, kind = body.mesh.geometry, body.source.kind
+    middle = scalar_element(kind, 1).points.mean(axis=0)[None]
+    matrices = jacobians(kind, body.source.degree, geometry.x[geometry.dofmaps[0][cells]], middle)[:, 0]
+    return np.asarray(np.abs(np.linalg.det(matrices)) / (6.0 if kind == "tetrahedron" else 1.0))

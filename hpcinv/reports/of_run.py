@@ -1,0 +1,201 @@
+"""Report of a run, from its directory: summary, boundary and snapshots."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from hpcinv.errors import HpcinvError, OutputError, SystemPartMissing
+from hpcinv.job.sections import REACTIONS, QuantityOfInterest
+from hpcinv.pictures import boundary as surface
+from hpcinv.pictures import snapshots
+from hpcinv.pictures.boundary import Boundary, read_boundary
+from hpcinv.pictures.snapshots import Snapshot, read_snapshots
+from hpcinv.reports.arrays import Arrays
+from hpcinv.reports.charts import Curve, chart
+from hpcinv.reports.page import NAME, render, write_page
+from hpcinv.reports.scene import scene
+from hpcinv.reports.symbols import size_text
+from hpcinv.reports.wording import meaning, words
+
+_KEYS = {"status", "job", "solutions", "certificate", "timings", "peak_memory", "versions", "mesh"}
+
+
+def write_run_report(directory: Path, summary: Mapping[str, Any] | None, path: Path | None = None) -> Path:
+    """Write the report of a run, without its solver; return the file.
+
+    It reads the boundary, not the fields in the body.
+
+    Args:
+        summary: content of ``summary.json``, ``None`` if there is none.
+        path: by default ``report.html`` in the directory.
+
+    Raises:
+        OutputError: the directory is not that of a run, a file there is damaged, or the report cannot be written.
+    """
+    if summary is None or not summary.keys() >= _KEYS:
+        raise OutputError(
+            f"{directory}: has no summary of a run, or it is damaged",
+            "Give the directory that 'run' printed at its beginning; one that was killed needs 'resume'.",
+        )
+    boundary, steps = None, list[Snapshot]()
+    if (directory / surface.NAME).exists():
+        boundary, steps = read_boundary(directory / surface.NAME), read_snapshots(directory / snapshots.NAME)
+    path = path or directory / NAME
+    try:
+        page = run_page(summary, boundary, steps)
+    except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
+        raise OutputError(
+            f"{directory}: its summary does not have what a report needs ({type(error).__name__}: {error})",
+            "Was it written by another version of hpcinv? Run the job again.",
+        ) from error
+    write_page(path, page)
+    return path
+
+
+def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Sequence[Snapshot]) -> bytes:
+    """Return the page of a run; ``boundary`` is ``None`` if none was kept."""
+    arrays, body, picture = Arrays(), None, ""
+    if boundary is not None and boundary.results:
+        body = scene(summary, boundary, steps, arrays)
+        body["arrays"] = arrays.specs
+        picture = _picture(summary, boundary)
+    overlapping = boundary is not None and any(result.crossing.any() for result in boundary.results)
+    certificate = summary["certificate"]
+    return render(
+        "run.html",
+        title=summary["job"]["job"],
+        summary=summary,
+        words=words(summary, overlapping=overlapping),
+        body=body,
+        arrays=arrays.texts(),
+        picture=picture,
+        size="" if boundary is None else size_text(boundary),
+        quantities=_quantities(summary),
+        lines=[
+            line | {"meaning": meaning(line["name"]), "state": line.get("state", "")} for line in certificate["lines"]
+        ],
+        seconds_of_checks=sum(line["seconds"] or 0.0 for line in certificate["lines"]),
+        newton=_newton(summary["solutions"]),
+        phases=_phases(summary),
+        job_text=yaml.safe_dump(_short(summary["job"]), sort_keys=False, allow_unicode=True),
+        fingerprint=yaml.safe_dump(summary.get("fingerprint"), sort_keys=False, allow_unicode=True),
+    )
+
+
+def _picture(summary: Mapping[str, Any], boundary: Boundary) -> str:
+    """The picture for paper and browsers without WebGL as data URL; empty where none can be drawn."""
+    from hpcinv.pictures.result_picture import draw_result  # loads VTK
+
+    with contextlib.suppress(SystemPartMissing):
+        return f"data:image/png;base64,{base64.b64encode(draw_result(summary, boundary).png).decode()}"
+    return ""
+
+
+def _quantities(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the table of quantities, with units, estimated errors and their bars."""
+    estimate = summary["certificate"].get("estimate") or {}
+    errors, given = estimate.get("quantities", {}), summary["job"].get("quantities", [])
+    rows = []
+    for name, value in summary["quantities"].items():
+        one = next((q for q in given if name == q["name"] or name.startswith(f"{q['name']}-")), None)
+        error, unit = errors.get(name), "" if one is None else _unit(one)
+        bar = _bar(value, error)
+        formula = "" if one is None else str(one["of"])
+        rows.append({"name": name, "value": value, "error": error, "unit": unit, "of": formula, "bar": bar})
+    return rows
+
+
+def _bar(value: Any, error: Any) -> dict[str, float] | None:
+    """Relative error, and the width of its bar in percent on a logarithmic scale from 1e-6 to 1."""
+    if not isinstance(value, int | float) or not isinstance(error, int | float) or not error:
+        return None
+    relative = abs(error) / max(abs(value), abs(error))
+    return {"relative": relative, "width": 100 * min(1.0, max(0.02, 1 + math.log10(relative) / 6))}
+
+
+def _unit(quantity: Mapping[str, Any]) -> str:
+    of = str(quantity["of"]).strip()
+    if of in REACTIONS:
+        return REACTIONS[of]
+    with contextlib.suppress(ValidationError, HpcinvError, ValueError, TypeError):
+        dimension = QuantityOfInterest.model_validate(dict(quantity)).dimension
+        return dimension.unit if dimension is not None else ""
+    return ""
+
+
+def _newton(solutions: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Charts and table of each solution: corrections and residuals over the iterations, and the load of each solve."""
+    found = []
+    for solution in solutions:
+        corrections, residuals, breaks, labels = list[float](), list[float](), set[int](), list[str]()
+        for solve in solution["solves"]:
+            breaks.add(len(corrections))
+            for iteration in solve["iterations"]:
+                state = iteration["state"] or 0.0
+                corrections.append((iteration["correction"] or 0.0) / state if state else 0.0)
+                residuals.append(iteration["residual"] or 0.0)
+                kind = "new tangent" if iteration["new_tangent"] else "kept tangent"
+                labels.append(f"load {solve['load']:.6g}, {kind}")
+        across = range(1, len(corrections) + 1)
+        curves = [
+            Curve(
+                name,
+                list(zip(across, values, strict=True)),
+                [f"{name} {v:.3g}, {t}" for v, t in zip(values, labels, strict=True)],
+                frozenset(breaks),
+            )
+            for name, values in (("relative correction", corrections), ("residual (scaled)", residuals))
+        ]
+        title = f"Newton's method, {solution['direction']} solution{_of_state(solution)}"
+        steps = [(float(i), solve["load"]) for i, solve in enumerate(solution["solves"], 1)]
+        texts = [f"load {s['load']:.6g}: {s['outcome']}" for s in solution["solves"]]
+        found.append(
+            {
+                "title": title,
+                "chart": chart(curves, title, "iteration", "norm", log_y=True),
+                "path": chart(
+                    [Curve("load factor", steps, texts)], f"{title}: load", "solve", "load factor", size=(640, 200)
+                )
+                if len(steps) > 1
+                else "",
+                "solves": solution["solves"],
+                "linear": solution.get("linear"),
+            }
+        )
+    return found
+
+
+def _of_state(solution: Mapping[str, Any]) -> str:
+    return f" of state '{solution['state']}'" if solution.get("state") else ""
+
+
+def _phases(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the table of phases, the longest first."""
+    timings, memory = summary["timings"], summary["peak_memory"]["phases"]
+    total = timings["total"] or 1.0
+    rows = [
+        {
+            "name": name,
+            "least": s["min"],
+            "most": s["max"],
+            "share": 100 * s["max"] / total,
+            "memory": memory.get(name, {}).get("max"),
+        }
+        for name, s in timings["phases"].items()
+    ]
+    return sorted(rows, key=lambda row: -float(row["most"]))
+
+
+def _short(value: Any) -> Any:
+    """The job without its empty sections."""
+    if isinstance(value, Mapping):
+        return {key: _short(one) for key, one in value.items() if one not in (None, {}, [], ())}
+    return [_short(one) for one in value] if isinstance(value, list) else value

@@ -1,0 +1,134 @@
+"""The body of a run as arrays for the page: shapes, steps, stresses, regions, fibres, supports and loads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hpcinv.pictures.boundary import Boundary, BoundaryResult
+from hpcinv.pictures.decimation import MOST, Decimated, decimated
+from hpcinv.pictures.result_picture import upwards
+from hpcinv.pictures.snapshots import Snapshot
+from hpcinv.quantity.stress_measures import COMPONENTS
+from hpcinv.reports.arrays import Arrays
+from hpcinv.reports.symbols import symbols
+
+if TYPE_CHECKING:
+    from hpcinv.mesh.source import Floats
+
+_STATES = 3  # of the largest surface; more states have fewer points
+_FIBRES = 3_000  # lines of one family
+_STEPS_SIZE = 1_600_000  # bytes of the displacements of steps
+_MASKS = 16  # regions in one array of bits
+
+
+def scene(
+    summary: Mapping[str, Any], boundary: Boundary, snapshots: Sequence[Snapshot], arrays: Arrays
+) -> dict[str, Any]:
+    """Add the body to ``arrays``; return what they mean as plain data."""
+    most = MOST if len(boundary.results) <= _STATES else MOST * _STATES // len(boundary.results)
+    kept = _kept(boundary, most)
+    up = upwards(summary["job"])
+    steps = _steps(snapshots, kept, boundary, arrays)
+    return {
+        "name": summary["job"]["job"],
+        "points": len(kept.points),
+        "triangles": arrays.add_whole(kept.triangles),
+        "of": {"points": len(boundary.points), "triangles": len(boundary.triangles)},
+        "decimated": len(kept.points) < len(boundary.points),
+        "up": [0.0, 0.0, 1.0] if up is None else (up / np.linalg.norm(up)).tolist(),
+        "regions": _regions(boundary, kept, arrays),
+        "error": None if boundary.error is None else arrays.add(boundary.error[kept.of]),
+        "fibres": _fibres(boundary, kept, arrays),
+        "results": [
+            _result(summary, boundary, number, result, kept, arrays)
+            | {"steps": [step for step in steps if step["solution"] == number]}
+            for number, result in enumerate(boundary.results)
+        ],
+    }
+
+
+def _kept(boundary: Boundary, most: int) -> Decimated:
+    """Part of the points that snapshots have, so that these can be drawn."""
+    first = decimated(boundary.points, boundary.triangles)
+    again = decimated(boundary.points[first.points], first.triangles, most)
+    return Decimated(first.points[again.points], again.triangles, first.of[again.of])
+
+
+def _result(
+    summary: Mapping[str, Any],
+    boundary: Boundary,
+    number: int,
+    result: BoundaryResult,
+    kept: Decimated,
+    arrays: Arrays,
+) -> dict[str, Any]:
+    states = summary.get("states", {})
+    rest = next((name for name, state in states.items() if state["rest"]), "undeformed")
+    of_state: Mapping[str, Any] = next((s for s in summary["job"].get("states") or () if s["name"] == result.state), {})
+    loads = symbols(summary["job"], of_state, boundary)
+    place = {int(old): new for new, old in reversed(list(enumerate(kept.of)))}
+    for one in loads:
+        one["rows"] = [place[row] for row in one["rows"] if row in place]
+    stress = np.stack([result.stress.reshape(-1, 3, 3)[:, i, j] for i, j in COMPONENTS.values()], axis=1)
+    load = next((s["load"] for s in summary["solutions"] if s.get("state", "") == result.state), 1.0)
+    return {
+        "state": result.state,
+        "direction": result.direction,
+        "undeformed": rest,
+        "deformed": result.state or "deformed",
+        "load": load,
+        "mesh": arrays.add(result.mesh[kept.points]),
+        "displacement": arrays.add((result.others - result.mesh)[kept.points]),
+        "stress": arrays.add(stress[kept.of]),
+        "J": arrays.add(result.J[kept.of]),
+        "stretches": arrays.add(result.stretches[kept.of]),
+        "crossing": arrays.add_whole(result.crossing[kept.of]) if result.crossing.any() else None,
+        "fibres": {name: arrays.add(lines[_sampled(kept)]) for name, lines in _directions(result, kept).items()},
+        "symbols": loads,
+    }
+
+
+def _directions(result: BoundaryResult, kept: Decimated) -> dict[str, Floats]:
+    return {name: lines[kept.of] for name, lines in result.fibres.items()}
+
+
+def _sampled(kept: Decimated) -> slice:
+    return slice(None, None, -(-len(kept.of) // _FIBRES))
+
+
+def _fibres(boundary: Boundary, kept: Decimated, arrays: Arrays) -> dict[str, Any]:
+    """Directions on the undeformed body, for every n-th triangle."""
+    return {
+        "every": _sampled(kept).step,
+        "families": {name: arrays.add(lines[kept.of][_sampled(kept)]) for name, lines in boundary.fibres.items()},
+    }
+
+
+def _regions(boundary: Boundary, kept: Decimated, arrays: Arrays) -> dict[str, Any]:
+    """Names and, in bits of whole numbers, the triangles of each region that has some on the boundary."""
+    inside = {name: marks[kept.of] for name, marks in boundary.regions.items() if marks.any()}
+    names = list(inside)
+    masks = []
+    for begin in range(0, len(names), _MASKS):
+        bits = [inside[name].astype(np.int64) << k for k, name in enumerate(names[begin : begin + _MASKS])]
+        masks.append(arrays.add_whole(np.sum(bits, axis=0)))
+    return {"names": names, "masks": masks}
+
+
+def _steps(snapshots: Sequence[Snapshot], kept: Decimated, boundary: Boundary, arrays: Arrays) -> list[dict[str, Any]]:
+    """The steps between the first and the last, as many as there is room for."""
+    usable = [s for s in snapshots if s.solution < len(boundary.results) and np.isin(kept.points, s.points).all()]
+    room = max(2, _STEPS_SIZE // max(1, 8 * len(kept.points)))
+    chosen = np.unique(np.linspace(0, len(usable) - 1, min(room, len(usable))).astype(int)).tolist()
+    return [
+        {
+            "solution": snapshot.solution,
+            "load": snapshot.load,
+            "residual": snapshot.residual if np.isfinite(snapshot.residual) else None,
+            "displacement": arrays.add(snapshot.displacement[np.searchsorted(snapshot.points, kept.points)]),
+        }
+        for snapshot in (usable[i] for i in chosen)
+    ]

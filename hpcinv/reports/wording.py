@@ -1,0 +1,148 @@
+"""What a run has found, how sure that is, and what to do next, in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hpcinv.quantity.units import readable
+
+MEANINGS: Mapping[str, str] = {
+    "equilibrium residual": "Forces left over in the loaded body, relative to the load: how well equations are solved.",
+    "smallest volume ratio": "The most that the material is squeezed anywhere; at zero an element is inside out.",
+    "largest volume ratio": "The most that the material is swollen anywhere.",
+    "volume ratio not explained": "In nearly incompressible material, volume change that the pressure does not cause:"
+    " large where the mesh is too coarse or locks.",
+    "discretisation error": "How far the nodes are estimated to be from where an infinitely fine mesh would have them.",
+    "worst cell": "Quality of the worst element of the body that was found: near zero it is flat or folded.",
+    "depth beyond the plane": "How far the body reaches through its own plane of symmetry.",
+    "boundary facets that cross": "Whether the body that was found passes through itself.",
+    "round trip": "The body that was found is solved back; the distance from the given body must vanish.",
+    "stability": "Whether the loaded body is in stable equilibrium, or would buckle or snap away.",
+    "limit points": "Whether the load rose steadily on the way, so that the solution belongs to the unloaded body.",
+    "loads on parts": "Loads of the job that can move nothing, since supports hold all of their region.",
+    "load factor": "Share of the load that was reached.",
+    "position residual": "Distance of the loaded body from the given one, which must vanish.",
+    "penetration": "How deep the body lies within an obstacle.",
+    "contact": "What was found where the body touches an obstacle.",
+    "error of": "Bound of the estimated error, against what the job demands.",
+}
+"""what a line of the certificate means, by the beginning of its name"""
+
+_NEXT = {
+    "pass": "Use the shape. All files are in the directory of the run.",
+    "not checked": "Nothing was checked: run the job with certificate: standard before you rely on the shape.",
+    "not decided": "Some checks came to no decision. Read their notes; a finer mesh often decides them.",
+    "warning": "Read the warnings below, and refine the mesh or correct the job before you rely on the shape.",
+    "fail": "Do not use the shape. The lines that fail say why, and their notes what to change.",
+}
+
+
+@dataclass(frozen=True)
+class Words:
+    """Head of a report: its verdict ("pass", …, "not reached", "stopped"), and sentences."""
+
+    verdict: str
+    found: str
+    sure: Sequence[str]
+    next: Sequence[str]
+
+
+def words(summary: Mapping[str, Any], *, overlapping: bool) -> Words:
+    """Return the verdict on a run in plain words.
+
+    Args:
+        overlapping: whether facets where the body passes through itself are marked in the picture.
+    """
+    certificate = summary["certificate"]
+    if summary["status"] != "converged":
+        return _unfinished(summary)
+    verdict = certificate["verdict"]
+    lines = certificate["lines"]
+    checked = [line for line in lines if line["verdict"] != "not checked"]
+    passed = [line for line in checked if line["verdict"] == "pass"]
+    sure = [f"{len(passed)} of {len(checked)} checks pass."] if checked else ["No check was made."]
+    if left := len(lines) - len(checked):
+        sure.append(f"{left} {'check was' if left == 1 else 'checks were'} not made.")
+    sure += _accuracy(certificate)
+    doubts = [line for line in checked if line not in passed]
+    sure += [f"{_named(line)}: {line['verdict']}. {_sentence(line['note'])}".strip() for line in doubts]
+    after = [_NEXT[verdict]]
+    if overlapping:
+        after.append("The facets where the body passes through itself are red in the picture.")
+    warnings = (summary.get("body") or {}).get("warnings") or []
+    after += [_sentence(text) for text in warnings]
+    return Words(verdict, _found(summary), sure, after)
+
+
+def meaning(name: str) -> str:
+    """Return what a line of the certificate means; empty for an unknown one."""
+    return next((text for head, text in MEANINGS.items() if name.startswith(head) or f" {head}" in name), "")
+
+
+def _found(summary: Mapping[str, Any]) -> str:
+    job, first = summary["job"], summary["solutions"][0]
+    moves = f"its largest displacement is {readable(first['largest_displacement'], 'm')}"
+    if states := summary.get("states"):
+        others = [name for name, state in states.items() if not state["given"]]
+        given = next(name for name, state in states.items() if state["given"])
+        found = _listed([f"'{name}'" for name in others])
+        moves = f"the largest displacement to '{first['state']}' is {readable(first['largest_displacement'], 'm')}"
+        return f"From the state '{given}' of the body, {found} {'was' if len(others) == 1 else 'were'} found; {moves}."
+    if first["direction"] == "forward":
+        return f"The deformed shape of '{job['job']}' was found; {moves}."
+    back = " It was loaded again, as a check." if job.get("analysis") == "round_trip" else ""
+    return f"The undeformed shape of '{job['job']}' was found; {moves}.{back}"
+
+
+def _accuracy(certificate: Mapping[str, Any]) -> list[str]:
+    estimate = certificate.get("estimate")
+    line = next((line for line in certificate["lines"] if line["name"].startswith("discretisation error")), None)
+    if not estimate or line is None or line["value"] is None or estimate.get("shape") is None:
+        return ["The error of the mesh was not estimated."]
+    without = (
+        f", without the error of the geometry ({estimate['without_geometry']})" if estimate["without_geometry"] else ""
+    )
+    share = f"{100 * line['value']:.2g} % of the displacement"
+    return [
+        f"Nodes are estimated to be within {readable(estimate['shape'], 'm')} ({share}) of the exact ones{without}."
+    ]
+
+
+def _unfinished(summary: Mapping[str, Any]) -> Words:
+    lines, status = summary["certificate"]["lines"], summary["status"]
+    stopped = status.startswith("stopped by")
+    line: Mapping[str, Any] = lines[0] if lines else {"name": "load factor", "value": None, "unit": ""}
+    of_state = f" of state '{line['state']}'" if line.get("state") else ""
+    if line["name"] == "position residual":
+        where = f"The search{of_state} ended {readable(float(line['value'] or 0.0), 'm')} from the given shape."
+    elif line["value"] is not None:
+        where = f"It carries {100 * line['value']:.4g} % of the load{of_state}; the picture shows the body there."
+    else:
+        where = ""
+    after = [_sentence(part) for part in [summary.get("advice") or ""] if part]
+    if stopped:
+        return Words(
+            "stopped", "The run was stopped before its end.", [where], after or ["Go on with 'hpcinv resume'."]
+        )
+    found = f"No solution under the full load was found: {status}."
+    sure = [where, "This is not the result that the job asks for."]
+    if not after:
+        after = ["Check the load, the material and their units, and that the supports hold the body."]
+    return Words("not reached", found, [one for one in sure if one], after)
+
+
+def _named(line: Mapping[str, Any]) -> str:
+    name = str(line["name"]).partition(",")[0]
+    text = name[0].upper() + name[1:]
+    return f"{text} (state '{line['state']}')" if line.get("state") else text
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return text if not text or text.endswith((".", "!", "?")) else text[0].upper() + text[1:] + "."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -1,0 +1,80 @@
+"""Deformation gradient and fibres of a solution in the middle of each cell, without compiled kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv.job.fibres import FibreFamily
+from hpcinv.mesh.cells import jacobians, scalar_element
+from hpcinv.mesh.data import distribute
+from hpcinv.mesh.source import Floats
+from hpcinv.quantity.spatial_fields import ByData
+from hpcinv.results.solution import Solution
+
+if TYPE_CHECKING:
+    from hpcinv.mesh import Body
+
+type Cells = npt.NDArray[np.integer]
+
+
+def deformation_gradients(body: Body, solution: Solution, cells: Cells) -> Floats:
+    """Return ``F`` in the middle of local cells, (cells, 3, 3), of the loaded body against the undeformed one."""
+    kind, middle = body.source.kind, _middle(body.source.kind)
+    nodes = solution.mesh_nodes[body.mesh.geometry.dofmaps[0][cells]]
+    space = solution.displacement.function_space
+    values = solution.displacement.x.array.reshape(-1, 3)[space.dofmap.list[cells]]
+    slopes = space.element.basix_element.tabulate(1, middle)[1:, 0, :, 0]  # (3, shape functions)
+    of_reference = np.einsum("cni,kn->cik", values, slopes)
+    h = of_reference @ np.linalg.inv(jacobians(kind, body.source.degree, nodes, middle)[:, 0])
+    if solution.direction == "forward":
+        return np.asarray(np.eye(3) + h)
+    return np.asarray(np.linalg.inv(np.eye(3) - h))
+
+
+def fibres(
+    body: Body, families: Mapping[str, FibreFamily], given: Solution, gradients: Floats, cells: Cells
+) -> dict[str, Floats]:
+    """Return the unit directions of fibres on the undeformed body in the middle of local cells, (cells, 3); collective.
+
+    Args:
+        given: the solution whose bodies the directions are given on.
+        gradients: its deformation gradients in these cells, (cells, 3, 3).
+    """
+    found = dict[str, Floats]()
+    for name, family in families.items():
+        direction: Floats = _given(body, family, given, cells)
+        if family.given_on == "current":
+            direction = np.asarray(np.linalg.solve(gradients, direction[:, :, None])[:, :, 0], dtype=float)
+        length = np.linalg.norm(direction, axis=1, keepdims=True)
+        found[name] = np.divide(direction, length, out=np.zeros_like(direction), where=length > 0)
+    return found
+
+
+def _given(body: Body, family: FibreFamily, solution: Solution, cells: Cells) -> Floats:
+    """Return the directions as they are given, of any length."""
+    (value, _) = family.quantities()["direction"]
+    dofs = body.mesh.geometry.dofmaps[0]
+    shapes = scalar_element(body.source.kind, body.source.degree).tabulate(0, _middle(body.source.kind))[0, 0, :, 0]
+    if isinstance(value, ByData):
+        array = distribute(body, value.array)
+        if array.on == "cells":
+            return array.values[cells]
+        return np.asarray(np.einsum("n,cni->ci", shapes, array.values[dofs[cells]]))
+    at = dict[str, Floats]()
+    for names, nodes in (("XYZ", solution.reference_nodes), ("xyz", solution.current_nodes)):
+        middles = np.einsum("n,cni->ci", shapes, nodes[dofs[cells]])
+        at |= dict(zip(names, middles.T, strict=True))
+    components = []
+    for one in value:
+        known = at | dict(one.constants)
+        components.append(np.broadcast_to(one.formula.evaluate(**{n: known[n] for n in one.formula.names}), len(cells)))
+    return np.stack(components, axis=1).astype(float)
+
+
+def _middle(kind: str) -> Floats:
+    middle: Floats = scalar_element(kind, 1).points.mean(axis=0)[None]
+    return middle

@@ -1,0 +1,227 @@
+"""Reports of runs in a browser: no network, no complaint, and pictures and tables that follow their controls."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.browser import Page, needs_browser, opened
+from helpers.run_directories import STRESS, run_directory
+
+from hpcinv.reports.of_run import write_run_report
+
+pytestmark = needs_browser
+REACHED = "an element would turn inside out (det F ≤ 0)"
+
+
+def report(directory: Path) -> Path:
+    return write_run_report(directory, json.loads((directory / "summary.json").read_text()))
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """The block in two states."""
+    directory = tmp_path_factory.mktemp("report")
+    path = report(run_directory(directory / "run", 12, ("sagging", "turned")))
+    with opened(path, directory / "profile") as page:
+        yield page
+
+
+@pytest.fixture(autouse=True)
+def as_at_first(page: Page) -> None:
+    bodies = {"state": 0, "layout": "beside", "shape": 100, "step": 3, "scale": 1}
+    page.set_all(
+        {"theme": "light", "colour": "displacement", "clip-axis": "none", "symbols": True, "fibres": ""} | bodies
+    )
+    page.run("document.getElementById('reset').click()")
+
+
+def ends(page: Page) -> list[float]:
+    """Smallest, middle and largest value of the colours."""
+    spans = "[...document.querySelectorAll('#legend .ends span')]"
+    return [float(v) for v in page.run(f"return {spans}.map((e) => e.dataset.value)")]
+
+
+def changed(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of the pixels that differ."""
+    return float((np.abs(before - after).max(axis=2) > 0.05).mean())
+
+
+def test_the_page_opens_without_network_and_without_complaints(page: Page) -> None:
+    assert page.run("return document.getElementById('canvas').getContext('webgl2') !== null")
+    assert page.run("return document.documentElement.dataset.viewer") == "ready"
+    assert page.run("return getComputedStyle(document.querySelector('.missing')).display") == "none"
+    picture = page.pixels()
+    ground = picture[2, 2]
+    assert (np.abs(picture - ground).max(axis=2) > 0.05).mean() > 0.1  # something is drawn
+    assert page.complaints() == []
+    assert page.requests() == []
+
+
+def test_the_first_words_are_the_verdict(page: Page) -> None:
+    text = page.text(".verdict")
+    assert text.split()[0] == "pass"
+    assert "From the state 'sagging' of the body, 'turned' and 'rest' were found" in text
+    assert "3 of 3 checks pass" in text
+    assert "1 check was not made" in text
+    assert "within 70 um (0.2 % of the displacement)" in text
+    assert page.text("h1") == "block <&> beam"
+
+
+@pytest.mark.parametrize(
+    ("control", "value"),
+    [
+        ("step", 0),
+        ("scale", 0.2),
+        ("layout", "over"),
+        ("layout", "one"),
+        ("state", 1),
+        ("colour", "von-mises"),
+        ("colour", "stretch-1"),
+        ("colour", "regions"),
+        ("colour", "error"),
+        ("clip-axis", "x"),
+        ("clip-axis", "y"),
+        ("fibres", "along"),
+        ("symbols", False),
+        ("theme", "dark"),
+    ],
+)
+def test_the_picture_follows_each_control(control: str, value: object, page: Page) -> None:
+    before = page.pixels()
+    page.set(control, value)
+    after = page.pixels()
+    assert changed(before, after) > 0.002
+
+
+def test_the_slider_leads_from_one_body_to_the_other(page: Page) -> None:
+    page.set("layout", "one")
+    pictures = []
+    for share in (0, 50, 100):
+        page.set("shape", share)
+        pictures.append(page.pixels())
+    assert changed(pictures[0], pictures[1]) > 0.01 < changed(pictures[1], pictures[2])
+    assert page.text("#shape-text") == "sagging"
+
+
+def test_the_cut_moves(page: Page) -> None:
+    page.set("clip-axis", "x")
+    shown = []
+    for place in (20, 80):
+        page.set("clip-place", place)
+        picture = page.pixels()
+        shown.append((np.abs(picture - picture[2, 2]).max(axis=2) > 0.05).mean())
+    assert shown[0] < 0.6 * shown[1]
+
+
+def test_colours_are_those_of_the_values(page: Page) -> None:
+    found, factor = {}, 2 - 1 / 36 - 1 / 36  # the middles of the first and the last triangles are a third inside
+    for name in ("von-mises", "pressure", "principal-stress-1", "principal-stress-2", "principal-stress-3", "sxy", "J"):
+        page.set("colour", name)
+        found[name] = ends(page)
+    principal = np.linalg.eigvalsh(STRESS)[::-1]
+    deviator = STRESS - np.trace(STRESS) / 3 * np.eye(3)
+    expected = np.sqrt(1.5 * (deviator**2).sum())
+    assert found["von-mises"][0] == pytest.approx(expected, rel=1e-3)
+    assert found["von-mises"][2] / found["von-mises"][0] == pytest.approx(factor, abs=0.06)
+    assert found["principal-stress-1"][0] == pytest.approx(principal[0], rel=1e-3)
+    assert found["principal-stress-2"][0] == pytest.approx(principal[1], rel=1e-3)
+    assert found["principal-stress-3"][2] == pytest.approx(principal[2], rel=1e-3)
+    assert found["sxy"][0] == pytest.approx(1e3, rel=1e-3)
+    assert found["pressure"][2] == pytest.approx(-np.trace(STRESS) / 3, rel=1e-3)
+    assert found["J"] == pytest.approx([1, 1.005, 1.01], abs=1e-3)
+
+
+def test_values_of_steps_are_not_those_of_the_last_one(page: Page) -> None:
+    page.set("colour", "von-mises")
+    page.set("step", 1)
+    assert page.text("#legend-note") == "values are kept at the last step only"
+    assert page.text("#step-text") == "load factor 0.5"
+
+
+def test_keys_turn_the_body(page: Page) -> None:
+    before = page.pixels()
+    canvas = page.driver.find_element("id", "canvas")
+    canvas.send_keys("\ue014" * 4)  # right
+    turned = page.pixels()
+    canvas.send_keys("+++")
+    zoomed = page.pixels()
+    canvas.send_keys("0")
+    assert changed(before, turned) > 0.01 < changed(turned, zoomed)
+    assert changed(before, page.pixels()) < 1e-3
+
+
+def test_all_controls_are_reached_by_the_keyboard_and_have_names(page: Page) -> None:
+    nameless = page.run(
+        "return [...document.querySelectorAll('select, input, button, canvas')].filter((e) =>"
+        "  !(e.labels?.length || e.getAttribute('aria-label') || e.textContent.trim())).map((e) => e.outerHTML)"
+    )
+    assert nameless == []
+    page.run("document.getElementById('theme').focus()")
+    seen = []
+    for _ in range(14):
+        page.driver.switch_to.active_element.send_keys("\ue004")  # tab
+        seen.append(page.driver.switch_to.active_element.get_attribute("id"))
+    assert {"canvas", "state", "layout", "shape", "step", "colour", "clip-axis", "symbols"} <= {*seen, "shape"}
+    label = page.run("return document.getElementById('canvas').getAttribute('aria-label')")
+    assert "left: rest, right: sagging" in label
+
+
+def test_tables_sort(page: Page) -> None:
+    rows = "[...document.querySelectorAll('table')].find((t) => t.tHead.textContent.includes('check'))"
+    seconds = f"return [...{rows}.tBodies[0].rows].map((row) => row.cells[4].textContent)"
+    head = page.run(f"return {rows}.tHead.rows[0].cells[4].querySelector('button')")
+    head.send_keys("\n")  # by the keyboard
+    assert page.run(seconds) == ["0.05", "0.25", "2.50", ""]
+    head.click()
+    assert page.run(seconds) == ["2.50", "0.25", "0.05", ""]
+
+
+def test_paper_has_the_still_picture(page: Page) -> None:
+    shown = "return [...document.querySelectorAll('.viewer, .still')].map((e) => getComputedStyle(e).display)"
+    assert page.run(shown) == ["grid", "none"]
+    page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    assert page.run(shown) == ["none", "block"]
+    assert page.run("return document.querySelector('.still').naturalWidth") > 800
+    page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+def test_the_theme_is_that_of_the_system(page: Page) -> None:
+    page.set("theme", "auto")
+    ground = "return getComputedStyle(document.body).backgroundColor"
+    themes = []
+    for theme in ("light", "dark"):
+        features = [{"name": "prefers-color-scheme", "value": theme}]
+        page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+        page.settle()
+        themes.append(page.run(ground))
+    page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    assert themes == ["rgb(255, 255, 255)", "rgb(21, 23, 26)"]
+
+
+def test_without_webgl_there_is_the_still_picture(tmp_path: Path) -> None:
+    path = report(run_directory(tmp_path / "run", 4))
+    with opened(path, tmp_path / "profile", "--disable-3d-apis") as page:
+        shown = "return [...document.querySelectorAll('.viewer, .still')].map((e) => getComputedStyle(e).display)"
+        assert page.run(shown) == ["none", "block"]
+        assert "no WebGL" in page.text(".missing")
+
+
+def test_a_failed_solve_and_crossing_facets_are_shown(tmp_path: Path) -> None:
+    advice = "Look for poor elements where the body is squeezed."
+    made = run_directory(tmp_path / "run", 8, crossing=True, status=REACHED, advice=advice)
+    with opened(report(made), tmp_path / "profile") as page:
+        text = page.text(".verdict")
+        assert text.split()[:2] == ["not", "reached"]
+        assert f"No solution under the full load was found: {REACHED}" in text
+        assert "75 % of the load" in text
+        assert advice in text
+        assert "red: facets where the body passes through itself" in page.text("#legend-note")
+        page.set("colour", "none")
+        picture = page.pixels()
+        red = (picture[:, :, 0] > 0.4) & (picture[:, :, 1:].max(axis=2) < 0.25)
+        assert red.mean() > 0.001
+        assert page.complaints() == []
