@@ -91,7 +91,9 @@ def run(
                         start = replace(start, origin=solutions[solve.start].fields)
                     progress.state(job, number)
                     snapshots.begin(number, model, solve.direction)
-                    solutions.append(_solve(model, solve.direction, solutions, start, observer, report, progress))
+                    found = _solve(model, solve.direction, solutions, start, observer, report, progress)
+                    before = "" if solve.start is None else solutions[solve.start].state
+                    solutions.append(replace(found, start=before))
             report.check_reached(solutions)
             solution = solutions[number]
             if number == 0 or solve.job.state:

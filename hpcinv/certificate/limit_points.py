@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -20,10 +21,23 @@ def limit_points(model: Model, solution: Solution, stability: Line) -> Iterator[
     """Yield the line on limit points of the path to a solution.
 
     A spurious mode changes the sign of the determinant too: where the line on ``stability`` did not exclude that, a
-    change of sign in the mixed form is not decided.
+    change of sign in the mixed form is not decided. Nor is one on a path from another state, along which the nodal
+    forces that hold the body there are taken away: no load of the job is such forces.
     """
     is_stability_known = stability.verdict not in (Verdict.UNDECIDED, Verdict.SKIPPED)
-    yield _line(solution, may_be_spurious=model.unknowns.p is not None and not is_stability_known)
+    line = _line(solution, may_be_spurious=model.unknowns.p is not None and not is_stability_known)
+    yield _of_removal(line, solution.start) if solution.start else line
+
+
+def _of_removal(line: Line, start: str) -> Line:
+    rule = f"the determinant of the tangent must keep its sign from state '{start}' to this one"
+    if line.verdict is not Verdict.WARN:
+        return replace(line, rule=rule)
+    note = (
+        f"the forces that held the body in state '{start}' were taken away step by step, and loads that act may have no"
+        " limit point: compare with a path from the rest shape (without 'start')"
+    )
+    return replace(line, rule=rule, verdict=Verdict.UNDECIDED, note=note)
 
 
 def _line(solution: Solution, *, may_be_spurious: bool) -> Line:

@@ -519,8 +519,12 @@ class Job(Spec):
         for i, quantity in numbered:
             supports = loaded[quantity.state].supports if quantity.state else None
             regions = list(dict.fromkeys(s.region for s in (info.data["supports"] if supports is None else supports)))
+            effects = loaded[quantity.state].effects if quantity.state else info.data.get("effects", ())
+            if quantity.of_prestrain and not any(effect.writes_its_stress for effect in effects):
+                state = f" of state '{quantity.state}'" if quantity.state else ""
+                what = f"has '{quantity.of_prestrain[0]}', but there is no prestrain among the effects{state}"
+                problems.append(((i, "of"), what))
             if quantity.is_contact:
-                effects = loaded[quantity.state].effects if quantity.state else info.data.get("effects", ())
                 problems += _without_contact(i, quantity, effects)
             elif quantity.is_reaction and quantity.on not in regions:
                 where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"

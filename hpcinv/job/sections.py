@@ -21,7 +21,7 @@ from hpcinv.quantity.expressions import Expression, faults, faults_with_constant
 from hpcinv.quantity.parameter_paths import Number, with_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, Size
 from hpcinv.quantity.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
-from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES
+from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
@@ -37,6 +37,8 @@ FIELDS: dict[str, Dimension | None] = {
     "J": Dimension(),
     **dict.fromkeys(STRESSES, STRESS),
     **dict.fromkeys(NORMALS, Dimension()),
+    **dict.fromkeys(PRESTRAIN_STRESSES, STRESS),
+    **dict.fromkeys(PRESTRAIN_COMPONENTS, Dimension()),
 }
 
 LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
@@ -198,7 +200,8 @@ class QuantityOfInterest(Spec):
     Formulas can use the reference position X, Y, Z, the current position x, y, z, the displacement ux, uy, uz, the
     volume ratio J, the Cauchy stress sxx, syy, szz, sxy, syz, sxz, stress measures such as p = -(sxx + syy + szz)/3 and
     von_mises, and the energy per reference volume; on a surface also its outward unit normal nx, ny, nz in the current
-    body.
+    body; with prestrain its stress-free stretch F0xx, F0xy, … F0zz, and the stress that it causes alone in the
+    reference shape, prestrain_sxx, …, prestrain_p, prestrain_von_mises.
     """
 
     name: Name
@@ -255,6 +258,11 @@ class QuantityOfInterest(Spec):
     def needs_surface(self) -> bool:
         """True if the formula has the normal of a surface."""
         return not self.of.names.isdisjoint(NORMALS)
+
+    @property
+    def of_prestrain(self) -> list[str]:
+        """Names in the formula that only bodies with prestrain have."""
+        return [name for name in (*PRESTRAIN_STRESSES, *PRESTRAIN_COMPONENTS) if name in self.of.names]
 
     @property
     def dimension(self) -> Dimension | None:

@@ -140,6 +140,7 @@ class Scene:
         ]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
         own = [strain for effect, strain in strains if effect.writes_its_stress]
+        self._own = own
         self._in_reference_shape = _elastic(Deformation(ufl.zero(3, 3), directions), own)[0] if own else None
         self._laws = tuple(job.laws.values())
         potentials = [e.potential(total, load, p) for e, load, p in of_effects]
@@ -238,6 +239,14 @@ class Scene:
             sigma = gradient(psi, H) * elastic.F.T / elastic.J
             found.append((without_stages(ufl.dev(sigma) if law.is_incompressible else sigma), part.cells))
         return found
+
+    @property
+    def prestrain(self) -> Any:
+        """The stress-free stretch ``F0`` on the reference body, (3, 3), the product of all prestrains."""
+        F0 = ufl.Identity(3)
+        for strain in self._own:
+            F0 = (ufl.Identity(3) + strain) * F0
+        return without_stages(F0)
 
 
 class SceneMeans:

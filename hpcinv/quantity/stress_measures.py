@@ -27,6 +27,19 @@ def von_mises(sxx: Any, syy: Any, szz: Any, sxy: Any, syz: Any, sxz: Any) -> Any
 MEASURES: dict[str, Callable[..., Any]] = {"p": pressure, "von_mises": von_mises}
 
 
+PRESTRAIN = "prestrain_"
+"""prefix of the components and measures of the stress that prestrain alone causes"""
+PRESTRAIN_STRESSES = tuple(PRESTRAIN + name for name in (*COMPONENTS, *MEASURES))
+PRESTRAIN_COMPONENTS = {f"F0{a}{b}": (i, j) for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
+"""row and column of each component in the stress-free stretch F0"""
+
+
+def measure_named(name: str) -> Callable[..., Any] | None:
+    """Return a measure of the total stress or of that of prestrain; ``None`` if it is none."""
+    return MEASURES.get(name.removeprefix(PRESTRAIN))
+
+
 def components_of(measure: str) -> tuple[str, ...]:
     """Names of the components that a measure needs, in the order of its arguments."""
-    return tuple(inspect.signature(MEASURES[measure]).parameters)
+    prefix = PRESTRAIN if measure.startswith(PRESTRAIN) else ""
+    return tuple(prefix + name for name in inspect.signature(MEASURES[measure.removeprefix(prefix)]).parameters)

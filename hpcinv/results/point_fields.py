@@ -22,7 +22,14 @@ from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.nondimensional import Scales
-from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
+from hpcinv.quantity.stress_measures import (
+    COMPONENTS,
+    PRESTRAIN,
+    PRESTRAIN_COMPONENTS,
+    PRESTRAIN_STRESSES,
+    components_of,
+    measure_named,
+)
 
 _POSITIONS = ("X", "Y", "Z", "x", "y", "z", "ux", "uy", "uz")
 # FFCx takes shape functions within 1e-6 of 0 and ±1 for these numbers, which points of a user may happen to have.
@@ -46,14 +53,16 @@ class SceneFields:
 
     These are ``X Y Z x y z ux uy uz`` (m), ``J``, the Cauchy stress ``sxx syy szz sxy syz sxz`` and its measures (Pa),
     and ``energy``, stored per reference volume (J/m³); on facets also ``nx ny nz``, the outward unit normal of the
-    current body.
+    current body; with prestrain its stress-free stretch ``F0xx … F0zz``, and components and measures of the stress that
+    it causes alone, with the prefix ``prestrain_``.
     """
 
     def __init__(self, body: Body, scene: Scene, scales: Scales, names: Collection[str]) -> None:
         self._body, self._scene, self._scales = body, scene, scales
-        self._measures = [name for name in MEASURES if name in names]
+        self._measures = [name for name in names if measure_named(name) is not None]
         self._names = set(names).union(*map(components_of, self._measures))
-        self._of_laws = not self._names.isdisjoint({*COMPONENTS, "energy"})
+        self._of_prestrain = not self._names.isdisjoint({*PRESTRAIN_STRESSES, *PRESTRAIN_COMPONENTS})
+        self._of_laws = self._of_prestrain or not self._names.isdisjoint({*COMPONENTS, "energy"})
         self._compiled: dict[tuple[str, int], fem.Expression] = {}
 
     def in_cells(self, cells: LocalIndices) -> Samples:
@@ -138,8 +147,13 @@ class SceneFields:
             sigma, _ = scene.cauchy_stress[part]
             found |= {name: (sigma[at], scales.stress) for name, at in COMPONENTS.items()}
             found["energy"] = (scene.parts[part].energy, scales.stress)
+        if self._of_prestrain:
+            own, _ = scene.prestrain_stress[part]
+            found |= {PRESTRAIN + name: (own[at], scales.stress) for name, at in COMPONENTS.items()}
+            found |= {name: (scene.prestrain[at], 1.0) for name, at in PRESTRAIN_COMPONENTS.items()}
         return {name: field for name, field in found.items() if name in self._names}
 
     def _named(self, kind: str, values: Floats) -> dict[str, Floats]:
         named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self._fields(0, kind).items())}
-        return named | {m: MEASURES[m](*(named[c] for c in components_of(m))) for m in self._measures}
+        measured = {m: measure_named(m) for m in self._measures}
+        return named | {m: f(*(named[c] for c in components_of(m))) for m, f in measured.items() if f is not None}

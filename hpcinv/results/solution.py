@@ -32,6 +32,7 @@ class Solution:
         load: load factor that was reached, 1 at the end.
         contacts: contacts of the job, in its order.
         state: name of the state of the body; empty in a job without states.
+        start: name of the state at which the load path began; empty if that was the unloaded body.
     """
 
     direction: Direction
@@ -49,6 +50,7 @@ class Solution:
     contacts: tuple[ContactReport, ...] = ()
     prestrain_stress: Function | None = None
     state: str = ""
+    start: str = ""
 
     @property
     def sign(self) -> int:

@@ -21,6 +21,7 @@ from helpers.mesh_cases import spec
 from helpers.verification import Solved, box, job
 
 import hpcinv
+from hpcinv.errors import JobError
 from hpcinv.mesh import build_body, write_mesh
 from hpcinv.parallel.runtime import MPI, on_root
 
@@ -217,13 +218,50 @@ def test_a_tensor_for_each_region_and_the_fields_that_are_written(tmp_path: Path
         discretisation={"displacement": 1},
         effects=[effect],
         supports=[{"region": "boundary", "fix": ["x", "y", "z"]}],
+        quantities=[
+            {"name": "left", "of": "prestrain_sxy", "at": [0.2, 0.3, 0.4]},
+            {"name": "right", "of": "prestrain_szz", "at": [0.8, 0.3, 0.4]},
+            {"name": "total", "of": "von_mises - prestrain_von_mises", "on": "left", "reduce": "max_abs"},
+            {"name": "stretch", "of": "F0yz", "on": "left", "reduce": "mean"},
+            {"name": "mean", "of": "F0xx", "on": "block", "reduce": "mean"},
+            {"name": "p", "of": "prestrain_p", "at": [0.8, 0.3, 0.4]},
+        ],
     )
-    hpcinv.run(held, comm, directory=tmp_path / "run")
+    quantities = hpcinv.run(held, comm, directory=tmp_path / "run").quantities
+    left, right = (cauchy(np.eye(3), tensor) for tensor in halves.values())
+    expected = {"left": left[0, 1], "right": right[2, 2], "total": 0, "stretch": F0[1, 2], "p": -np.trace(right) / 3}
+    for name, value in (expected | {"mean": (1.15 + 1.1) / 2}).items():
+        assert quantities[name] == pytest.approx(value, rel=1e-12, abs=1e-11 * MU), name
     grid = pyvista.read(next((tmp_path / "run").rglob("fields.pvd")))[0]
-    left = grid.cell_centers().points[:, 0] < 0.5
+    is_left = grid.cell_centers().points[:, 0] < 0.5
     for name in ("cauchy_stress", "prestrain_stress"):
-        for here, tensor in ((left, halves["left"]), (~left, halves["elsewhere"])):
+        for here, tensor in ((is_left, halves["left"]), (~is_left, halves["elsewhere"])):
             assert np.abs(grid.cell_data[name][here] - cauchy(np.eye(3), tensor).ravel()).max() < 1e-12 * MU
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"analysis": "forward"}, "quantities[0].of: has 'F0xx', but there is no prestrain among the effects"),
+        (
+            {
+                "states": [
+                    {"name": "cut", "given": True},
+                    {"name": "held", "effects": [prestrain(F0)]},
+                    {"name": "pulled", "supports": SYMMETRY},
+                ]
+            },
+            "there is no prestrain among the effects of state 'pulled'",
+        ),
+    ],
+    ids=["without effects", "a state without it"],
+)
+def test_quantities_of_prestrain_need_it(parts: dict[str, Any], message: str) -> None:
+    common = {"mesh": box((2, 1, 1)), "material": NEO_HOOKEAN, "supports": SYMMETRY}
+    with pytest.raises(JobError) as caught:
+        job(**common, **parts, quantities=[{"name": "stretch", "of": "F0xx", "at": [0.2, 0.3, 0.4]}])
+    assert message in str(caught.value)
+    assert len(caught.value.problems) == 1
 
 
 def test_derivatives_by_components_of_the_tensor(comm: MPI.Intracomm) -> None:

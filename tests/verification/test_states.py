@@ -254,6 +254,33 @@ def test_the_given_state_may_be_the_rest_shape(comm: MPI.Intracomm) -> None:
     assert list(found.shapes) == ["printed", "mounted", "turned"]
 
 
+def test_a_state_that_buckles_while_it_is_released_is_not_decided_to_have_a_limit_point(comm: MPI.Intracomm) -> None:
+    """A column that is held at its sides beyond the load of Greenhill (1881), and then free below it.
+
+    The critical weight per length is 7.84 E I/L³ about the weak axis (more on few cells), and four times that about the
+    other one.
+    """
+    young, width = MU * (3 * LAM + 2 * MU) / (LAM + MU), 0.1
+    critical = 7.84 * young * width**2 / 12 / 9.81  # density, kg/m³
+    free = {"name": "free", "effects": [gravity(-0.2, density=3.5 * critical)]}
+    whole: dict[str, Any] = BLOCK | {
+        "mesh": box((1, 1, 6), lx=width, ly=2 * width) | {"geometry_degree": 2},
+        "supports": BASE,
+        "certificate": NO_CERTIFICATE | {"stability": True},
+    }
+    held = {
+        "name": "held",
+        "effects": [gravity(-1, density=3.5 * critical)],
+        "supports": [*BASE, {"region": "boundary", "fix": ["x", "y"]}],
+    }
+    for start, verdict in (({}, "pass"), ({"start": "held"}, "not decided")):
+        found = hpcinv.run(job(**whole, states=[{"name": "cast", "given": True}, held, free | start]), comm)
+        lines = {line.name: line for line in found.certificate.lines if line.state == "free"}
+        assert lines["stability"].verdict.value == "pass"
+        assert lines["limit points of the path"].verdict.value == verdict
+    assert "state 'held' were taken away" in lines["limit points of the path"].note
+
+
 BLOCK: dict[str, Any] = {
     "mesh": box((1, 1, 1)) | {"geometry_degree": 2},
     "discretisation": {"displacement": 2, "formulation": "displacement"},
