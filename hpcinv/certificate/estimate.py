@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -194,6 +195,8 @@ def in_finer_spaces(model: Model, solution: Solution, given: Correction | None =
     with model.timings("mesh"):
         body, _ = _finer_body(model, given)
     finer = Model(one_degree_more(model.job), body, model.timings)
+    contacts = finer.scene(solution.direction).contacts
+    contacts.restore(solution.contacts, finer.scales, partial(on_mesh, body.mesh))
     if (other := model.given_displacement()) is not None:
         u = fem.Function(finer.unknowns.displacement_space)
         u.interpolate(other if given is None else given.displacement)

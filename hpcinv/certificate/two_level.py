@@ -10,6 +10,7 @@ doi:10.1093/acprof:oso/9780199678792.001.0001.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
@@ -50,6 +51,9 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
     """
     body, direction = finer.body, solution.direction
     given = model if body is model.body else Model(model.job, body, model.timings)
+    if given is not model:
+        contacts = given.scene(direction).contacts
+        contacts.restore(solution.contacts, given.scales, partial(on_mesh, body.mesh))
     u, p = (None if f is None else on_mesh(body.mesh, f) for f in solution.fields)
     assert u is not None
     with given.at(body.mesh.geometry.x * body.length_scale, u, p):

@@ -13,7 +13,7 @@ from pydantic import ValidationInfo, field_validator
 from hpcinv.files.untrusted import REFUSED, applies
 from hpcinv.quantity import Length, Triple
 from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.quantity import Dimensionless, Size
+from hpcinv.quantity.quantity import Dimensionless, LengthUnit, Size
 from hpcinv.quantity.schema import OneOf, Spec, shown
 from hpcinv.quantity.units import Dimension
 
@@ -168,8 +168,8 @@ class Surface(Obstacle):
     shape: Literal["surface"]
     file: str
     """path from the job file to triangles (.stl, .ply, .obj, .vtp) whose normals point towards the body"""
-    unit: Size = 1.0
-    """length unit of the coordinates in the file, such as 1 mm"""
+    unit: LengthUnit = 1.0
+    """length unit of the coordinates in the file, such as mm"""
     flip: bool = False
     """whether the normals in the file point away from the body"""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -107,6 +107,17 @@ class Contacts:
         for one in self._all:
             one.reset()
 
+    def restore(
+        self, reports: Sequence[ContactReport], scales: Scales, on_mesh: Callable[[fem.Function], fem.Function]
+    ) -> None:
+        """Set the pressures and penalties of rigid obstacles to those of a solution.
+
+        Args:
+            on_mesh: returns a function of the solution's mesh on that of these contacts, which has the same cells.
+        """
+        for one, report in zip(self._all, reports, strict=True):
+            one.restore(report, scales, on_mesh)
+
     def locate(self) -> None:
         """Find the nearest points of triangulated surfaces to the present state."""
         for one in self._all:
@@ -175,6 +186,14 @@ class _OneContact:
             self.par.multiplier.x.array[:] = 0.0
         if self._penalty is not None:
             self._penalty[:], self._before = PENALTY, np.inf
+
+    def restore(self, report: ContactReport, scales: Scales, on_mesh: Callable[[fem.Function], fem.Function]) -> None:
+        if self.effect.is_augmented:
+            _, multiplier = report.fields
+            self.par.multiplier.x.array[:] = on_mesh(multiplier).x.array / scales.stress
+        if self._penalty is not None:
+            assert report.penalty is not None
+            self._penalty[:] = report.penalty * scales.length / scales.stress
 
     @property
     def is_iterated(self) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import BaseModel, BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
@@ -135,6 +135,7 @@ Stress = Annotated[float, Quantity("Pa")]
 BulkStress = Annotated[float, Quantity("Pa", infinite="incompressible")]
 Dimensionless = Annotated[float, Quantity("")]
 Size = Annotated[float, Quantity("m", above=0.0)]  # cell size in a mesh generator; halved for a finer mesh
+LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
 AnyQuantity = Annotated[float, Quantity(None)]
 
 Divisions = int  # number of cells along an edge in a mesh generator; doubled for a finer mesh

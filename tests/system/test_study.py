@@ -595,6 +595,46 @@ def test_the_same_command_again_does_nothing_twice(results: Path, place: Path) -
     assert {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(results)} == before
 
 
+def test_quantities_of_all_states_are_measured(tmp_path: Path) -> None:
+    """A column that stands as given, and hangs: each length converges, as its estimate says."""
+    weight = COLUMN["effects"][0]
+    states = [
+        {"name": "standing", "given": True, "effects": [weight]},
+        {"name": "hanging", "effects": [weight | {"acceleration": [0, 0, 9.81]}]},
+    ]
+    column = {key: value for key, value in COLUMN.items() if key not in ("analysis", "effects", "quantities")}
+    column |= {"states": states, "certificate": NO_CERTIFICATE | {"estimate": True}}
+    column["mesh"] = COLUMN["mesh"] | {"geometry_degree": 2}  # carries all nodes of the displacement
+    column["quantities"] = [
+        {"name": "rest", "of": "Z", "at": [0.1, 0.1, 1.0]},
+        {"name": "top", "of": "z", "at": [0.1, 0.1, 1.0], "state": "hanging"},
+    ]
+    (tmp_path / "column.yaml").write_text(yaml.safe_dump(column))
+    study = STUDY | {
+        "series": [{"name": "P2", "vary": {"mesh.parameters.nz": [1, 2, 4]}}],
+        "measure": ["rest-standing", "rest-hanging", "top"],
+        "reference": {"rest-standing": f"{CLOSED_FORM} m", "rest-hanging": f"{CLOSED_FORM} m", "top": "richardson"},
+        "repeat": 1,
+    }
+    (tmp_path / "states.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
+    done = hpcinv(1, "study", "states.yaml", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = list(csv.DictReader((tmp_path / "results" / "states" / "table.csv").open()))
+    table = [{header.partition(" [")[0]: value for header, value in row.items()} for row in rows]
+    assert len(table) == 3
+    assert {row["certificate"] for row in table} <= {"pass", "warn"}
+    for name in study["measure"]:
+        errors = [float(row[f"{name} error"]) for row in table]
+        assert errors[2] < errors[1] / 3 < errors[0] / 9, name
+        assert 0.3 < float(table[1][f"{name} effectivity"]) < 3, name
+    wrong = study | {"measure": ["rest"]}
+    (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(wrong | {"reference": "finest"}))
+    refused = hpcinv(1, "study", "wrong.yaml", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "no quantity of interest 'rest'" in refused.stderr
+    assert "rest-hanging, rest-standing, " in refused.stderr
+
+
 def kept(directory: Path) -> dict[Path, tuple[int, bytes]]:
     return {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(directory)}
 

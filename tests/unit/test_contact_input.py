@@ -93,3 +93,9 @@ def test_signed_distance_and_direction(
     found, towards = obstacle.distance(ufl.as_vector([c / HALF for c in point]), SimpleNamespace(**par))
     assert float(ufl.as_ufl(found)(())) * HALF == pytest.approx(distance)
     assert [float(towards[i](())) for i in range(3)] == pytest.approx(direction, abs=1e-12)
+
+
+def test_unit_of_triangles_is_written_as_that_of_a_mesh(tmp_path: Path) -> None:
+    (file := tmp_path / "bed.stl").touch()
+    given = [{"shape": "surface", "file": str(file), "unit": unit} for unit in ("mm", "1 mm", 1e-3)]
+    assert {TypeAdapter(AnyObstacle).validate_python(obstacle).unit for obstacle in given} == {1e-3}

@@ -97,6 +97,19 @@ def test_block_stands_on_its_weight_there_and_back(comm: MPI.Intracomm, run_dire
     assert returned == pytest.approx((0, 0, weight), rel=1e-9, abs=1e-9 * weight)
 
 
+def test_estimated_error_of_a_block_on_a_floor_is_that_against_a_higher_degree(comm: MPI.Intracomm) -> None:
+    """The sides are free, so that the block bulges: its pressure is not uniform."""
+    top = {"quantities": [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}], "supports": [SIDES[0], SIDES[2]]}
+    found, better = (
+        standing(comm, discretisation={"displacement": degree}, certificate=NO_CERTIFICATE | {"estimate": has}, **top)
+        for degree, has in ((2, True), (3, False))
+    )
+    assert found.estimate is not None
+    effectivity = found.estimate.quantities["top"] / (better.quantities["top"] - found.quantities["top"])
+    print(f"effectivity {effectivity:.2f}")
+    assert 0.3 < effectivity < 3
+
+
 @pytest.mark.parametrize("iterations", [5, 8], ids=["while loading", "while the pressure is found"])
 def test_stopped_run_resumes_to_the_same_body(iterations: int, comm: MPI.Intracomm, run_directory: Path) -> None:
     def stop_asked() -> bool:
