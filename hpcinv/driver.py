@@ -104,7 +104,7 @@ def run(
                 if parameters := job.differentiated:
                     given = None if solve.mesh is None else (solutions[0], next(iter(slopes.values())))
                     slopes[solve.shape] = sensitivities(model, solution, parameters, given)
-                store.write_shape(job, model, solution, slopes.get(solve.shape), progress)
+                store.write_shape(job, model, solution, progress)
             checkpoint_writer.finished(solution)
         quantities = {q.name: quantities[q.name] for q in job.quantities}
 

@@ -14,6 +14,7 @@ from hpcinv.certificate.shape import OVERLAP
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
+from hpcinv.output.vtk import write_fields
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary import Boundary
 from hpcinv.pictures.gathering import boundary_of
@@ -93,6 +94,18 @@ class Result:
             line.state for line in self.certificate.lines if line.name == OVERLAP and line.verdict is Verdict.FAIL
         }
         return boundary_of(self.body, self.solutions, self.estimate, self.job.fibres, overlapping=overlapping)
+
+    def write_fields(self, directory: Path) -> None:
+        """Write fields for ParaView, on both bodies and in all states; collective.
+
+        Raises:
+            OutputError: they cannot be written.
+        """
+        first, *others = self.solutions
+        solutions = [first, *(one for one in others if one.state)]
+        slopes = self.sensitivities
+        of_each = [one.fields() for one in slopes.shapes.values() or [slopes]] if slopes else []
+        write_fields(directory, self.body, solutions, of_each, families=self.job.fibres, estimate=self.estimate)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a copy of the content of ``summary.json``, the same on every rank."""

@@ -21,7 +21,7 @@ from hpcinv.job.yaml_reader import read_yaml
 
 _JOB, _ORIGIN = "job.yaml", "origin.json"
 _CONTENT = (
-    *(_JOB, "checkpoints", "fields", "fields-*", "shape.*", "shape-*", "surface.npz", "snapshots"),
+    *(_JOB, "checkpoints", "fields", "shape.*", "shape-*", "surface.npz", "snapshots"),
     *("summary.*", "run.log", "report.html"),
     ".*.partial",
 )

@@ -129,6 +129,9 @@ class RunReport(Observer):
         found = statistics(result, status, size, self._unused_options, model.timings, store.comm, advice=advice)
         if (path := store.path) is not None:
             store.check_in_place()
+            if status == "converged" and self._job.output.fields:
+                with model.timings("output"):
+                    result.write_fields(path / "fields")
             if result.solutions and self._job.output.has_surface:
                 with model.timings("output"):
                     self._write_boundary(path / BOUNDARY, result)

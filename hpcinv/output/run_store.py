@@ -12,10 +12,8 @@ from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest
 from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import versions
-from hpcinv.output.vtk import write_fields
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.solution import Solution
-from hpcinv.sensitivity.analysis import Sensitivities
 from hpcinv.solver.problem import Model
 
 
@@ -97,14 +95,12 @@ class RunStore:
         if self.directory is not None:
             self.directory.check_in_place(None)
 
-    def write_shape(
-        self, job: Job, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress
-    ) -> None:
-        """Write the computed shape and the fields of a solution."""
+    def write_shape(self, job: Job, model: Model, solution: Solution, progress: Progress) -> None:
+        """Write the computed shape of a solution."""
         with progress.phase("writing"):
             if self.directory is not None:
                 self.check_in_place()
-                _write_shape(self.directory.path, job, model, solution, slopes, progress)
+                _write_shape(self.directory.path, job, model, solution, progress)
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -112,20 +108,13 @@ class RunStore:
             self._lock = None
 
 
-def _write_shape(
-    path: Path, job: Job, model: Model, solution: Solution, slopes: Sensitivities | None, progress: Progress
-) -> None:
-    shape, fields = "shape", "fields"
+def _write_shape(path: Path, job: Job, model: Model, solution: Solution, progress: Progress) -> None:
+    shape = "shape"
     if solution.state:  # the inverse solve finds the rest shape
         shape += f"-{job.rest if solution.direction == 'inverse' else solution.state}"
-        fields += f"-{solution.state}"
     with model.timings("output"):
         pressures = {field.name: field for contact in solution.contacts for field in contact.fields}
         arrays = {name: at_geometry_nodes(model.body, pressure) for name, pressure in pressures.items()}
         for suffix in job.shape_formats:
             progress.detail(f"{shape}.{suffix}")
             write_mesh(path / f"{shape}.{suffix}", model.body, solution.other_nodes, arrays)
-        if job.output.fields:
-            progress.detail(fields)
-            more = (*pressures.values(), *(slopes.fields() if slopes else ()))
-            write_fields(path / fields, model.body, solution, more)

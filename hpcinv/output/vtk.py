@@ -1,119 +1,220 @@
-"""Fields of a solution as files for ParaView."""
+"""Fields of solutions as files for ParaView, on both bodies."""
+
+from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import basix.ufl
+import numpy as np
 from dolfinx import fem
-from dolfinx.io import VTKFile
 
-from hpcinv.errors import HpcinvError, OutputError
+from hpcinv.certificate import Estimate
+from hpcinv.errors import OutputError
+from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
+from hpcinv.mesh.cells import jacobians, scalar_element, vtk_order
+from hpcinv.mesh.io.vtu import VTK_TYPES
 from hpcinv.mesh.moved import placed
-from hpcinv.parallel.runtime import agree, on_root
+from hpcinv.mesh.source import Floats
+from hpcinv.output.vtu_writer import Array, Grid, write_vtu
+from hpcinv.parallel.runtime import on_root
+from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
+from hpcinv.results.cell_middles import deformation_gradients, fibres
+from hpcinv.results.nodal_projection import projected
 from hpcinv.results.solution import Solution
 
+BODIES = ("undeformed", "deformed")
 
-def write_fields(directory: Path, body: Body, solution: Solution, more: Sequence[fem.Function] = ()) -> None:
-    """Write ``fields.pvd`` and its data files into ``directory``, which appears whole or not at all; collective.
 
-    On the solution's mesh in metres: ``displacement`` (m) and ``pressure`` (Pa, of the mixed form) at the nodes of
-    Lagrange cells of the higher of the displacement's and the geometry's degree; in each cell the means ``J``,
-    ``cauchy_stress`` and, with prestrain, ``prestrain_stress`` (Pa, row by row), and ``region:NAME``, 1 in the cells of
-    that region. A directory of that name is replaced.
+def write_fields(
+    directory: Path,
+    body: Body,
+    solutions: Sequence[Solution],
+    more: Sequence[Sequence[fem.Function]] = (),
+    *,
+    families: Mapping[str, FibreFamily] = MappingProxyType({}),
+    estimate: Estimate | None = None,
+) -> None:
+    """Write ``undeformed.pvd`` and ``deformed.pvd``, which appear with their data whole or not at all; collective.
+
+    Each has one time step for each solution. ``docs/how-to/paraview.md`` lists the arrays. A directory of that name is
+    replaced.
 
     Args:
-        more: further fields of the displacement's degree at the nodes, by their names.
+        solutions: the first, and those of further states of the body.
+        more: for each solution further fields at the nodes, by their names.
+        families: fibres of the job.
+        estimate: of the first solution.
 
     Raises:
         OutputError: on every rank, if it cannot be written.
     """
     comm = body.mesh.comm
     partial = directory.with_name(f".{directory.name}.partial")
-    failed = OutputError(f"{directory}: the fields cannot be written", "Is the directory writable, and space left?")
+    advice = "Is the directory writable, and space left?"
 
     def prepare() -> None:
         try:
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir(parents=True)
         except OSError as exc:
-            raise OutputError(f"{directory}: cannot be made: {exc.strerror or exc}", failed.advice) from exc
+            raise OutputError(f"{directory}: cannot be made: {exc.strerror or exc}", advice) from exc
 
     on_root(comm, prepare)
-    functions = [*_at_nodes(solution, more), *_in_cells(body, solution)]
-    error: HpcinvError | None = None
-    try:
+    undeformed = dict[str, Floats]()
+    for number, solution in enumerate(solutions):
         with placed(body.mesh, solution.mesh_nodes):
-            _write(partial / "fields.pvd", functions)
-    except RuntimeError:
-        error = failed
-    agree(comm, error)  # also a barrier after writing
+            fields = _Fields(body, solution)
+            if number == 0:
+                undeformed = fibres(body, families, solution, fields.gradients, fields.cells)
+            at_nodes = fields.at_nodes(more[number] if more else ())
+            in_cells = fields.in_cells(estimate if number == 0 else None)
+            for name, points in zip(BODIES, fields.points(), strict=True):
+                along = fields.fibres(undeformed, name)
+                path = partial / _data_file(name, solution.state)
+                failed = write_vtu(path, comm, fields.grid(points), at_nodes, [*in_cells, *along])
+                if failed is not None:
+                    on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
+                    raise OutputError(f"{directory}: cannot be written: {failed.strerror or failed}", advice) from None
 
     def publish() -> None:
-        # DOLFINx does not report a full disk.
-        if not all(_is_whole(file) for file in partial.iterdir()):
-            raise failed
         try:
+            for name in BODIES:
+                (partial / f"{name}.pvd").write_text(_collection(name, [solution.state for solution in solutions]))
             if directory.exists():
                 shutil.rmtree(directory)
             partial.rename(directory)
         except OSError as exc:
-            raise OutputError(f"{directory}: cannot be replaced: {exc.strerror or exc}", failed.advice) from exc
+            raise OutputError(f"{directory}: cannot be replaced: {exc.strerror or exc}", advice) from exc
 
     on_root(comm, publish)
 
 
-def _write(path: Path, functions: list[fem.Function]) -> None:
-    # A separate function, since a VTKFile writes once more when it is deleted.
-    with VTKFile(functions[0].function_space.mesh.comm, path, "w") as file:
-        file.write_function(functions)
+def _data_file(body: str, state: str) -> str:
+    return f"{body}-{state}.vtu" if state else f"{body}.vtu"
 
 
-def _at_nodes(solution: Solution, more: Sequence[fem.Function]) -> list[fem.Function]:
-    """Return displacement, pressure and more in one nodal element, which the file needs and in which they are exact."""
-    mesh = solution.displacement.function_space.mesh
-    cell, geometry = mesh.basix_cell(), mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree
-    degree = max(solution.displacement.function_space.ufl_element().degree, geometry)
-    fields = {"displacement": solution.displacement} | {function.name: function for function in more}
-    if solution.pressure is not None:
-        fields["pressure"] = solution.pressure
-    found = []
-    for name, function in fields.items():
-        shape: Any = {"shape": function.ufl_shape} if function.ufl_shape else {}
-        element = basix.ufl.element("Lagrange", cell, degree, basix.LagrangeVariant.equispaced, **shape)
-        nodal = fem.Function(fem.functionspace(mesh, element), name=name)
+def _collection(body: str, states: Sequence[str]) -> str:
+    steps = "".join(
+        f'<DataSet timestep="{number}" name={quoteattr(state)} file={quoteattr(_data_file(body, state))}/>\n'
+        for number, state in enumerate(states)
+    )
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
+    return f"{head}{steps}</Collection>\n</VTKFile>\n"
+
+
+class _Fields:
+    """Arrays of one solution, at the nodes and in the cells that this rank owns; the mesh lies as in the solution."""
+
+    def __init__(self, body: Body, solution: Solution) -> None:
+        self._body, self._solution = body, solution
+        mesh = body.mesh
+        self._degree = max(solution.displacement.function_space.ufl_element().degree, body.source.degree)
+        self._spaces = {shape: self._space(shape) for shape in ((), (3,))}
+        self._owned = self._spaces[()].dofmap.index_map.size_local
+        self.cells = np.arange(mesh.topology.index_map(3).size_local)
+        self.gradients = deformation_gradients(body, solution, self.cells)
+        self._u = self._nodal(solution.displacement)
+
+    def _space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
+        kwargs: dict[str, Any] = {"shape": shape} if shape else {}
+        cell, variant = self._body.mesh.basix_cell(), basix.LagrangeVariant.equispaced
+        return fem.functionspace(self._body.mesh, basix.ufl.element("Lagrange", cell, self._degree, variant, **kwargs))
+
+    def _nodal(self, function: fem.Function) -> Floats:
+        """Values at the owned nodes, (n,) or (n, 3)."""
+        shape = tuple(function.ufl_shape)
+        nodal = fem.Function(self._spaces[shape])
         nodal.interpolate(function)
-        found.append(nodal)
-    return found
+        nodal.x.scatter_forward()
+        values = nodal.x.array.reshape(-1, *shape)
+        return np.asarray(values[: self._owned])
+
+    def points(self) -> tuple[Floats, Floats]:
+        """Positions of the owned nodes in the undeformed and in the deformed body, (n, 3) m."""
+        mesh = self._spaces[()].tabulate_dof_coordinates()[: self._owned]
+        found = mesh + self._solution.sign * self._u
+        return (mesh, found) if self._solution.direction == "forward" else (found, mesh)
+
+    def grid(self, points: Floats) -> Grid:
+        from vtkmodules import vtkCommonDataModel
+
+        vtk: Any = vtkCommonDataModel
+        dofmap, kind = self._spaces[()].dofmap, self._body.source.kind
+        nodes = dofmap.list[: len(self.cells)]
+        numbers = dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
+        name = VTK_TYPES[kind][min(self._degree, len(VTK_TYPES[kind])) - 1]
+        return Grid(points, numbers[:, np.argsort(vtk_order(kind, self._degree))], getattr(vtk, f"VTK_{name}"))
+
+    def at_nodes(self, more: Sequence[fem.Function]) -> list[Array]:
+        solution = self._solution
+        found = [Array("displacement", self._u, "m")]
+        if solution.pressure is not None:
+            found.append(Array("pressure", self._nodal(solution.pressure), "Pa"))
+        for contact in solution.contacts:
+            found.extend(Array(field.name, self._nodal(field), "Pa") for field in contact.fields)
+        found.extend(Array(function.name, self._nodal(function)) for function in more)
+        stress, J = self._of_cells(solution.cauchy_stress), self._of_cells(solution.J)
+        smooth = projected(self._body, np.concatenate([stress, J], axis=1), self._spaces[()])
+        found.extend(_stresses(smooth[:, :9], "_projected"))
+        found.append(Array("J_projected", smooth[:, 9].astype(np.float32)))
+        return found
+
+    def in_cells(self, estimate: Estimate | None) -> list[Array]:
+        solution, body = self._solution, self._body
+        stress = self._of_cells(solution.cauchy_stress)
+        found = [Array("J", self._of_cells(solution.J)[:, 0]), Array("cauchy_stress", stress, "Pa")]
+        found.extend(one for one in _stresses(stress) if one.name != "cauchy_stress")
+        stretches = np.linalg.svd(self.gradients, compute_uv=False)
+        found.append(Array("principal_stretches", stretches.astype(np.float32)))
+        if solution.prestrain_stress is not None:
+            found.append(Array("prestrain_stress", self._of_cells(solution.prestrain_stress), "Pa"))
+        if estimate is not None:
+            found.append(Array("estimated_error", self._error(estimate).astype(np.float32)))
+        for region in body.regions.values():
+            if region.cell_count:
+                inside = np.isin(self.cells, region.cells).astype(np.int32)
+                found.append(Array(f"region:{region.name}", inside))
+        return found
+
+    def fibres(self, undeformed: Mapping[str, Floats], name: str) -> Iterator[Array]:
+        """Unit directions in the cells of one of the bodies."""
+        for family, directions in undeformed.items():
+            moved = directions if name == BODIES[0] else np.einsum("cij,cj->ci", self.gradients, directions)
+            length = np.linalg.norm(moved, axis=1, keepdims=True)
+            unit = np.divide(moved, length, out=np.zeros_like(moved), where=length > 0)
+            yield Array(f"fibre:{family}", unit.astype(np.float32))
+
+    def _error(self, estimate: Estimate) -> Floats:
+        """Root mean square of the error of the displacement gradient in each cell."""
+        body = self._body
+        kind, degree = body.source.kind, body.source.degree
+        nodes = body.mesh.geometry.x[body.mesh.geometry.dofmaps[0][self.cells]] / body.length_scale
+        middle = scalar_element(kind, 1).points.mean(axis=0)[None]
+        volumes = np.abs(np.linalg.det(jacobians(kind, degree, nodes, middle)[:, 0]))
+        return np.asarray(np.sqrt(estimate.cells / (volumes / (6.0 if kind == "tetrahedron" else 1.0))))
+
+    def _of_cells(self, function: fem.Function) -> Floats:
+        """Values of a piecewise constant function in the owned cells, (c, components)."""
+        space = function.function_space
+        values = function.x.array.reshape(-1, space.dofmap.index_map_bs)
+        return np.asarray(values[space.dofmap.list[: len(self.cells), 0]])
 
 
-def _in_cells(body: Body, solution: Solution) -> list[fem.Function]:
-    found = []
-    means = {name: getattr(solution, name) for name in ("J", "cauchy_stress", "prestrain_stress")}
-    for name, function in means.items():
-        if function is None:
-            continue
-        named = function.copy()
-        named.name = name
-        found.append(named)
-    space = fem.functionspace(body.mesh, ("DG", 0))
-    for region in body.regions.values():
-        if region.cell_count:
-            mark = fem.Function(space, name=f"region:{region.name}")
-            mark.x.array[space.dofmap.list[region.cells, 0]] = 1.0
-            mark.x.scatter_forward()
-            found.append(mark)
-    return found
-
-
-def _is_whole(file: Path) -> bool:
-    """Return whether an XML file has its end."""
-    with file.open("rb") as stream:
-        size = file.stat().st_size
-        stream.seek(max(0, size - 100))
-        return stream.read().rstrip().endswith(b"</VTKFile>")
+def _stresses(stress: Floats, suffix: str = "") -> Iterator[Array]:
+    """Yield the stress (n, 9) with its von Mises stress, mean pressure and principal values, in single precision."""
+    tensors = stress.reshape(-1, 3, 3)
+    yield Array(f"cauchy_stress{suffix}", stress.astype(np.float32), "Pa")
+    for measure, name in (("von_mises", "von_mises"), ("p", "mean_pressure")):
+        values = MEASURES[measure](*(tensors[:, *COMPONENTS[one]] for one in components_of(measure)))
+        yield Array(f"{name}{suffix}", np.asarray(values).astype(np.float32), "Pa")
+    values = np.linalg.eigvalsh((tensors + tensors.transpose(0, 2, 1)) / 2)[:, ::-1]
+    yield Array(f"principal_stress{suffix}", values.astype(np.float32), "Pa")

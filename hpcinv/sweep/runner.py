@@ -23,7 +23,14 @@ from hpcinv.solver.problem_cache import Workspace
 from hpcinv.sweep.neighbours import Neighbour, Neighbours
 from hpcinv.sweep.queue import SweepTask
 
-_KEPT = ("shape.*", "shape-*", "fields", "fields-*")  # patterns in a run's directory; the summary is in the record
+_KEPT = (
+    "shape.*",
+    "shape-*",
+    "fields",
+    "surface.npz",
+    "snapshots",
+    "report.html",
+)  # patterns in a run's directory; the summary is in the record
 
 
 class SweepRunner(Runner[SweepTask]):

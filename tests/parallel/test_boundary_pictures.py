@@ -1,5 +1,7 @@
 """The boundary that pictures are drawn from: the same triangles on any number of ranks, closed, with the results."""
 
+import itertools
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,24 +11,34 @@ from helpers.command_line import BLOCK
 from helpers.verification import job
 
 import hpcinv
-from hpcinv.errors import OutputError
+from hpcinv.errors import Interrupted, OutputError
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.pictures.boundary import NAME, Boundary, read_boundary
 from hpcinv.pictures.gathering import boundary_of
 from hpcinv.pictures.result_picture import measure
+from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
+from hpcinv.pictures.snapshots import read_snapshots, write_snapshot
 
 SHEAR: dict[str, Any] = {
     "analysis": "forward",
     "mesh": {"file": "../meshes/box.py", "parameters": {"nx": 2, "ny": 1, "nz": 1}, "geometry_degree": 2},
     "material": BLOCK["material"],
     "supports": [{"region": "boundary", "displacement": ["0.2*y", "0", "0"]}],
+    "fibres": {
+        "upright": {"direction": [0, 2, 0], "given_on": "reference"},
+        "leaning": {"direction": ["0", "x + 1 m", "0"], "given_on": "current"},
+    },
+    "solver": {"strategy": "fixed", "steps": 4},
 }
+
+
+F = np.array([[1.0, 0.2, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def sheared(comm: MPI.Intracomm, directory: Path) -> tuple[Result, Boundary | None]:
     result = hpcinv.run(job(**SHEAR), comm, directory=directory, overwrite=True)
-    return result, boundary_of(result.body, result.solutions)
+    return result, boundary_of(result.body, result.solutions, families=result.job.fibres)
 
 
 @pytest.mark.parallel([1, 2, 3])
@@ -51,6 +63,17 @@ def test_the_boundary_is_closed_and_has_the_solution(comm: MPI.Intracomm, run_di
     expected = np.sqrt(0.2**4 + 3 * 0.2**2) * mu
     assert np.allclose(measure("von_mises", found), expected, rtol=1e-6)
     assert np.allclose(found.J, 1.0, atol=1e-8)
+    # F = I + γ e_x e_y: stretches from the eigenvalues of C, and what was along y leans.
+    assert np.allclose(found.stretches, np.sqrt(np.linalg.eigvalsh(F.T @ F)[::-1]), atol=1e-8)
+    up = np.array([0.0, 1.0, 0.0])
+    for of_body, name, direction in (
+        (boundary.fibres, "upright", up),
+        (found.fibres, "upright", F @ up),
+        (boundary.fibres, "leaning", np.linalg.inv(F) @ up),
+        (found.fibres, "leaning", up),
+    ):
+        assert np.allclose(of_body[name], direction / np.linalg.norm(direction), atol=1e-8), name
+    assert not found.crossing.any()
 
 
 @pytest.mark.parallel(2)
@@ -67,6 +90,32 @@ def test_a_run_keeps_its_boundary(comm: MPI.Intracomm, run_directory: Path) -> N
         assert kept.error is None
     with pytest.raises(OutputError, match="no values for the colour 'error'"):
         result.plot("error")
+
+
+def check_snapshots(directory: Path) -> None:
+    """Compare what was kept with simple shear in proportion to the load."""
+    points, snapshots = read_boundary(directory / NAME).points, read_snapshots(directory / SNAPSHOTS)
+    assert [snapshot.load for snapshot in snapshots] == [0.25, 0.5, 0.75]
+    for snapshot in snapshots:
+        expected = 0.2 * snapshot.load * points[snapshot.points][:, [1]] * [1, 0, 0]
+        assert np.allclose(snapshot.displacement, expected, atol=2e-5 * 0.2)
+
+
+@pytest.mark.parallel(2)
+def test_steps_are_kept_also_by_a_run_that_resumes(comm: MPI.Intracomm, run_directory: Path) -> None:
+    run = run_directory / "run"
+    sheared(comm, run)
+    on_root(comm, lambda: check_snapshots(run))
+    asked = itertools.count()
+    with pytest.raises(Interrupted):
+        hpcinv.run(job(**SHEAR), comm, directory=run, overwrite=True, stop_asked=lambda: next(asked) > 5)
+    if comm.rank == 0:
+        kept = read_snapshots(run / SNAPSHOTS)
+        assert 0 < len(kept) < 3
+        write_snapshot(run / SNAPSHOTS, replace(kept[0], solves=99), 20)  # of a step after the last checkpoint
+    comm.Barrier()
+    hpcinv.run(job(**SHEAR), comm, directory=run, resume=True)
+    on_root(comm, lambda: check_snapshots(run))
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no archive"])

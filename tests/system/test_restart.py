@@ -343,6 +343,9 @@ def states(place: Path) -> Path:
     return place / "states"
 
 
+_ENDS = ("-return.vtu", "-sagging.vtu", "-turned.vtu")
+
+
 def assert_same_states(run: Path, states: Path) -> None:
     found, reference = summary(run), summary(states)
     assert found["status"] == "converged"
@@ -352,7 +355,8 @@ def assert_same_states(run: Path, states: Path) -> None:
     assert [s["state"] for s in found["solutions"]] == ["sagging", "turned", "return"]
     for name, tip in reference["quantities"].items():
         assert found["quantities"][name] == pytest.approx(tip, abs=1e-9 * LENGTH)
-    assert sorted(p.name for p in run.glob("fields*")) == ["fields-return", "fields-sagging", "fields-turned"]
+    files = {f"{body}{end}" for body in ("undeformed", "deformed") for end in (".pvd", *_ENDS)}
+    assert {p.name for p in (run / "fields").iterdir()} == files
 
 
 def test_the_last_state_is_the_given_one(states: Path) -> None:

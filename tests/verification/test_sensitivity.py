@@ -386,7 +386,7 @@ def test_the_job_that_comes_with_the_project_on_screen_in_the_summary_and_in_the
     young, _, density = (height["slopes"][key] for key in keys)
     assert young < 0 < density
     assert 12e3 * young == pytest.approx(-1000 * density, rel=1e-9)
-    fields = pyvista.read(out / "fields" / "fields.pvd")[0].point_data
+    fields = pyvista.read(out / "fields" / "deformed.pvd")[0].point_data
     moved = {key: np.asarray(fields[f"d displacement/d {key}"]) for key in keys}
     for key, vectors in moved.items():
         assert np.linalg.norm(vectors, axis=1).max() >= found["shape"]["largest"][key] * (1 - 1e-12)

@@ -1,0 +1,186 @@
+"""Reports by themselves: arrays, surfaces that are made smaller, sizes, words, and directories that are no runs."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.run_directories import SIZE, boundary, cube, run_directory, summary
+
+from hpcinv.errors import OutputError
+from hpcinv.pictures.boundary import NAME
+from hpcinv.pictures.decimation import decimated
+from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
+from hpcinv.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
+from hpcinv.reports.arrays import Arrays
+from hpcinv.reports.charts import Curve, chart
+from hpcinv.reports.of_run import run_page, write_run_report
+from hpcinv.reports.wording import meaning, words
+
+
+def decoded(spec: dict[str, Any], text: str) -> np.ndarray:
+    """What ``viewer/src/arrays.js`` does."""
+    content = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8).reshape(2, -1).astype(np.uint16)
+    steps = (content[0] + 256 * content[1]).reshape(spec["components"], spec["rows"])
+    levels = np.cumsum(steps, axis=1, dtype=np.uint16)
+    return (np.array(spec["low"])[:, None] + levels / 65535 * np.array(spec["span"])[:, None]).T
+
+
+def test_arrays_keep_numbers_to_a_part_of_their_range() -> None:
+    arrays, random = Arrays(), np.random.default_rng(1)
+    values = random.normal(size=(1000, 3)) * [1e-9, 1.0, 1e9]
+    whole = random.integers(0, 65536, size=(500, 3))
+    constant = np.full(7, 3.25)
+    for kept in (arrays.add(values), arrays.add(constant), arrays.add(np.array([1.0, np.nan]))):
+        assert kept == arrays.specs.index(arrays.specs[kept])
+    arrays.add_whole(whole)
+    found = [decoded(*one) for one in zip(arrays.specs, arrays.texts(), strict=True)]
+    assert (np.abs(found[0] - values).max(axis=0) <= np.ptp(values, axis=0) / 65535).all()
+    assert np.array_equal(found[1][:, 0], constant)
+    assert np.array_equal(found[3], whole)
+
+
+@pytest.mark.parametrize("most", [300, 2_000])
+def test_a_large_surface_keeps_some_of_its_points_and_its_shape(most: int) -> None:
+    points, triangles = cube(40)
+    small = decimated(points, triangles, most)
+    again = decimated(points, triangles, most)
+    assert np.array_equal(small.points, again.points)
+    assert most / 4 < len(small.points) <= most
+    corners = points[small.points][small.triangles]
+    volume = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    assert volume == pytest.approx(SIZE**3, rel=0.1)
+    middles, of = corners.mean(axis=1), points[triangles[small.of]].mean(axis=1)
+    assert np.linalg.norm(middles - of, axis=1).max() < 3 * SIZE / np.sqrt(most / 6)
+
+
+def test_a_thin_plate_keeps_both_sides() -> None:
+    points, triangles = cube(30)
+    small = decimated(points * [1, 1, 0.01], triangles, 400)
+    heights = points[small.points][:, 2]
+    assert {heights.min(), heights.max()} == {0.0, SIZE}
+    corners = points[small.points][small.triangles]
+    # The others are on the rim; if the two sides were one, nearly all would lead from one to the other.
+    assert (corners[:, :, 2].max(axis=1) == corners[:, :, 2].min(axis=1)).mean() > 0.6
+
+
+def test_a_surface_of_20000_points_makes_less_than_five_megabytes() -> None:
+    made = boundary(58, ("a", "b", "c"))
+    assert len(made.points) > 20_000
+    random = np.random.default_rng(0)
+    rough = [  # nothing that compresses
+        type(one)(**vars(one) | {"stress": random.normal(size=one.stress.shape), "J": random.normal(size=one.J.shape)})
+        for one in made.results
+    ]
+    made = type(made)(**vars(made) | {"results": tuple(rough)})
+    rows = np.arange(len(made.points))
+    steps = [Snapshot(0, k, "a", k / 30, np.nan, rows, random.normal(size=made.points.shape)) for k in range(1, 30)]
+    page = run_page(summary(("a", "b", "c")), made, steps)
+    assert len(page) < 5_000_000
+    assert b'"decimated":false' in page
+
+
+def test_a_larger_surface_is_drawn_with_fewer_points_and_says_so() -> None:
+    made = boundary(70)
+    page = run_page(summary(), made, []).decode()
+    assert "The surface has 29,402 points" in page
+    assert len(page) < 5_000_000
+
+
+def test_text_of_users_is_not_executed(tmp_path: Path) -> None:
+    run = run_directory(tmp_path / "run", 3)
+    found = json.loads((run / "summary.json").read_text())
+    attack = "</script><script>alert(1)</script>"
+    found["job"]["job"] = attack
+    found["certificate"]["lines"][0]["note"] = attack
+    page = run_page(found, boundary(3), []).decode()
+    assert "alert(1)</script>" not in page
+    assert len(re.findall("<script", page)) == len(re.findall("</script>", page))
+
+
+def test_the_page_names_no_other_file() -> None:
+    page = run_page(summary(), boundary(3), []).decode()
+    markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', markup)
+    assert "three.js" in page
+    assert "Permission is hereby granted" in page
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda run: (run / "summary.json").unlink(), "has no summary of a run"),
+        (lambda run: (run / "summary.json").write_text("{"), "has no summary of a run"),
+        (lambda run: (run / "summary.json").write_text('{"status": 1}'), "has no summary of a run"),
+        (lambda run: (run / NAME).write_bytes(b"PK\x03\x04"), r"surface\.npz: cannot be read"),
+        (lambda run: (run / SNAPSHOTS / "000-000001.npz").write_bytes(b""), r"000-000001\.npz: cannot be read"),
+    ],
+)
+def test_damaged_directories_get_a_message(damage: Any, message: str, tmp_path: Path) -> None:
+    run = run_directory(tmp_path / "run", 3)
+    damage(run)
+    try:
+        found = json.loads((run / "summary.json").read_text())
+    except (OSError, ValueError):
+        found = None
+    with pytest.raises(OutputError, match=message):
+        write_run_report(run, found)
+    assert not (run / "report.html").exists()
+
+
+def test_a_summary_without_a_part_gets_a_message(tmp_path: Path) -> None:
+    run = run_directory(tmp_path / "run", 3)
+    found = summary()
+    del found["certificate"]["lines"]
+    with pytest.raises(OutputError, match="does not have what a report needs"):
+        write_run_report(run, found)
+
+
+def test_a_run_without_a_shape_has_a_report(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    path = write_run_report(tmp_path / "run", summary(status="stopped by a signal"))
+    assert "No shape was kept" in path.read_text()
+    with pytest.raises(OutputError, match="reports are HTML files"):
+        write_run_report(tmp_path / "run", summary(), tmp_path / "report.txt")
+
+
+def test_snapshots_are_thinned(tmp_path: Path) -> None:
+    points, values = np.arange(4), np.random.default_rng(0).normal(size=(4, 3))
+    for solves in range(1, 12):
+        write_snapshot(tmp_path / SNAPSHOTS, Snapshot(0, solves, "", solves / 12, np.nan, points, values * solves), 5)
+    found = read_snapshots(tmp_path / SNAPSHOTS)
+    assert len(found) <= 5
+    assert found[-1].solves == 11
+    assert np.diff([one.solves for one in found]).max() <= 5
+    for one in found:
+        assert np.allclose(one.displacement, values * one.solves, atol=1e-3)
+
+
+@pytest.mark.parametrize("verdict", ["pass", "not checked", "not decided", "warning", "fail"])
+def test_each_verdict_has_words(verdict: str) -> None:
+    found = summary()
+    found["certificate"]["verdict"] = found["certificate"]["lines"][0]["verdict"] = verdict
+    said = words(found, overlapping=False)
+    assert said.verdict == verdict
+    assert said.next
+    assert ("Use the shape" in said.next[0]) == (verdict == "pass")
+
+
+def test_lines_of_the_certificate_have_a_meaning() -> None:
+    guide = (Path(__file__).parents[2] / "docs" / "how-to" / "certificate.md").read_text()
+    names = re.findall(r"^  (?:pass|warning|fail): ([^\d(]+?) [\d(]", guide, flags=re.MULTILINE)
+    assert len(names) > 8
+    assert [name for name in names if not meaning(name)] == []
+
+
+def test_charts_leave_out_what_has_no_place() -> None:
+    curve = Curve("a", [(1, 1e-3), (2, 0.0), (3, float("nan")), (4, 10.0)])
+    assert chart([curve], "t", "x", "y", log_y=True).count("<circle") == 2
+    assert chart([Curve("a", [(1, 0.0)])], "t", "x", "y", log_y=True) == ""
+    assert chart([Curve("a", [(1, 2.0)])], "t", "x", "y").count("<circle") == 1
