@@ -15,6 +15,7 @@ from hpcinv.cli.compile import add_compile
 from hpcinv.cli.explain import add_explain
 from hpcinv.cli.export import add_export
 from hpcinv.cli.fit import add_fit
+from hpcinv.cli.identify import add_identify
 from hpcinv.cli.laws import add_laws
 from hpcinv.cli.mesh import add_mesh
 from hpcinv.cli.report import add_report
@@ -83,6 +84,7 @@ def _parser() -> argparse.ArgumentParser:
         add_export,
         add_laws,
         add_fit,
+        add_identify,
         add_mesh,
         add_compile,
         add_bench,

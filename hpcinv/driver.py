@@ -42,7 +42,7 @@ def run(
     progress: Progress | None = None,
     stop_asked: Callable[[], bool] = lambda: False,
     workspace: Workspace | None = None,
-    guess: Guess | None = None,
+    guesses: Sequence[Guess] = (),
 ) -> Result:
     """Solve a job on all ranks of ``comm``; collective.
 
@@ -52,7 +52,7 @@ def run(
         resume: continue from the last checkpoint in ``directory``, if there is one.
         stop_asked: called on every rank before each Newton iteration; true saves a checkpoint and ends the run.
         workspace: body and model of earlier runs on ``comm``, to be used again by this run and later ones.
-        guess: initial guess in the first direction at full load; without it, or if it fails, the unloaded body.
+        guesses: initial guesses of the first solves at full load; without one, or if it fails, the unloaded body.
 
     Raises:
         MeshError, OutputError, CheckpointError, SystemPartMissing: the same on every rank.
@@ -86,7 +86,9 @@ def run(
             if number == len(solutions):
                 nodes = None if solve.mesh is None else solutions[solve.mesh].other_nodes
                 with placed(body.mesh, body.mesh.geometry.x if nodes is None else nodes / body.length_scale):
-                    start = (restart and restart.start(number, model)) or Start(guess=None if number else guess)
+                    start = (restart and restart.start(number, model)) or Start(
+                        guess=guesses[number] if number < len(guesses) else None
+                    )
                     if solve.start is not None:
                         start = replace(start, origin=solutions[solve.start].fields)
                     progress.state(job, number)

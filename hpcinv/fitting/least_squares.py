@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from hpcinv.fitting.candidate import Candidate
 from hpcinv.fitting.homogeneous import Response
+from hpcinv.fitting.linearised import Linearised, correlation_of
 from hpcinv.fitting.measurements import Test
 from hpcinv.fitting.taylor import Floats
 from hpcinv.materials import MaterialLaw
@@ -19,9 +20,7 @@ from hpcinv.quantity.schema import problems_in
 
 _DRAWS, _STARTS, _FINALISTS = 100, 8, 2  # random starting values; the best of them, and of these, are refined
 _SEED = 20120610
-_DEPENDENT = 1e-9  # ratio of singular values below which parameters cannot be told apart
 _LARGEST = 1e50  # magnitude of residuals and slopes whose squares are far from overflow
-_INVOLVED = 0.1  # smallest share of a parameter in a combination that is named
 _TOLERANCE, _FIRST_EVALUATIONS, _MOST_EVALUATIONS = 1e-13, 50, 1000
 
 
@@ -67,8 +66,7 @@ class Fit:
 
     @property
     def correlation(self) -> Floats:
-        scale = np.where(self.deviations > 0, self.deviations, 1.0)
-        return np.asarray(self.covariance / np.outer(scale, scale))
+        return correlation_of(self.covariance)
 
     @property
     def scatter(self) -> float:
@@ -227,40 +225,36 @@ class _Problem:
 
     def conclude(self, solution: scipy.optimize.OptimizeResult) -> Fit:
         values = solution.x * self.unit
-        jacobian = solution.jac
-        lengths = np.linalg.norm(jacobian, axis=0)
-        self._check_determined(jacobian, lengths)
-        scaled = jacobian / lengths
-        inverse = np.linalg.inv(scaled.T @ scaled) / np.outer(lengths, lengths)
+        linear = Linearised(solution.jac)
+        self._check_determined(linear)
         residuals = solution.fun * self._deviation
         chi_squared = float((solution.fun**2).sum()) * (1.0 if self._known else self._size**2)
-        n, k = jacobian.shape
+        n, k = solution.jac.shape
         variance = 1.0 if self._known else float((solution.fun**2).sum()) / (n - k)
         ends = np.cumsum([len(test) for test in self._tests])[:-1]
         return Fit(
             self._candidate,
             self._tests,
             values,
-            variance * inverse * np.outer(self.unit, self.unit),
+            variance * linear.covariance() * np.outer(self.unit, self.unit),
             tuple(np.split(residuals, ends)),
             chi_squared,
             self._known,
             self._admitted(values),
         )
 
-    def _check_determined(self, jacobian: Floats, lengths: Floats) -> None:
+    def _check_determined(self, linear: Linearised) -> None:
         """Raise ``FitError`` if a combination of parameters changes no stress of the tests."""
         names = [parameter.name for parameter in self._candidate.parameters]
         label = self._candidate.label
-        sizes = lengths / (np.abs(self._data / self._deviation).max() * np.sqrt(len(self._data)))
-        if idle := [name for name, size in zip(names, sizes, strict=True) if not size > _DEPENDENT]:
+        size = float(np.abs(self._data / self._deviation).max() * np.sqrt(len(self._data)))
+        if idle := [names[i] for i in linear.idle(size)]:
             raise FitError(
                 f"{label}: the tests do not depend on {' and '.join(idle)}: fix it (--fix {idle[0]}=…), or add a test "
                 "that does"
             )
-        _, singular, directions = np.linalg.svd(jacobian / lengths, full_matrices=False)
-        if singular[-1] < _DEPENDENT * singular[0]:
-            involved = [n for n, share in zip(names, directions[-1], strict=True) if abs(share) > _INVOLVED]
+        if free := linear.free():
+            involved = [names[i] for i in free[-1].involved]
             raise FitError(
                 f"{label}: the tests do not tell {' and '.join(involved)} apart; fix all but one of them "
                 f"(--fix {involved[-1]}=…), add a test of another mode, or choose a law with fewer parameters"

@@ -11,10 +11,10 @@ import yaml
 
 from hpcinv.fitting.candidate import STRESS, quantity
 from hpcinv.fitting.least_squares import Fit
+from hpcinv.fitting.linearised import correlations
 from hpcinv.fitting.stability import Range, stability
 from hpcinv.quantity.units import Dimension, readable
 
-_FEW, _STRONG = 3, 0.9  # number of parameters of which all correlations are shown; others from this on
 _POOR = 2.0  # scatter in standard deviations above which the law does not describe the tests
 
 
@@ -40,7 +40,7 @@ class Outcome:
         return {
             "material": fit.candidate.section([float(v) for v in fit.values]),
             "sensitivities": {
-                p.key: _rounded(float(s), p.dimension) for p, s in zip(parameters, fit.deviations, strict=True) if s > 0
+                p.key: rounded(float(s), p.dimension) for p, s in zip(parameters, fit.deviations, strict=True) if s > 0
             },
         }
 
@@ -132,7 +132,7 @@ def describe(outcome: Outcome) -> list[str]:
     lines = [f"{outcome.label}:"]
     for p, value, deviation in zip(fit.candidate.parameters, fit.values, fit.deviations, strict=True):
         share = f" ({deviation / abs(value):.1%})" if value else ""
-        lines.append(f"  {p.name} = {_short(value, p.dimension)} ± {_short(deviation, p.dimension, 2)}{share}")
+        lines.append(f"  {p.name} = {short(value, p.dimension)} ± {short(deviation, p.dimension, 2)}{share}")
     if len(fit.values) > 1:
         lines.append(f"  correlation: {_correlations(fit)}")
     for i, test in enumerate(fit.tests):
@@ -187,20 +187,17 @@ def _extent(lost: Sequence[Range]) -> str:
 
 
 def _correlations(fit: Fit) -> str:
-    """Return the correlations as text; of more than three parameters the strong ones."""
-    names = [p.name for p in fit.candidate.parameters]
-    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
-    shown = [(i, j) for i, j in pairs if len(names) <= _FEW or abs(fit.correlation[i, j]) >= _STRONG]
-    texts = [f"{names[j]}–{names[i]} {fit.correlation[i, j]:.3f}" for i, j in shown]
-    return ", ".join(texts + ([f"others below {_STRONG:g}"] if len(shown) < len(pairs) else []))
+    return correlations([p.name for p in fit.candidate.parameters], fit.correlation)
 
 
-def _short(value: float, dimension: Dimension, digits: int = 5) -> str:
+def short(value: float, dimension: Dimension, digits: int = 5) -> str:
+    """Return a value (SI) with its unit."""
     if dimension == STRESS and value:
         scale, unit = next(((s, u) for s, u in ((1e6, "MPa"), (1e3, "kPa")) if abs(value) >= s / 10), (1.0, "Pa"))
         return f"{value / scale:.{digits}g} {unit}"
     return f"{value:.{digits}g} {dimension.unit}".strip()
 
 
-def _rounded(value: float, dimension: Dimension) -> float | str:
+def rounded(value: float, dimension: Dimension) -> float | str:
+    """Return a value (SI) with four digits in the form of a job."""
     return quantity(float(f"{value:.4g}"), dimension)

@@ -17,6 +17,7 @@ from hpcinv.files.untrusted import REFUSED, applies, is_asked
 from hpcinv.job.accuracy import read_demands
 from hpcinv.job.definitions import resolve, unusable
 from hpcinv.job.fibres import FibreFamily
+from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.rules import unknown_families, unsuited, unsuited_effects, unsuited_supports, wants_pressure
 from hpcinv.job.sections import COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
@@ -123,6 +124,8 @@ class Job(Spec):
     sensitivities: Mapping[JobKey, AnyQuantity | None] = {}
     """numbers of laws, effects, fibres and supports by which shape and quantities are differentiated: a list of their
     keys, or their standard deviations by key, such as {material.mu: 1 kPa, "effects[0].density": null}"""
+    identify: Identification | None = Field(default=None, exclude_if=lambda section: section is None)
+    """parameters that 'hpcinv identify' finds together with the rest shape, and observations of other states"""
     expected_shape: MeshFile | None = None
     """a mesh with the same nodes, whose distance from the recovered shape is reported"""
     accuracy: Mapping[Name, AnyQuantity] = {}
@@ -459,6 +462,8 @@ class Job(Spec):
             return {}
         demands, problems = read_demands(given, info.data["quantities"])
         raise_if_any(problems)
+        if demands and info.data.get("identify") is not None:
+            raise ValueError("cannot be combined with 'identify', which needs one mesh for all evaluations")
         if demands and info.data.get("states"):
             raise ValueError("is not possible with 'states': find mesh and degree for the given state by itself")
         if demands and info.data.get("expected_shape") is not None:
@@ -479,20 +484,26 @@ class Job(Spec):
     def _check_sensitivities(cls, given: object, info: ValidationInfo) -> Mapping[str, float | None]:
         if not {"material", "effects", "fibres", "supports"} <= info.data.keys():  # already reported
             return {}
-        material, effects, fibres, supports = (info.data[s] for s in ("material", "effects", "fibres", "supports"))
-        owners = _owners(material, effects, fibres, supports, {})
-        for i, state in enumerate(info.data.get("states", ())):
-            of_state = supports if state.supports is None else state.supports
-            owners |= _owners(material, state.effects, fibres, of_state, _places_of(i, state))
-            effects = (*effects, *state.effects)
-        found, problems = read_sensitivities(given, owners)
+        found, problems = read_sensitivities(given, _all_owners(info.data))
         raise_if_any(problems)
-        if found and any("multiplier" in effect.functions(1) for effect in effects):
-            raise ValueError(
-                "are not possible with contact with a rigid obstacle, whose pressure is found by iteration; give it the"
-                " 'stiffness' of an elastic layer"
-            )
+        if found:
+            _check_differentiable(info.data, "are")
         return found
+
+    @field_validator("identify")
+    @classmethod
+    def _check_identify(cls, section: Identification | None, info: ValidationInfo) -> Identification | None:
+        needed = {"material", "effects", "fibres", "supports", "states", "quantities"}
+        if section is None or not needed <= info.data.keys():  # already reported
+            return section
+        states, quantities = info.data["states"], info.data["quantities"]
+        given = next((state.name for state in states if state.given), "")
+        names = [state.name for state in states]
+        shapes = [name for name in ([*names, rest_of(states)] if states else []) if name != given]
+        owners = _all_owners(info.data)
+        raise_if_any(faults_of_identification(section, owners, quantities, list(dict.fromkeys(shapes)), given))
+        _check_differentiable(info.data, "is")
+        return section
 
     @field_validator("quantities")
     @classmethod
@@ -584,6 +595,26 @@ def _owners(
     """
     parts = {**_laws(material), **_numbered(places.get("effects", "effects"), effects)}
     return parts | _families(parts.values(), fibres) | _numbered(places.get("supports", "supports"), supports)
+
+
+def _all_owners(data: Mapping[str, Any]) -> dict[str, Owner]:
+    """The parts with numbers of a job and of all its states, from its sections."""
+    material, fibres, supports = data["material"], data["fibres"], data["supports"]
+    found = _owners(material, data["effects"], fibres, supports, {})
+    for i, state in enumerate(data.get("states", ())):
+        of_state = supports if state.supports is None else state.supports
+        found |= _owners(material, state.effects, fibres, of_state, _places_of(i, state))
+    return found
+
+
+def _check_differentiable(data: Mapping[str, Any], verb: str) -> None:
+    """Raise ``ValueError`` if solutions have no derivatives."""
+    effects = [*data["effects"], *(effect for state in data.get("states", ()) for effect in state.effects)]
+    if any("multiplier" in effect.functions(1) for effect in effects):
+        raise ValueError(
+            f"{verb} not possible with contact with a rigid obstacle, whose pressure is found by iteration; give it the"
+            " 'stiffness' of an elastic layer"
+        )
 
 
 def _places_of(number: int, state: State) -> dict[str, str]:

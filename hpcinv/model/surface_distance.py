@@ -47,11 +47,30 @@ class SurfaceDistance:
         cells, nearest = self._surface.find_closest_cell(points, return_closest_point=True)
         corners = self._surface.points[self._triangles[cells]].astype(np.float64)
         normals = np.einsum(
-            "nv,nvi->ni", _barycentric(corners, np.asarray(nearest)), self._normals[self._triangles[cells]]
+            "nv,nvi->ni", barycentric(corners, np.asarray(nearest)), self._normals[self._triangles[cells]]
         )
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         signed = pyvista.PolyData(points).compute_implicit_distance(self._surface)["implicit_distance"]
         return np.asarray(signed, dtype=np.float64), normals
+
+
+def read_points(path: Path) -> Floats:
+    """Read the distinct points (n, 3) of a surface or of a cloud of points, on this process.
+
+    Raises:
+        MeshError: the file cannot be read, or has no points.
+    """
+    import pyvista
+
+    advice = "Is it an STL, PLY, OBJ or VTP file?"
+    try:
+        found = pyvista.read(path)
+        points = np.asarray(found.points, dtype=np.float64)
+    except (OSError, ValueError, RuntimeError, AttributeError) as error:
+        raise MeshError(f"{path}: cannot be read as a surface: {error}", advice) from None
+    if not len(points) or not np.isfinite(points).all():
+        raise MeshError(f"{path}: has no points with finite coordinates", advice)
+    return np.unique(points, axis=0)
 
 
 def _read(path: Path) -> tuple[Floats, Ints]:
@@ -71,7 +90,7 @@ def _read(path: Path) -> tuple[Floats, Ints]:
     return points, faces
 
 
-def _barycentric(corners: Floats, points: Floats) -> Floats:
+def barycentric(corners: Floats, points: Floats) -> Floats:
     """Return barycentric coordinates (n, 3) of points in their triangles (n, 3, 3)."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     c = points - corners[:, 0]

@@ -16,7 +16,7 @@ from hpcinv.mesh.body import read_anywhere
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.regions import Mesh
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
 
@@ -32,15 +32,27 @@ def read_expected(job: Job, body: Body) -> Floats | None:
         return None
     # Straight or curved as the body is, whatever the file is; it was checked to exist when the job was read.
     spec = MeshSpec.model_construct(**(dict(expected) | {"geometry_degree": body.source.degree}))
+    return at_local_nodes(body, read_same_cells(spec, job, body, "expected_shape").points)
+
+
+def read_same_cells(spec: MeshSpec, job: Job, body: Body, name: str) -> MeshSource:
+    """Read a mesh with the nodes and cells of a body's; collective.
+
+    Args:
+        name: of the mesh, for messages.
+
+    Raises:
+        MeshError: on every rank, if it cannot be read or is not the body's mesh at other coordinates.
+    """
     source, given = read_anywhere(spec, job.resolve, body.mesh.comm), body.source
-    advice = f"expected_shape needs the nodes and cells of {given.path}, in the same order."
+    advice = f"{name} needs the nodes and cells of {given.path}, in the same order."
     nodes, nodes_given = (Rows.of(body.mesh.comm, len(mesh.points)).total for mesh in (source, given))
     if nodes != nodes_given:
         counts = f"{nodes} nodes, but the job's mesh has {nodes_given}"
         raise MeshError(f"{source.path}: has {counts}", advice)
     if not body.mesh.comm.allreduce(np.array_equal(source.cells, given.cells), op=MPI.LAND):
         raise MeshError(f"{source.path}: its cells join other nodes than those of the job's mesh", advice)
-    return at_local_nodes(body, source.points)
+    return source
 
 
 def differences(body: Body, solutions: Sequence[Solution], expected: Floats | None) -> dict[str, dict[str, float]]:

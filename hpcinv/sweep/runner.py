@@ -70,7 +70,7 @@ class SweepRunner(Runner[SweepTask]):
             progress=progress,
             stop_asked=stop_asked,
             workspace=self.workspace,
-            guess=guess,
+            guesses=() if guess is None else (guess,),
         )
         if on_root(self.comm, lambda: task.directory.is_begun):
             with contextlib.suppress(CheckpointError):

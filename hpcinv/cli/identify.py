@@ -1,0 +1,83 @@
+"""``hpcinv identify``: parameters of a job and its rest shape from observations; under mpirun for more ranks."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hpcinv.errors import JobError
+from hpcinv.files.untrusted import add_option
+from hpcinv.job.job import Job, load
+
+if TYPE_CHECKING:
+    from hpcinv.identification.evaluation import Evaluation
+    from hpcinv.mesh.source import Floats
+
+
+def add_identify(commands: Any) -> None:
+    identify = commands.add_parser(
+        "identify",
+        help="find parameters of a job and its rest shape from observations of several states (under mpirun)",
+        description="The section 'identify' of the job names parameters and observations; see docs/identify.md."
+        " A command that was stopped goes on when it is started again.",
+    )
+    identify.add_argument("job", type=Path, help="job file (YAML) with a section 'identify'")
+    identify.add_argument(
+        "--output", type=Path, metavar="DIR", help="where results go (default: results/JOB-identified)"
+    )
+    identify.add_argument("--overwrite", action="store_true", help="replace another identification in --output")
+    identify.add_argument("-q", "--quiet", action="store_true", help="print no line for each evaluation")
+    identify.add_argument("--strict", action="store_true", help="end with exit code 7 if there are warnings")
+    identify.add_argument("--ranks", type=int, help="refuse to run on another number of ranks")
+    add_option(identify)
+    identify.set_defaults(command=_identify)
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from hpcinv.parallel.launch import launched
+
+    with launched(options.ranks) as (comm, stop):
+        from hpcinv.identification.report import describe, value_text, warnings
+        from hpcinv.identification.run import identify
+        from hpcinv.parallel.runtime import on_root
+
+        job = on_root(comm, lambda: _read(options.job))
+        directory = options.output or Path("results") / f"{job.job}-identified"
+
+        def tell(number: int, values: Floats, chi_squared: float, found: Evaluation) -> None:
+            if options.quiet:
+                return
+            parameters = job.with_({"sensitivities": list(job.identify.parameters)}).differentiated  # type: ignore[union-attr]
+            shown = ", ".join(f"{p.key} = {value_text(p, v)}" for p, v in zip(parameters, values, strict=True))
+            ended = f"not reached: {found.failure}" if found.failure else f"chi-square {chi_squared:.6g}"
+            print(f"evaluation {number}{' (kept)' if found.kept else ''}: {shown}: {ended}", flush=True)
+
+        found = identify(job, comm, directory=directory, overwrite=options.overwrite, report=tell, stop_asked=stop)
+        texts = warnings(found.estimate)
+        verdict = found.result.certificate.verdict
+        if comm.rank == 0:
+            lines = describe(found.estimate)
+            for name, sd in found.shape_deviations.items():
+                lines.append(f"shape{f' {name!r}' if name else ''}: standard deviation up to {sd:.2g} m")
+            for name, deviation in found.quantity_deviations.items():
+                shown = (
+                    f"{found.result.quantities[name]:.6g} ± {deviation:.2g}" if isinstance(deviation, float) else None
+                )
+                lines.append(f"{name}: {shown or found.result.quantities[name]}")
+            lines.append(f"certificate: {verdict.value}")
+            lines.append(str(found.cost))
+            print("\n".join(lines))
+            print(f"\n{(directory / 'sections.yaml').read_text()}\nresults: {directory}", flush=True)
+            for text in texts:
+                print(f"warning: {text}", file=sys.stderr)
+        code = verdict.exit_code(strict=options.strict)
+    return code or (7 if options.strict and texts else 0)
+
+
+def _read(path: Path) -> Job:
+    job = load(path)
+    if job.identify is None:
+        raise JobError([f"{path}: has no section 'identify', which names parameters and observations"])
+    return job

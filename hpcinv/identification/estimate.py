@@ -1,0 +1,297 @@
+"""Weighted least squares of the parameters of a job, by its exact derivatives, and what the data say of them.
+
+Minimized is ``χ² = Σ ((computed - observed)/σ)² + Σ ((θ - mean)/σ_prior)²``, by the trust-region method of
+`scipy.optimize.least_squares` (a Levenberg–Marquardt method with bounds), on rank 0; all ranks solve.
+
+Source: Branch, Coleman & Li, "A subspace, interior, and conjugate gradient method for large-scale bound-constrained
+minimization problems" (1999), doi:10.1137/S1064827595289108.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.optimize
+import scipy.stats
+
+from hpcinv.errors import JobError, SolveError
+from hpcinv.fitting.linearised import Combination, Linearised, correlation_of
+from hpcinv.identification.evaluation import Evaluation, Evaluations
+from hpcinv.job.identification import bounds_of, prior_of, start_of
+from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh.source import Floats
+
+DEPENDENT = 1e-7
+"""ratio of singular values, relative to the parameters, below which a combination changes no data"""
+_TOLERANCE = 1e-8  # of the parameters
+_INSIGNIFICANT = 1e-4  # change of χ² with which the search ends, a hundredth of a standard deviation
+_TIE = 1e-3  # to the starting values, in their sizes: what the data leave free stays there
+_DIGITS = 10  # of the parameters
+_AT_BOUND = 1e-6
+_IDLE = 1e-6  # standard deviations by which data change as a parameter doubles, below which they do not depend on it
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Differences of one observation from what is computed, in its standard deviations."""
+
+    name: str
+    values: Floats
+    deviation: float
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt((self.values**2).mean()))
+
+    @property
+    def largest(self) -> float:
+        return float(np.abs(self.values).max())
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Parameters that fit the observations best.
+
+    Attributes:
+        values: in SI, (k,).
+        scales: sizes of the parameters in combinations, (k,): those of the values, if they are not zero.
+        jacobian: of the residuals in standard deviations, (n, k), without priors.
+        priors: mean and standard deviation by parameter, ``None`` without one.
+        at_bound: parameters that are at a bound.
+        history: χ² after each evaluation, infinite where a state was not reached.
+        converged: whether the tolerance was met; otherwise the evaluations ended it.
+    """
+
+    parameters: Sequence[Parameter]
+    values: Floats
+    scales: Floats
+    residuals: tuple[Residuals, ...]
+    jacobian: Floats
+    priors: Sequence[tuple[float, float] | None]
+    at_bound: Sequence[bool]
+    evaluations: Sequence[Evaluation]
+    history: Sequence[float]
+    converged: bool
+
+    @cached_property
+    def posterior(self) -> Linearised:
+        """Observations and priors, linearised."""
+        rows = [np.eye(len(self.values))[i] / p[1] for i, p in enumerate(self.priors) if p is not None]
+        return Linearised(
+            np.concatenate([self.jacobian, np.reshape(rows, (-1, len(self.values)))]), self.scales, DEPENDENT
+        )
+
+    @cached_property
+    def data(self) -> Linearised:
+        """The observations by themselves, linearised."""
+        return Linearised(self.jacobian, self.scales, DEPENDENT)
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """Covariance (k, k), within the combinations that are determined."""
+        return self.posterior.covariance()
+
+    @property
+    def correlation(self) -> Floats:
+        return correlation_of(self.covariance)
+
+    @cached_property
+    def deviations(self) -> list[float | None]:
+        """Standard deviations (SI), ``None`` of parameters that are not determined."""
+        free = self.posterior.undetermined()
+        found = np.sqrt(np.diag(self.covariance))
+        return [None if i in free else float(sd) for i, sd in enumerate(found)]
+
+    @property
+    def combinations(self) -> list[Combination]:
+        """Combinations of relative changes with independent errors, by the observations alone, best first."""
+        return self.data.combinations
+
+    @property
+    def chi_squared(self) -> float:
+        """Of the observations."""
+        return float(sum((one.values**2).sum() for one in self.residuals))
+
+    @property
+    def count(self) -> int:
+        """Number of observed numbers."""
+        return sum(len(one.values) for one in self.residuals)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom: observed numbers and priors, less determined combinations."""
+        return self.count + sum(p is not None for p in self.priors) - len(self.values) + len(self.posterior.free())
+
+    @property
+    def probability(self) -> float | None:
+        """Probability of at least this χ², with that of the priors, if model and standard deviations are right."""
+        if self.freedom <= 0:
+            return None
+        total = self.chi_squared + sum(
+            ((v - p[0]) / p[1]) ** 2 for v, p in zip(self.values, self.priors, strict=True) if p is not None
+        )
+        return float(scipy.stats.chi2.sf(total, self.freedom))
+
+
+type Report = Callable[[int, Floats, float, Evaluation], None]
+"""called on rank 0 with the number of an evaluation, the values, χ² and the evaluation"""
+
+
+def estimate(evaluations: Evaluations, report: Report) -> Estimate:
+    """Find the parameters, on all ranks; collective.
+
+    Raises:
+        JobError: on all ranks, if the observations cannot determine the parameters.
+        SolveError: on all ranks, if the states are not reached with the starting values.
+        Interrupted: on all ranks, if the run was asked to stop.
+    """
+    comm = evaluations.comm
+    if comm.rank == 0:
+        problem = _Problem(evaluations, report)
+        found: Estimate | None = None
+        try:
+            found = problem.solve()
+        except (JobError, SolveError) as error:
+            comm.bcast((None, error))
+            raise
+        comm.bcast((None, found))
+        return found
+    while True:
+        values, ending = comm.bcast(None)
+        if values is None:
+            if isinstance(ending, Exception):
+                raise ending
+            assert isinstance(ending, Estimate)
+            return ending
+        evaluations.at(values)
+
+
+class _Problem:
+    """The least squares on rank 0."""
+
+    def __init__(self, evaluations: Evaluations, report: Report) -> None:
+        section = evaluations.job.identify
+        assert section is not None
+        self._evaluations, self._report = evaluations, report
+        self.parameters = evaluations.parameters
+        sought = [section.sought(p.key) for p in self.parameters]
+        pairs = list(zip(self.parameters, sought, strict=True))
+        self._start = np.array([start_of(p, s) for p, s in pairs])
+        self._lower, self._upper = np.array([bounds_of(s) for s in sought]).T
+        self._priors = [prior_of(p, s) for p, s in pairs]
+        self._most = section.maximum_evaluations
+        self._unit = np.array([self._size(i) for i in range(len(pairs))])
+        self._known: dict[bytes, Evaluation] = {}
+        self._history: list[float] = []
+
+    def _size(self, i: int) -> float:
+        """Return the size of a parameter, by which it is divided."""
+        prior, width = self._priors[i], self._upper[i] - self._lower[i]
+        candidates = [abs(self._start[i]), prior[1] if prior else 0.0, width if np.isfinite(width) else 0.0]
+        return float(next((c for c in candidates if c > 0), 1.0))
+
+    def solve(self) -> Estimate:
+        first = self._at(self._start)
+        if first.failure:
+            raise SolveError(
+                f"with the starting values a state was not reached: {first.failure}",
+                "Choose other values of 'start' in the section 'identify'.",
+            )
+        self._check(first)
+        solution = scipy.optimize.least_squares(
+            self._residuals,
+            self._inside(self._start / self._unit),
+            jac=self._jacobian,
+            bounds=(self._lower / self._unit, self._upper / self._unit),
+            x_scale="jac",
+            ftol=_INSIGNIFICANT / max(sum(self._counts), 1),
+            xtol=_TOLERANCE,
+            gtol=_TOLERANCE**1.5,
+            max_nfev=self._most,
+        )
+        last, values = self._at(solution.x * self._unit), solution.x * self._unit
+        parts = np.split(last.differences / self._deviation, np.cumsum(self._counts)[:-1])
+        observed = self._evaluations.observed
+        near = _AT_BOUND * self._unit
+        return Estimate(
+            parameters=self.parameters,
+            values=values,
+            scales=np.where(values != 0.0, np.abs(values), self._unit),
+            residuals=tuple(Residuals(o.spec.name, r, o.deviation) for o, r in zip(observed, parts, strict=True)),
+            jacobian=last.jacobian / self._deviation[:, None],
+            priors=self._priors,
+            at_bound=((values - self._lower < near) | (self._upper - values < near)).tolist(),
+            evaluations=list(self._known.values()),
+            history=self._history,
+            converged=bool(solution.status > 0),
+        )
+
+    def _check(self, first: Evaluation) -> None:
+        """Raise ``JobError`` if the observations cannot determine the parameters, whatever their values are."""
+        where, k = f"{self._evaluations.job.path}: identify.parameters", len(self.parameters)
+        known = [p is not None for p in self._priors]
+        if len(first.differences) + sum(known) < k:
+            raise JobError(
+                [
+                    f"{where}: {k} parameters are more than the {len(first.differences)} observed numbers and"
+                    f" {sum(known)} priors: seek fewer, or observe more"
+                ]
+            )
+        changes = np.abs(first.jacobian * self._unit / self._deviation[:, None]).max(axis=0)
+        idle = [
+            p.key
+            for p, change, has_prior in zip(self.parameters, changes, known, strict=True)
+            if not change > max(DEPENDENT * changes.max(), _IDLE) and not has_prior
+        ]
+        if idle:
+            raise JobError(
+                [
+                    f"{where}: nothing that was observed depends on {' and '.join(idle)}: remove it, give it a prior,"
+                    " or observe something that does"
+                ]
+            )
+
+    @cached_property
+    def _counts(self) -> list[int]:
+        return [one.count for one in self._evaluations.observed]
+
+    @cached_property
+    def _deviation(self) -> Floats:
+        return np.repeat([one.deviation for one in self._evaluations.observed], self._counts)
+
+    def _inside(self, x: Floats) -> Floats:
+        """Return a point strictly within the bounds, as the method needs it."""
+        low, high = self._lower / self._unit, self._upper / self._unit
+        margin = np.minimum(1e-6, np.where(np.isfinite(high - low), (high - low) / 10, 1e-6))
+        return np.clip(x, low + margin, high - margin)
+
+    def _at(self, values: Floats) -> Evaluation:
+        # Rounding errors, which depend on the ranks, must not hide that an evaluation was made before.
+        values = np.array([float(f"{value:.{_DIGITS}g}") for value in values])
+        key = values.tobytes()
+        if key not in self._known:
+            self._evaluations.comm.bcast((values, None))
+            found = self._evaluations.at(values)
+            assert found is not None  # on rank 0
+            self._known[key] = found
+            chi = np.inf if found.failure else float(((found.differences / self._deviation) ** 2).sum())
+            self._history.append(chi)
+            self._report(len(self._known), values, chi, found)
+        return self._known[key]
+
+    def _residuals(self, x: Floats) -> Floats:
+        values = x * self._unit
+        found = self._at(values)
+        if found.failure:  # the method then takes a smaller step
+            return np.full(sum(self._counts) + sum(p is not None for p in self._priors) + len(x), np.inf)
+        priors = [(v - p[0]) / p[1] for v, p in zip(values, self._priors, strict=True) if p is not None]
+        return np.concatenate([found.differences / self._deviation, priors, _TIE * (x - self._start / self._unit)])
+
+    def _jacobian(self, x: Floats) -> Floats:
+        found = self._at(x * self._unit)
+        rows = [np.eye(len(x))[i] / p[1] for i, p in enumerate(self._priors) if p is not None]
+        whole = np.concatenate([found.jacobian / self._deviation[:, None], np.reshape(rows, (-1, len(x)))])
+        return np.concatenate([whole * self._unit, _TIE * np.eye(len(x))])

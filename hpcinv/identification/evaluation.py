@@ -1,0 +1,222 @@
+"""Evaluation of a job at values of its parameters, and the store that keeps each evaluation for a resumed run."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import time
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.driver import run
+from hpcinv.errors import JobError, MeshError, SolveError
+from hpcinv.files.atomic import output_errors, replace
+from hpcinv.identification.observations import Observed, observations_of
+from hpcinv.job.fingerprint import content_key, file_digest
+from hpcinv.job.job import Job
+from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh.source import Floats
+from hpcinv.methods.initial_guess import Guess
+from hpcinv.output.progress import Progress
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.results.solution import Solution
+from hpcinv.solver.problem_cache import Workspace
+from hpcinv.version import __version__
+
+_FOLDER = "evaluations"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What the states predict at some values of the parameters.
+
+    Attributes:
+        differences: computed less observed values of all observations (SI), (n,).
+        jacobian: their derivatives by the parameters, (n, k).
+        factorizations: of all solves.
+        seconds: of the run.
+        failure: why a state was not reached; empty if all were. Then there are no numbers.
+        kept: whether it was made by an earlier command.
+    """
+
+    differences: Floats
+    jacobian: Floats
+    factorizations: int
+    seconds: float
+    failure: str = ""
+    kept: bool = False
+
+    def as_bytes(self) -> bytes:
+        content = io.BytesIO()
+        about = json.dumps([self.factorizations, self.seconds, self.failure])
+        np.savez_compressed(
+            content, differences=self.differences, jacobian=self.jacobian, about=np.frombuffer(about.encode(), np.uint8)
+        )
+        return content.getvalue()
+
+    @classmethod
+    def read(cls, path: Path) -> Evaluation | None:
+        """Return a kept evaluation; ``None`` if there is none, or its file is damaged."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                factorizations, seconds, failure = json.loads(bytes(file["about"]))
+                return cls(file["differences"], file["jacobian"], factorizations, seconds, failure, kept=True)
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+            return None
+
+
+class SolveTimer(Progress):
+    """A silent progress that measures the solves of a run.
+
+    Attributes:
+        solves: seconds of each solve, in order.
+    """
+
+    def __init__(self, comm: MPI.Intracomm) -> None:
+        super().__init__(comm, None)
+        self.solves: list[float] = []
+
+    @contextmanager
+    def phase(self, name: str, about: str = "", *, announced: bool = True) -> Iterator[None]:
+        begun = time.perf_counter()
+        with super().phase(name, about, announced=announced):
+            yield
+        if name == "solving":
+            self.solves.append(time.perf_counter() - begun)
+
+
+class Evaluations:
+    """Evaluations of a job with a section ``identify``; collective.
+
+    Args:
+        directory: where evaluations are kept; ``None`` keeps none.
+
+    Attributes:
+        keys: of all numbers that are sought.
+        ties: 1 where a number (row) has the value of a parameter (column).
+
+    Raises:
+        MeshError: on all ranks, if an observation does not fit the mesh.
+    """
+
+    def __init__(
+        self, job: Job, comm: MPI.Intracomm, workspace: Workspace, directory: Path | None, stop: Callable[[], bool]
+    ) -> None:
+        section = job.identify
+        assert section is not None
+        self.job, self.comm = job, comm
+        self.keys = section.keys
+        # Without what does not count here: checks, and the section itself.
+        self._base = job.with_({"certificate": "off", "sensitivities": self.keys, "identify": None})
+        self._numbers = {number.key: number for number in self._base.differentiated}
+        self.parameters: Sequence[Parameter] = [self._numbers[key] for key in section.parameters]
+        self.ties = np.array([[float(key in section.keys_of(p.key)) for p in self.parameters] for key in self.keys])
+        self._workspace, self._directory, self._stop = workspace, directory and directory / _FOLDER, stop
+        self.observed: list[Observed] = observations_of(job, workspace.body(job))
+        self._guesses: tuple[Guess, ...] = ()
+        self._digests: dict[Path, str] = {}
+        self.content = on_root(comm, self._content)
+
+    def job_at(self, values: Floats, **changes: Any) -> Job:
+        """Return the job with values (SI) of its parameters.
+
+        Raises:
+            JobError: the job does not admit them.
+        """
+        return self._base.with_(texts([self._numbers[key] for key in self.keys], self.ties @ values) | changes)
+
+    def at(self, values: Floats) -> Evaluation | None:
+        """Evaluate the job at values (SI) of the parameters, or take what is kept; on rank 0, ``None`` on others.
+
+        Raises:
+            Interrupted: on all ranks, if the run was asked to stop.
+        """
+        try:
+            job = self.job_at(values)
+        except JobError as error:
+            return self._failed(error.message)
+        path = on_root(self.comm, lambda: self._path(job))
+        known = on_root(self.comm, lambda: None if path is None else Evaluation.read(path))
+        if known is not None:
+            return known if self.comm.rank == 0 else None
+        begun, result, failure = time.perf_counter(), None, ""
+        try:
+            result = run(job, self.comm, workspace=self._workspace, guesses=self._guesses, stop_asked=self._stop)
+        except (SolveError, MeshError) as error:  # a field may not be admissible on the mesh
+            failure, self._guesses = error.message, ()
+        found = self._failed(failure) if result is None else self._compared(result, time.perf_counter() - begun)
+        on_root(self.comm, lambda: self._keep(found, path))
+        return found
+
+    def _keep(self, found: Evaluation | None, path: Path | None) -> None:
+        if found is not None and path is not None:
+            with output_errors(path):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                replace(path, found.as_bytes())
+
+    def _failed(self, failure: str) -> Evaluation | None:
+        return Evaluation(np.zeros(0), np.zeros((0, 0)), 0, 0.0, failure) if self.comm.rank == 0 else None
+
+    def _compared(self, result: Result, seconds: float) -> Evaluation | None:
+        self._guesses = tuple(_guess(solution) for solution in result.solutions)
+        predictions = [one.predict(result, self.keys) for one in self.observed]
+        if self.comm.rank != 0:
+            return None
+        known = [one for one in predictions if one is not None]
+        return Evaluation(
+            np.concatenate([one.differences for one in known]),
+            np.concatenate([one.jacobian for one in known]) @ self.ties,
+            sum(solution.factorizations for solution in result.solutions),
+            seconds,
+        )
+
+    def _digest(self, path: Path) -> str:
+        if path not in self._digests:
+            self._digests[path] = file_digest(path)
+        return self._digests[path]
+
+    def _content(self) -> str:
+        """Return a hash of all that the estimate depends on."""
+        section = self.job.identify
+        assert section is not None
+        files = [self._digest(self.job.resolve(one.file)) for one in section.observations if one.file is not None]
+        data = section.model_dump(mode="json", exclude={"maximum_evaluations"})
+        for one in data["observations"]:  # a moved file is the same observation
+            for kind in ("mesh", "surface", "landmarks"):
+                if isinstance(one[kind], str):
+                    one[kind] = ""
+        return content_key(self._base, self._digest, identify=data, files=files, version=__version__)
+
+    def _path(self, job: Job) -> Path | None:
+        if self._directory is None:
+            return None
+        section = self.job.identify
+        assert section is not None
+        data = [one.model_dump(mode="json", exclude={"sd", "name"}) for one in section.observations]
+        files = [self._digest(self.job.resolve(one.file)) for one in section.observations if one.file is not None]
+        observed = hashlib.sha256(json.dumps([data, files], sort_keys=True).encode()).hexdigest()
+        key = content_key(job, self._digest, observed=observed, version=__version__)
+        return self._directory / f"{key}.npz"
+
+
+def texts(parameters: Sequence[Parameter], values: Floats) -> dict[str, float | str]:
+    """Return values (SI) as a job may state them, by key, exactly."""
+    found: dict[str, float | str] = {}
+    for parameter, value in zip(parameters, values, strict=True):
+        unit = parameter.dimension.unit if parameter.dimension is not None else ""
+        found[parameter.key] = f"{float(value)!r} {unit}" if unit else float(value)
+    return found
+
+
+def _guess(solution: Solution) -> Guess:
+    signs = {sign for solve in solution.solves if solve.outcome.accepted for sign in solve.signs}
+    pressure = None if solution.pressure is None else solution.pressure.x.array.copy()
+    return Guess(solution.displacement.x.array.copy(), pressure, signs.pop() if len(signs) == 1 else 0)

@@ -1,0 +1,273 @@
+"""Observations: what was measured, and what a run predicts for it, with derivatives.
+
+Data are on rank 0. A landmark or node has three numbers, its coordinates. A point of a surface has one, its distance
+from the computed surface along the normal there, whose derivative is that of the nearest point along the normal.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.certificate.surface import gather_surface
+from hpcinv.errors import MeshError, naming_field
+from hpcinv.job.identification import Observation
+from hpcinv.job.job import Job
+from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh import Body, in_source_order
+from hpcinv.mesh.bounding_box import diagonal
+from hpcinv.mesh.location import Location, locate, position
+from hpcinv.mesh.regions import LocalIndices
+from hpcinv.mesh.source import Floats
+from hpcinv.model.surface_distance import barycentric, read_points
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import on_root
+from hpcinv.quantity.quantity import Measured
+from hpcinv.results.shape_distance import read_same_cells
+
+_SIZE = 5.0  # factor by which the size of what was observed may differ from that of the body
+_SIDES = 2  # parts of each side of a curved facet
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Differences of computed and observed values, (n,), and their derivatives by the parameters, (n, k), in SI."""
+
+    differences: Floats
+    jacobian: Floats
+
+
+class Observed(ABC):
+    """One observation of a job.
+
+    Attributes:
+        deviation: standard deviation of each of its numbers, in SI.
+    """
+
+    def __init__(self, spec: Observation, deviation: float) -> None:
+        self.spec, self.deviation = spec, deviation
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Number of its numbers; on rank 0."""
+
+    @abstractmethod
+    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+        """Compare with a run, on rank 0; ``None`` on others; collective."""
+
+    def _nodes(self, result: Result, keys: Sequence[str]) -> list[Floats]:
+        """Return the local nodes (n, 3) m in the observed state, and their derivatives by the parameters."""
+        found = result.sensitivities
+        assert found is not None
+        state = self.spec.state
+        of_state = found if state is None else found.shapes.get(state, found)
+        nodes = result.shape if state is None else result.shapes[state]
+        return [nodes, *(of_state.nodes[key] for key in keys)]
+
+
+class ObservedQuantity(Observed):
+    """A quantity of interest."""
+
+    def __init__(self, spec: Observation) -> None:
+        super().__init__(spec, spec.sd.value)
+        value = spec.value.value if isinstance(spec.value, Measured) else spec.value
+        self._value = np.atleast_1d(np.array(value, dtype=float))
+
+    @property
+    def count(self) -> int:
+        return len(self._value)
+
+    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+        assert result.sensitivities is not None
+        name = str(self.spec.quantity)
+        slopes = result.sensitivities.slopes[name]
+        jacobian = np.stack([np.atleast_1d(np.array(slopes[key])) for key in keys], axis=1)
+        return Prediction(np.atleast_1d(np.array(result.quantities[name])) - self._value, jacobian)
+
+
+class ObservedMesh(Observed):
+    """A mesh with the nodes of the given one at their observed positions."""
+
+    def __init__(self, spec: Observation, deviation: float, job: Job, body: Body) -> None:
+        super().__init__(spec, deviation)
+        mesh: dict[str, Any] = {"file": spec.mesh, "geometry_degree": body.source.degree}
+        if "unit" in spec.model_fields_set:
+            mesh["unit"] = spec.unit
+        source = read_same_cells(MeshSpec.model_construct(**mesh), job, body, "The observed mesh")
+        self._points = _whole(body, source.points)
+
+    @property
+    def count(self) -> int:
+        return 0 if self._points is None else self._points.size
+
+    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+        arrays = [_whole(result.body, in_source_order(result.body, n)) for n in self._nodes(result, keys)]
+        if self._points is None:
+            return None
+        nodes, *slopes = (array.ravel() for array in arrays if array is not None)
+        return Prediction(nodes - self._points.ravel(), np.stack(slopes, axis=1))
+
+
+class ObservedLandmarks(Observed):
+    """Material points by their position in the given mesh."""
+
+    def __init__(self, spec: Observation, deviation: float, job: Job, body: Body) -> None:
+        super().__init__(spec, deviation)
+        if isinstance(spec.landmarks, str):
+            path = job.resolve(spec.landmarks)
+            rows = on_root(body.mesh.comm, lambda: read_table(path, 6)) * spec.unit
+        else:
+            rows = np.array([[*one.at, *one.observed] for one in spec.landmarks or ()])
+        self._observed = rows[:, 3:]
+        self._places: list[Location] = []
+        for number, at in enumerate(rows[:, :3]):
+            if (place := locate(body, at)) is None:
+                point = ", ".join(f"{c:g}" for c in at)
+                raise MeshError(
+                    f"landmark {number}: its position ({point}) m in the given mesh is outside of the body",
+                    "Landmarks begin with their position in the given mesh; check their unit.",
+                )
+            self._places.append(place)
+
+    @property
+    def count(self) -> int:
+        return self._observed.size
+
+    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+        arrays = [
+            np.concatenate([position(result.body, place, nodes) for place in self._places])
+            for nodes in self._nodes(result, keys)
+        ]
+        return Prediction(arrays[0] - self._observed.ravel(), np.stack(arrays[1:], axis=1))
+
+
+class ObservedSurface(Observed):
+    """Points on a region of the boundary."""
+
+    def __init__(self, spec: Observation, deviation: float, job: Job, body: Body) -> None:
+        super().__init__(spec, deviation)
+        path = job.resolve(str(spec.surface))
+        read: Callable[[], Floats] = (
+            (lambda: read_table(path, 3)) if path.suffix == ".csv" else lambda: read_points(path)
+        )
+        self._points = on_root(body.mesh.comm, read) * spec.unit
+        self._facets = None if spec.on is None else body.boundary_facets(spec.on)
+
+    @property
+    def count(self) -> int:
+        return len(self._points)
+
+    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+        def chosen(facets: LocalIndices, _cells: LocalIndices) -> Floats:
+            mine = np.ones(len(facets)) if self._facets is None else np.isin(facets, self._facets).astype(float)
+            return mine[:, None]
+
+        surfaces = [gather_surface(result.body, nodes, chosen) for nodes in self._nodes(result, keys)]
+        cuts = []
+        for surface in surfaces:
+            if surface is None:
+                return None
+            cuts.append(surface.cut(1 if surface.degree == 1 else _SIDES, np.flatnonzero(surface.values[:, 0] > 0)))
+        import pyvista
+
+        corners = cuts[0].corners
+        cells, nearest = pyvista.PolyData.from_regular_faces(cuts[0].points, corners).find_closest_cell(
+            self._points, return_closest_point=True
+        )
+        at = cuts[0].points[corners[cells]]
+        weights = barycentric(at, np.asarray(nearest))
+        normals = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        offsets = np.einsum("nv,nvi->ni", weights, at) - self._points
+        distances = np.linalg.norm(offsets, axis=1)
+        along = np.einsum("ni,ni->n", offsets, normals)
+        # At edges of the surface the nearest point is not along the normal.
+        off = distances > np.maximum(1.001 * np.abs(along), 1e-12 * np.abs(at).max())
+        signs = np.where(along < 0, -1.0, 1.0)
+        normals[off] = (signs[:, None] * offsets / np.where(distances > 0, distances, 1.0)[:, None])[off]
+        moved = [np.einsum("nv,nvi->ni", weights, cut.points[corners[cells]]) for cut in cuts[1:]]
+        jacobian = np.stack([np.einsum("ni,ni->n", normals, m) for m in moved], axis=1)
+        return Prediction(np.where(off, signs * distances, along), jacobian)
+
+
+def observations_of(job: Job, body: Body) -> list[Observed]:
+    """Read the observations of a job; collective.
+
+    Raises:
+        MeshError: on all ranks, if one does not fit the mesh.
+    """
+    section = job.identify
+    assert section is not None
+    found: list[Observed] = []
+    for i, spec in enumerate(section.observations):
+        deviation = float(np.hypot(spec.sd.value, section.given_sd or 0.0))
+        with naming_field(f"{job.path}: identify.observations[{i}] ({spec.name})"):
+            match spec.kind:
+                case "quantity":
+                    found.append(ObservedQuantity(spec))
+                case "mesh":
+                    found.append(ObservedMesh(spec, deviation, job, body))
+                case "landmarks":
+                    found.append(ObservedLandmarks(spec, deviation, job, body))
+                case _:
+                    found.append(ObservedSurface(spec, deviation, job, body))
+                    check_size(found[-1]._points, body)  # type: ignore[attr-defined]
+    return found
+
+
+def check_size(points: Floats, body: Body) -> None:
+    """Check that points have about the size of the body; collective.
+
+    Raises:
+        MeshError: on all ranks, if not.
+    """
+    size = diagonal(body.mesh.comm, body.mesh.geometry.x * body.length_scale)
+    found = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if found > _SIZE * size or (len(points) > 3 and found < size / _SIZE / 10):
+        raise MeshError(
+            f"its points extend over {found:.3g} m, and the body over {size:.3g} m",
+            "Give the length unit of the file as 'unit'.",
+        )
+
+
+def _whole(body: Body, rows: Floats) -> Floats | None:
+    """Return the rows of all ranks on rank 0, ``None`` on others; collective."""
+    parts = body.mesh.comm.gather(rows)
+    return None if parts is None else np.concatenate(parts)
+
+
+def read_table(path: Path, columns: int) -> Floats:
+    """Read numbers (n, columns) from a .csv, with or without a line of titles.
+
+    Raises:
+        MeshError: it cannot be read, or has other columns.
+    """
+    wanted = "x, y, z of the point in the given mesh, and as observed" if columns == 6 else "x, y, z"
+    advice = f"Each line has {columns} numbers, {wanted}; give their length unit as 'unit'."
+    try:
+        lines = [line.strip() for line in path.read_text().splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise MeshError(f"{path}: cannot be read: {error}") from None
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        if not line or line.startswith("#"):
+            continue
+        cells = line.replace(";", ",").split(",")
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            if not rows and number == 1:
+                continue  # titles
+            raise MeshError(f"{path}: line {number}: '{line[:60]}' has something that is no number", advice) from None
+        if len(row) != columns or not np.isfinite(row).all():
+            raise MeshError(f"{path}: line {number}: has not {columns} finite numbers", advice)
+        rows.append(row)
+    if not rows:
+        raise MeshError(f"{path}: has no points", advice)
+    return np.array(rows)

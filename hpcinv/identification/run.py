@@ -1,0 +1,225 @@
+"""Flow of an identification: evaluations and estimate, then one run of the job at the estimate.
+
+A directory has ``identification.json``, ``sections.yaml`` (of the job, at the estimate), ``run/`` (the run there) and
+``evaluations/``, which a command that was killed goes on from: least squares take the same way again, and find there
+what was evaluated before.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.driver import run
+from hpcinv.errors import Interrupted, OutputError
+from hpcinv.files.atomic import create, output_errors, replace
+from hpcinv.files.directory_lock import DirectoryLock
+from hpcinv.files.json_data import json_data
+from hpcinv.files.names import check_output
+from hpcinv.identification.estimate import Estimate, Report, estimate
+from hpcinv.identification.evaluation import Evaluations, SolveTimer
+from hpcinv.identification.report import as_data, changes, sections, sensitivities
+from hpcinv.job.job import Job
+from hpcinv.mesh.source import Floats
+from hpcinv.output.result import Result
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.problem_cache import Workspace
+
+_ORIGIN, _FIGURES, _SECTIONS, _RUN = "identification-origin.json", "identification.json", "sections.yaml", "run"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Time of an identification, with that of earlier commands.
+
+    Attributes:
+        evaluations: number of evaluations, each of which solves all states.
+        kept: those of them that earlier commands have made.
+        seconds: of all evaluations.
+        unit: seconds of one solve of the first state at the estimate, from the unloaded body.
+        factorizations: of all evaluations, and of that one solve.
+    """
+
+    evaluations: int
+    kept: int
+    seconds: float
+    unit: float
+    factorizations: tuple[int, int]
+
+    def __str__(self) -> str:
+        kept = f" ({self.kept} of them made before)" if self.kept else ""
+        return (
+            f"{self.evaluations} evaluations of all states{kept} took {self.seconds:.3g} s, as long as"
+            f" {self.seconds / self.unit:.3g} solves of the first state ({self.unit:.3g} s each);"
+            f" {self.factorizations[0]} factorizations, of which such a solve takes {self.factorizations[1]}"
+        )
+
+
+@dataclass(frozen=True)
+class Identified:
+    """Result of an identification.
+
+    Attributes:
+        result: the run of the job at the estimate; its rest shape is the one that was sought.
+        shape_deviations: largest standard deviation of a node's position by computed shape, in m, with the correlations
+            of the parameters; ``""`` is the one shape of a job without states.
+        quantity_deviations: standard deviations of the quantities, likewise.
+    """
+
+    estimate: Estimate
+    job: Job
+    result: Result
+    cost: Cost
+    shape_deviations: dict[str, float]
+    quantity_deviations: dict[str, float | list[float]]
+
+
+def identify(
+    job: Job,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    *,
+    directory: Path | None = None,
+    overwrite: bool = False,
+    report: Report = lambda *_: None,
+    stop_asked: Callable[[], bool] = lambda: False,
+    workspace: Workspace | None = None,
+) -> Identified:
+    """Find the parameters in the section ``identify`` of a job, and its rest shape, on all ranks; collective.
+
+    Args:
+        directory: of results and evaluations, from which an identification of the same job goes on; ``None`` writes
+            nothing.
+        overwrite: whether another identification there may be replaced.
+        report: called on rank 0 after each evaluation.
+        stop_asked: called on every rank before each Newton iteration; true ends the run.
+        workspace: body and model of earlier runs on ``comm``.
+
+    Raises:
+        JobError, MeshError, OutputError: the same on every rank.
+        SolveError: with the starting values, or at the estimate, a state was not reached.
+        Interrupted: ``stop_asked`` was true on some rank.
+    """
+    with ExitStack() as own:
+        workspace = workspace or own.enter_context(Workspace(comm))
+        evaluations = Evaluations(job, comm, workspace, directory, stop_asked)
+        lock = on_root(comm, lambda: _opened(directory, job, evaluations.content, overwrite=overwrite)) is not None
+        held: list[DirectoryLock] = []
+        try:
+            if directory is not None and lock:
+                on_root(comm, lambda: held.append(DirectoryLock(directory)))
+            begun = time.perf_counter()
+            try:
+                found = estimate(evaluations, report)
+            except Interrupted:
+                where = f"evaluations are kept in {directory}" if directory else "nothing was saved"
+                raise Interrupted(f"stopped by a signal; {where}", "Start the same command again.") from None
+            took = time.perf_counter() - begun
+            section = job.identify
+            assert section is not None
+            best = job.with_(changes(found, section))
+            final = best.with_({"sensitivities": sensitivities(found, section)})
+            timer, run_directory = SolveTimer(comm), None if directory is None else directory / _RUN
+            result = run(
+                final,
+                comm,
+                workspace=workspace,
+                directory=run_directory,
+                overwrite=True,
+                progress=timer,
+                stop_asked=stop_asked,
+            )
+            kept = [one for one in found.evaluations if one.kept]
+            unit, first = timer.solves[0], result.solutions[0].factorizations
+            cost = Cost(
+                len(found.evaluations),
+                len(kept),
+                took + sum(one.seconds for one in kept),
+                unit,
+                (sum(one.factorizations for one in found.evaluations), first),
+            )
+            shapes, quantities = _spread(
+                result, evaluations.keys, evaluations.ties @ found.covariance @ evaluations.ties.T
+            )
+            identified = Identified(found, best, result, cost, shapes, quantities)
+            if directory is not None:
+                on_root(comm, lambda: _write(directory, identified))
+            return identified
+        finally:
+            for one in held:
+                one.release()
+
+
+def _opened(directory: Path | None, job: Job, content: str, *, overwrite: bool) -> Path | None:
+    """Make or check the directory; ``OutputError`` if it is that of something else."""
+    if directory is None:
+        return None
+    check_output(directory)
+    origin = directory / _ORIGIN
+    if directory.exists() and (not directory.is_dir() or (any(directory.iterdir()) and not origin.exists())):
+        raise OutputError(f"{directory}: holds files that are not of an identification", "Choose another --output.")
+    data = {"job": str(job.path and job.path.resolve()), "content": content}
+    with output_errors(directory, "Choose another --output."):
+        directory.mkdir(parents=True, exist_ok=True)
+        if not create(origin, json.dumps(data).encode()) and _content_of(origin) != content:
+            if not overwrite:
+                raise OutputError(
+                    f"{directory}: holds the identification of another job, or of this one before it was changed",
+                    "Choose another directory with --output, or give --overwrite. Evaluations of the same states are"
+                    " used again in either case, if they are there.",
+                )
+            replace(origin, json.dumps(data).encode())
+    return directory
+
+
+def _content_of(origin: Path) -> str:
+    try:
+        return str(json.loads(origin.read_text())["content"])
+    except (ValueError, KeyError, TypeError):
+        return ""
+
+
+def _spread(
+    result: Result, keys: Sequence[str], covariance: Floats
+) -> tuple[dict[str, float], dict[str, float | list[float]]]:
+    """Return standard deviations of shapes and quantities to first order, with all correlations; collective."""
+    slopes = result.sensitivities
+    assert slopes is not None
+    comm, shapes = result.body.mesh.comm, {}
+    for name, one in (slopes.shapes or {"": slopes}).items():
+        nodes = np.stack([one.nodes[key] for key in keys], axis=2)
+        variances = np.einsum("nik,kl,nil->n", nodes, covariance, nodes)
+        shapes[name] = comm.allreduce(float(np.sqrt(variances.max(initial=0.0))), op=MPI.MAX)
+    quantities: dict[str, float | list[float]] = {}
+    for name, by_key in slopes.slopes.items():
+        rows = np.stack([np.array(by_key[key], dtype=float) for key in keys], axis=-1)
+        quantities[name] = np.sqrt(np.einsum("...k,kl,...l->...", rows, covariance, rows)).tolist()
+    return shapes, quantities
+
+
+def _write(directory: Path, found: Identified) -> None:
+    figures: dict[str, Any] = as_data(found.estimate) | {
+        "shapes": {name: {"sd": sd} for name, sd in found.shape_deviations.items()},
+        "quantities": {
+            name: {"value": found.result.quantities[name], "sd": sd} for name, sd in found.quantity_deviations.items()
+        },
+        "cost": {
+            "evaluations": found.cost.evaluations,
+            "kept": found.cost.kept,
+            "seconds": found.cost.seconds,
+            "inverse_solves": found.cost.seconds / found.cost.unit,
+            "factorizations": found.cost.factorizations[0],
+            "factorizations_of_one_solve": found.cost.factorizations[1],
+            "seconds_of_one_evaluation": statistics.median(one.seconds for one in found.estimate.evaluations),
+        },
+    }
+    with output_errors(directory):
+        replace(directory / _SECTIONS, sections(found.job, found.estimate).encode())
+        replace(directory / _FIGURES, (json.dumps(json_data(figures), indent=1, ensure_ascii=False) + "\n").encode())

@@ -1,0 +1,265 @@
+"""The section ``identify`` of a job: parameters that are sought, and observations of the body's states."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated
+
+from pydantic import Field, ValidationInfo, model_validator
+
+from hpcinv.files.names import is_file
+from hpcinv.files.untrusted import applies, mesh_fault
+from hpcinv.job.sections import QuantityOfInterest, directory_of
+from hpcinv.job.sensitivities import Owner, Parameter, parameter
+from hpcinv.quantity.keys import JobKey
+from hpcinv.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, Size
+from hpcinv.quantity.schema import ListOf, Location, Name, Spec, Triple, raise_if_any, repeated, shown
+from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import Dimension
+
+LENGTH = Dimension(length=1)
+MESHES = (".msh", ".xdmf", ".vtu")
+SURFACES = (".stl", ".ply", ".obj", ".vtp", ".csv")
+
+type Faults = Iterator[tuple[Location, str]]
+
+
+class Prior(Spec):
+    """A normal distribution that is known of a parameter before the observations."""
+
+    mean: AnyMeasured | None = None
+    """its mean; by default the number in the job"""
+    sd: AnyMeasured
+    """its standard deviation"""
+
+
+class Sought(Spec):
+    """A parameter that is sought. Plain numbers are SI."""
+
+    start: AnyMeasured | None = None
+    """starting value; by default the number in the job"""
+    bounds: Annotated[tuple[AnyMeasured | None, AnyMeasured | None], Field(strict=False)] = (None, None)
+    """least and largest value, null for none"""
+    prior: Prior | None = None
+    """what is known of it before the observations"""
+    also: ListOf[JobKey] = ()
+    """keys of further numbers that have the same value, such as the density in other states"""
+
+
+class Landmark(Spec):
+    """A material point and its observed position."""
+
+    at: Triple[Length]
+    """its position in the given mesh"""
+    observed: Triple[Length]
+    """its observed position"""
+
+
+class Observation(Spec):
+    """Something that was measured in a state of the body, with its standard deviation: exactly one of ``mesh``,
+    ``surface``, ``landmarks`` and ``quantity``."""
+
+    name: Name
+    """its name in reports"""
+    state: Name | None = None
+    """observed state, other than the given one; not needed in a job without states, and for a quantity"""
+    mesh: str | None = None
+    """path to a mesh (.msh, .xdmf, .vtu) with the nodes and cells of the given one, at their observed positions"""
+    surface: str | None = None
+    """path to points of the surface (.stl, .ply, .obj, .vtp, or .csv with columns x, y, z), in any order; what counts
+    is their distance from the computed surface"""
+    on: str | None = None
+    """region of the boundary on which the points of a surface lie; by default all of it"""
+    landmarks: ListOf[Landmark] | str | None = None
+    """list of {at: point in the given mesh, observed: point}, or path to a .csv with these six columns"""
+    quantity: Name | None = None
+    """name of a quantity of interest, such as volume-supine"""
+    value: AnyMeasured | Triple[Length] | None = None
+    """observed value of the quantity"""
+    unit: LengthUnit = 1.0
+    """length unit of a file, such as mm"""
+    sd: AnyMeasured
+    """standard deviation of the quantity, of each coordinate of a node or landmark, or of each distance"""
+
+    @property
+    def kind(self) -> str:
+        return next(kind for kind in KINDS if getattr(self, kind) is not None)
+
+    @property
+    def file(self) -> str | None:
+        """Path of its file, relative to that of the job."""
+        return self.mesh or self.surface or (self.landmarks if isinstance(self.landmarks, str) else None)
+
+    @model_validator(mode="after")
+    def _check_fields(self, info: ValidationInfo) -> "Observation":
+        raise_if_any(self._problems(info))
+        return self
+
+    def _problems(self, info: ValidationInfo) -> Faults:
+        kinds = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(kinds) != 1:
+            yield (), f"needs exactly one of {', '.join(KINDS)}" + (f", not {' and '.join(kinds)}" if kinds else "")
+            return
+        if (self.value is None) == (self.kind == "quantity"):
+            yield ("value",), "is needed, and valid, with a quantity"
+        if self.on is not None and self.kind != "surface":
+            yield ("on",), "is valid only with a surface"
+        if "unit" in self.model_fields_set and self.file is None:
+            yield ("unit",), "is valid only with a file: give units with the numbers"
+        if self.sd.value <= 0:
+            yield ("sd",), "must be above 0"
+        if self.kind != "quantity" and self.sd.dimension not in (LENGTH, Dimension()):
+            yield ("sd",), f"must be a length, as positions are, but it is {self.sd.dimension}"
+        if self.file is not None:
+            suffixes = {"mesh": MESHES, "surface": SURFACES, "landmarks": (".csv",)}[self.kind]
+            path = directory_of(info) / self.file
+            if path.suffix not in suffixes:
+                yield (self.kind,), f"{shown(self.file)} must end in {' or '.join(suffixes)}"
+            elif applies(info) and (fault := mesh_fault(directory_of(info), self.file)):
+                yield (self.kind,), f"{shown(self.file)} {fault}"
+            elif not is_file(path):
+                yield (self.kind,), f"there is no file '{path}'. Paths start from the directory of the job file"
+
+
+KINDS = ("mesh", "surface", "landmarks", "quantity")
+
+
+class Identification(Spec):
+    """Parameters of the job that 'hpcinv identify' finds, together with the rest shape, from observations."""
+
+    parameters: Mapping[JobKey, Sought | None]
+    """keys of numbers as in 'sensitivities', with start, bounds and prior, such as {material.mu: {start: 5 kPa}}"""
+    observations: ListOf[Observation]
+    """what was observed of the body in other states than the given one"""
+    given_sd: Size | None = None
+    """standard deviation of each coordinate of the given mesh; it is added to that of observed positions"""
+    maximum_evaluations: Annotated[int, Field(ge=1)] = 100
+    """largest number of evaluations: solves of all states"""
+
+    def sought(self, key: str) -> Sought:
+        return self.parameters[key] or Sought()
+
+    def keys_of(self, key: str) -> list[str]:
+        """Keys of all numbers that have the value of a parameter."""
+        return [key, *self.sought(key).also]
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys of all numbers that are sought."""
+        return [other for key in self.parameters for other in self.keys_of(key)]
+
+
+def faults_of_identification(
+    section: Identification,
+    owners: Mapping[str, Owner],
+    quantities: Sequence[QuantityOfInterest],
+    shapes: Sequence[str],
+    given: str,
+) -> Faults:
+    """Faults with their places in the section.
+
+    Args:
+        owners: laws, effects, fibres and supports by their keys.
+        shapes: names of the states whose shape is computed; empty in a job without states.
+        given: name of the given state.
+    """
+    if not section.parameters:
+        yield ("parameters",), "must name one number of the job at least"
+    for key, sought in section.parameters.items():
+        try:
+            number = parameter(key, owners, None)
+        except ValueError as error:
+            yield ("parameters", key), str(error)
+            continue
+        for place, text in _faults_of_parameter(number, sought or Sought()):
+            yield ("parameters", key, *place), text
+        for i, other in enumerate(sought.also if sought else ()):
+            try:
+                found = parameter(other, owners, None)
+            except ValueError as error:
+                yield ("parameters", key, "also", i), str(error)
+            else:
+                if found.dimension != number.dimension:
+                    yield ("parameters", key, "also", i), f"is {found.dimension}, but {key} is {number.dimension}"
+    keys = section.keys
+    for i in repeated(keys):
+        yield ("parameters",), f"{keys[i]} is duplicated"
+    names = [one.name for one in section.observations]
+    for i in repeated(names):
+        yield ("observations", i, "name"), f"'{names[i]}' is the name of an earlier observation"
+    if not names:
+        yield ("observations",), "must have one entry at least: one scan by itself fixes no material"
+    known = {quantity.name: quantity for quantity in quantities}
+    for i, one in enumerate(section.observations):
+        for place, text in _faults_of_observation(one, known, shapes, given):
+            yield ("observations", i, *place), text
+
+
+def _faults_of_parameter(number: Parameter, sought: Sought) -> Faults:
+    given: list[tuple[Location, Measured | None]] = [
+        (("start",), sought.start),
+        (("bounds", 0), sought.bounds[0]),
+        (("bounds", 1), sought.bounds[1]),
+    ]
+    if sought.prior is not None:
+        given += [(("prior", "mean"), sought.prior.mean), (("prior", "sd"), sought.prior.sd)]
+        if sought.prior.sd.value <= 0:
+            yield ("prior", "sd"), "must be above 0"
+    for place, one in given:
+        if one is not None and number.dimension is not None and one.dimension not in (number.dimension, Dimension()):
+            yield place, f"must be {number.dimension}, as {number.key} is, but it is {one.dimension}"
+    low, high = bounds_of(sought)
+    if not low < high:
+        yield ("bounds",), "must be the least and the largest value, in this order"
+    elif not low <= start_of(number, sought) <= high:
+        where = "start" if sought.start is not None else "bounds"
+        yield (where,), f"the starting value {start_of(number, sought):g} (SI) must be within the bounds"
+
+
+def _faults_of_observation(
+    one: Observation, quantities: Mapping[str, QuantityOfInterest], shapes: Sequence[str], given: str
+) -> Faults:
+    if one.kind == "quantity":
+        quantity = quantities.get(str(one.quantity))
+        if one.state is not None:
+            yield ("state",), "is not valid with a quantity, whose name says of which state it is"
+        if quantity is None:
+            yield ("quantity",), f"there is no quantity '{one.quantity}'.{did_you_mean(str(one.quantity), quantities)}"
+            return
+        if quantity.is_reaction:
+            yield ("quantity",), "is a reaction, which has no derivatives"
+            return
+        if isinstance(one.value, tuple) != quantity.is_vector:
+            yield ("value",), f"must be {'a list of 3 lengths' if quantity.is_vector else 'one number'}"
+        values = {"sd": one.sd} | ({"value": one.value} if isinstance(one.value, Measured) else {})
+        for field, value in values.items():
+            if quantity.dimension is not None and value.dimension not in (quantity.dimension, Dimension()):
+                yield (field,), f"must be {quantity.dimension}, as '{one.quantity}' is, but it is {value.dimension}"
+        return
+    if not shapes:
+        if one.state is not None:
+            yield ("state",), "is not valid in a job without 'states'"
+        return
+    if one.state is None:
+        yield ("state",), f"is needed: one of {', '.join(shapes)}"
+    elif one.state == given:
+        yield ("state",), f"'{given}' is the given state, which is the mesh itself: observe another one"
+    elif one.state not in shapes:
+        yield ("state",), f"there is no computed state '{one.state}'.{did_you_mean(one.state, shapes)}"
+
+
+def start_of(number: Parameter, sought: Sought) -> float:
+    """Starting value (SI) of a parameter."""
+    return number.value if sought.start is None else sought.start.value
+
+
+def bounds_of(sought: Sought) -> tuple[float, float]:
+    """Least and largest value (SI)."""
+    low, high = sought.bounds
+    return -float("inf") if low is None else low.value, float("inf") if high is None else high.value
+
+
+def prior_of(number: Parameter, sought: Sought) -> tuple[float, float] | None:
+    """Mean and standard deviation (SI) that are known before, ``None`` if nothing is."""
+    if sought.prior is None:
+        return None
+    mean = sought.prior.mean
+    return number.value if mean is None else mean.value, sought.prior.sd.value
