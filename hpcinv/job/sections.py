@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
+    BeforeValidator,
     Field,
     ValidationInfo,
     field_validator,
@@ -40,9 +41,14 @@ FIELDS: dict[str, Dimension | None] = {
     **dict.fromkeys(PRESTRAIN_COMPONENTS, Dimension()),
 }
 
+Labels = Annotated[
+    ListOf[Annotated[int, Field(ge=1)]], BeforeValidator(lambda v: [v] if isinstance(v, int) else v)
+]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
+IMAGES = (".nii", ".gz", ".nrrd", ".mha", ".mhd")
+"""suffixes of segmented images"""
 
 
 def directory_of(info: ValidationInfo) -> Path:
@@ -70,6 +76,8 @@ class MeshFile(Spec):
     parameters: Mapping[str, Value] = {}
     """parameters of the generator, as numbers in SI or quantities"""
 
+    formats: ClassVar[tuple[str, ...]] = FORMATS
+
     @property
     def is_partitioned(self) -> bool:
         """True if each rank reads some parts of the mesh, and none reads all of it."""
@@ -79,8 +87,8 @@ class MeshFile(Spec):
     @classmethod
     def _check_file(cls, file: str, info: ValidationInfo) -> str:
         path = directory_of(info) / file
-        if path.suffix not in FORMATS:
-            raise ValueError(f"{shown(file)} is not a readable mesh; valid suffixes are {', '.join(FORMATS)}")
+        if path.suffix not in cls.formats:
+            raise ValueError(f"{shown(file)} is not a readable mesh; valid suffixes are {', '.join(cls.formats)}")
         if applies(info) and (fault := mesh_fault(directory_of(info), file)):
             raise ValueError(f"{shown(file)} {fault}")
         if not exists(path):
@@ -136,6 +144,38 @@ class MeshSpec(MeshFile):
     """largest number of cells of a generated mesh; if more are expected, meshing stops early"""
     partition: Literal["metis", "scotch"] = "metis"
     """partitioner of the cells; a partitioned mesh (.bp) keeps its partition, unless scotch partitions it again"""
+    labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
+    """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region"""
+    size: Annotated[Size | None, Field(exclude_if=lambda size: size is None)] = None
+    """largest length of edges in the mesh of an image"""
+
+    formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES
+
+    @property
+    def is_image(self) -> bool:
+        """True if the mesh is made from a segmented image."""
+        return Path(self.file).suffix in IMAGES
+
+    @model_validator(mode="before")
+    @classmethod
+    def _image_is_a_file(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or "image" not in data:
+            return data
+        if "file" in data:
+            raise Problems((("image",), "is given beside 'file': a mesh is made from one of them"))
+        return {("file" if key == "image" else key): value for key, value in data.items()}
+
+    @model_validator(mode="after")
+    def _check_image(self) -> Self:
+        if self.is_image:
+            if not self.labels:
+                raise Problems((("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"))
+            if self.size is None:
+                raise Problems((("size",), "is needed: the largest length of edges, as 5 mm"))
+        elif self.labels or self.size is not None:
+            key = "labels" if self.labels else "size"
+            raise Problems(((key,), "is for segmented images only, and 'file' is none"))
+        return self
 
     @model_validator(mode="after")
     def _check_geometry_degree(self) -> Self:

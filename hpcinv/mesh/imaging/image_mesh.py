@@ -1,0 +1,192 @@
+"""From a segmented image to a mesh with a region for each label, and one for each pair of labels that touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.mesh.imaging.boundary import Memberships, smoothed
+from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
+from hpcinv.mesh.imaging.lattice import interfaces, lattice_of
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.quantity.units import readable
+
+type Bools = npt.NDArray[np.bool_]
+
+OUTSIDE, CUT = "outside", "cut"
+_FINE = 0.5  # spacing of the lattice, relative to the size of cells
+_FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
+_ISLAND = 0.01  # share of a body's volume up to which a part that touches no other is left out
+_RIGHT = 0.01  # relative error of a volume that is not worth a word
+_WRONG = 0.1  # and from which on there is no mesh
+_CELLS = 3e-2  # volume of a tetrahedron, relative to the cube of its size, for the expected number
+
+
+def image_mesh(
+    path: Path,
+    labels: Mapping[str, Sequence[int]],
+    size: float,
+    unit: float,
+    most: int,
+    report: Callable[[str], None],
+) -> MeshSource:
+    """Mesh a segmented image on this process, in metres.
+
+    Regions are the labels; ``A|B`` and ``A|outside``, the facets between labels; and ``cut``, where a label ends at
+    the image's border.
+
+    Args:
+        labels: numbers of voxels by the name of their region.
+        size: largest length of edges (m).
+        unit: length unit (m) of spacing and origin in the file.
+        most: largest number of cells.
+        report: called with what a user should know.
+
+    Raises:
+        MeshError: the image cannot be read, lacks a label, or its labels are too thin for cells.
+        SystemPartMissing: the packages for images are not installed.
+    """
+    image = read_labels(path, labels, unit)
+    voxels, first = _cropped(_without_islands(image, report))
+    spacing = max(_FINE * size, _FINEST * float(image.spacing.min()))
+    volumes = [float(np.count_nonzero(voxels == i)) * image.spacing.prod() for i in range(1, len(labels) + 1)]
+    if (expected := sum(volumes) / (_CELLS * size**3)) > most:
+        raise MeshError(
+            f"{path}: about {expected:,.0f} cells of {readable(size, 'm')} are expected, more than {most:,}",
+            "Make mesh.size larger, or mesh.maximum_cells.",
+        )
+    memberships = Memberships(voxels, len(labels), image.spacing, 0.5 * spacing)
+    middles, begin = _middles(voxels.shape, image.spacing, spacing)
+    found = memberships.at(middles.reshape(-1, 3)).argmax(axis=0).reshape(middles.shape[:-1])
+    if lost := [name for i, name in enumerate(labels, start=1) if not (found == i).any()]:
+        raise MeshError(
+            f"{path}: the label '{lost[0]}' is too small or thin for cells of {readable(size, 'm')}",
+            "Use smaller ones.",
+        )
+    lattice = lattice_of(found, spacing)
+    lattice = replace(lattice, points=lattice.points + begin)
+    points, cells, of = _remeshed(
+        lattice.cells, lattice.labels, smoothed(lattice, memberships, spacing, volumes), size, image
+    )
+    _check_volumes(image, points, cells, of, volumes, report)
+    facets, pairs = interfaces(cells, of)
+    is_cut = _at_border(points, facets, first, image)
+    groups = _groups(image.names, of, pairs, is_cut)
+    if np.linalg.det(image.axes) < 0:  # mirrored
+        cells = cells[:, [0, 2, 1, 3]]
+    return MeshSource(
+        path=path,
+        kind="tetrahedron",
+        degree=1,
+        points=image.positions(points + first * image.spacing),
+        node_tags=np.arange(1, len(points) + 1),
+        cells=cells,
+        cell_tags=np.arange(1, len(cells) + 1),
+        facets=facets,
+        groups=groups,
+    )
+
+
+def _without_islands(image: LabelImage, report: Callable[[str], None]) -> LabelImage:
+    """The image without small parts that touch no other; their number and volume are reported."""
+    parts, count = ndimage.label(image.voxels > 0)
+    if count < 2:
+        return image
+    sizes = np.bincount(parts.ravel())[1:]
+    small = np.flatnonzero(sizes < _ISLAND * sizes.sum()) + 1
+    if len(small):
+        volume = readable(float(sizes[small - 1].sum() * image.spacing.prod()), "m^3")
+        report(f"{len(small)} island{'s' if len(small) > 1 else ''} of {volume} in all left out")
+    voxels = np.where(np.isin(parts, small), 0, image.voxels)
+    return LabelImage(image.path, image.names, voxels, image.spacing, image.origin, image.axes)
+
+
+def _cropped(image: LabelImage) -> tuple[Ints, Ints]:
+    """Voxels of the labels with a margin of three of the outside, and the place of the first of them in the image."""
+    margin = 3
+    places = np.argwhere(image.voxels)
+    low, high = places.min(axis=0), places.max(axis=0) + 1
+    inside = image.voxels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+    return np.pad(inside, margin), low - margin
+
+
+def _middles(shape: tuple[int, ...], voxel: Floats, spacing: float) -> tuple[Floats, Floats]:
+    """Middles (…, 3) of the lattice's cells in the image (m from its first voxel), and where the lattice begins."""
+    extent = (np.array(shape) - 1) * voxel
+    counts = np.maximum(np.floor(extent / spacing).astype(int), 1)
+    begin = (extent - counts * spacing) / 2
+    axes = [b + (np.arange(n) + 0.5) * spacing for b, n in zip(begin, counts, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1), begin
+
+
+def _remeshed(cells: Ints, labels: Ints, points: Floats, size: float, image: LabelImage) -> tuple[Floats, Ints, Ints]:
+    """Improve and coarsen cells by MMG; boundaries stay within a quarter of a voxel."""
+    try:
+        import mmgpy
+    except ImportError:
+        raise SystemPartMissing(
+            "images are meshed by MMG (mmgpy), which is not installed", "Install it by: pip install 'hpcinv[imaging]'"
+        ) from None
+    scale = 1 / size  # MMG's tolerances are made for lengths of about 1
+    mesh = mmgpy.MmgMesh3D()
+    mesh.set_mesh_size(vertices=len(points), tetrahedra=len(cells))
+    mesh.set_vertices(points * scale)
+    mesh.set_tetrahedra(cells.astype(np.int32), refs=labels)
+    options: dict[str, Any] = {"hmax": 1.0, "hmin": 0.2, "hausd": 0.25 * image.spacing.min() * scale, "hgrad": 1.5}
+    try:
+        mesh.remesh(**options, ar=60.0, verbose=-1)
+    except RuntimeError as error:
+        raise MeshError(f"{image.path}: MMG could not mesh it: {error}", "Try another mesh.size.") from error
+    found, of = mesh.get_tetrahedra_with_refs()[:2]
+    return np.asarray(mesh.get_vertices()) / scale, np.asarray(found, dtype=np.int64), np.asarray(of, dtype=np.int64)
+
+
+def _check_volumes(
+    image: LabelImage, points: Floats, cells: Ints, of: Ints, volumes: Sequence[float], report: Callable[[str], None]
+) -> None:
+    """Compare the regions' volumes with those of the voxels."""
+    corners = points[cells]
+    edges = corners[:, 1:] - corners[:, :1]
+    each = np.linalg.det(edges) / 6
+    for label, (name, volume) in enumerate(zip(image.names, volumes, strict=True), start=1):
+        error = float(each[of == label].sum() / volume - 1)
+        if abs(error) > _WRONG:
+            raise MeshError(
+                f"{image.path}: the mesh of '{name}' has {error:+.1%} of its voxels' volume, {readable(volume, 'm^3')}:"
+                " walls are too thin for these cells",
+                "Make mesh.size smaller; walls of less than two voxels need a finer image.",
+            )
+        note = " (walls are thin for these cells)" if abs(error) > _RIGHT else ""
+        report(f"{name}: {readable(volume, 'm^3')}, {error:+.2%} in the mesh{note}")
+
+
+def _at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> Bools:
+    """Whether facets lie where the image ends: within a voxel of its border, and along it."""
+    corners = points[facets]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300
+    middles = corners.mean(axis=1) / image.spacing + first  # in voxels
+    last = np.array(image.voxels.shape) - 1
+    near = (middles < 0.5) | (middles > last - 0.5)
+    return np.asarray((near & (np.abs(normals) > 0.7)).any(axis=1))
+
+
+def _groups(names: Sequence[str], of: Ints, pairs: Ints, is_cut: Bools) -> tuple[Group, ...]:
+    """Regions of cells and facets."""
+    known = (OUTSIDE, *names)
+    found = [Group(name, 3, i, np.flatnonzero(of == i)) for i, name in enumerate(names, start=1)]
+    tag = len(names)
+    for low, high in np.unique(pairs, axis=0):
+        members = np.flatnonzero((pairs == (low, high)).all(axis=1) & ~is_cut)
+        tag += 1
+        name = f"{known[high]}|{OUTSIDE}" if low == 0 else f"{known[low]}|{known[high]}"
+        found += [Group(name, 2, tag, members)] if len(members) else []
+    cut = np.flatnonzero(is_cut)
+    return (*found, *([Group(CUT, 2, tag + 1, cut)] if len(cut) else []))

@@ -1,0 +1,91 @@
+"""Segmented images: numbers of labels on a grid of voxels, and where that grid lies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.mesh.source import Floats, Ints
+
+
+@dataclass(frozen=True)
+class LabelImage:
+    """Labels of voxels: 0 is outside, ``n`` the n-th of ``names``.
+
+    Attributes:
+        voxels: labels, (nx, ny, nz).
+        spacing: of the voxels' middles, in m.
+        origin: position of the first voxel's middle in m, in the frame of the image (LPS: to the left, back and head).
+        axes: directions of the image's axes as columns.
+    """
+
+    path: Path
+    names: Sequence[str]
+    voxels: Ints
+    spacing: Floats
+    origin: Floats
+    axes: Floats
+
+    def volume(self, label: int) -> float:
+        """Volume (m³) of a label's voxels."""
+        return float(np.count_nonzero(self.voxels == label) * self.spacing.prod())
+
+    def positions(self, points: Floats) -> Floats:
+        """Positions (m) in the frame of the image of points (n, 3), in m along its axes from the first voxel's middle."""
+        return self.origin + points @ self.axes.T
+
+
+def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float) -> LabelImage:
+    """Read a segmented image on this process.
+
+    Args:
+        labels: numbers of voxels by the name of their region.
+        unit: length unit (m) of spacing and origin in the file.
+
+    Raises:
+        MeshError: it cannot be read, is not one of labels in three dimensions, or lacks a label.
+        SystemPartMissing: the packages for images are not installed.
+    """
+    numbers, image = _read(path)
+    if numbers.ndim != 3:
+        raise MeshError(f"{path}: has {numbers.ndim} dimensions", "Give an image of three dimensions, without colours.")
+    found = np.unique(numbers)
+    if not np.array_equal(found, np.rint(found)):
+        raise MeshError(f"{path}: its values are not whole numbers", "Give a segmentation, not the scan itself.")
+    voxels = np.zeros(numbers.shape, dtype=np.int64)
+    for index, (name, of) in enumerate(labels.items(), start=1):
+        if missing := [number for number in of if number not in found]:
+            known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
+            raise MeshError(
+                f"{path}: no voxel has the label {missing[0]} ('{name}'); the labels in it are {known}",
+                "Correct 'labels' in the job's section 'mesh'.",
+            )
+        voxels[np.isin(numbers, list(of))] = index
+    axes = np.array(image.GetDirection()).reshape(3, 3)
+    spacing, origin = (np.array(values) * unit for values in (image.GetSpacing(), image.GetOrigin()))
+    return LabelImage(path, tuple(labels), voxels, spacing, origin, axes)
+
+
+def _read(path: Path) -> tuple[Any, Any]:
+    """The numbers (nx, ny, nz) of an image, and the image of SimpleITK."""
+    try:
+        import SimpleITK
+    except ImportError:
+        raise SystemPartMissing(
+            "images are read by SimpleITK, which is not installed", "Install it by: pip install 'hpcinv[imaging]'"
+        ) from None
+    SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
+    try:
+        image = SimpleITK.ReadImage(str(path))
+    except RuntimeError as error:
+        said = str(error).strip().rsplit("\n", 1)[-1]
+        raise MeshError(
+            f"{path}: cannot be read as an image: {said}",
+            "Formats are NIfTI (.nii, .nii.gz), NRRD and MetaImage (.mha, .mhd); axes must be at right angles.",
+        ) from error
+    return SimpleITK.GetArrayFromImage(image).transpose(), image

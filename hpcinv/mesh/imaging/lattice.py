@@ -1,0 +1,71 @@
+"""Tetrahedra in the labelled cells of a grid, and the facets between different labels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from hpcinv.mesh.source import Floats, Ints
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Tetrahedra with labels from 1; 0 is outside.
+
+    Attributes:
+        points: (n, 3).
+        cells: (m, 4), of positive volume.
+        labels: of cells, (m,).
+    """
+
+    points: Floats
+    cells: Ints
+    labels: Ints
+
+    def volumes(self, points: Floats | None = None) -> Floats:
+        """Volumes of the cells, also with their nodes at other ``points``."""
+        corners = (self.points if points is None else points)[self.cells]
+        a, b, c = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
+        return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
+
+
+def lattice_of(labels: Ints, spacing: float) -> Lattice:
+    """Divide each grid cell with a label into six tetrahedra, whose facets fit those of its neighbours.
+
+    Source: Kuhn, "Some combinatorial lemmas in topology" (1960), doi:10.1147/rd.45.0518.
+    """
+    shape = np.array(labels.shape) + 1
+    number = np.arange(shape.prod()).reshape(shape)
+    corners, of = np.argwhere(labels > 0), labels[labels > 0]
+    cells = []
+    for order in permutations(range(3)):
+        here, chain = corners.copy(), [number[tuple(corners.T)]]
+        for axis in order:
+            here[:, axis] += 1
+            chain.append(number[tuple(here.T)])
+        is_even = np.linalg.det(np.eye(3)[list(order)]) > 0
+        cells.append(np.stack([chain[i] for i in ((0, 1, 2, 3) if is_even else (0, 2, 1, 3))], axis=1))
+    used, compact = np.unique(np.concatenate(cells), return_inverse=True)
+    points: Floats = spacing * np.stack(np.unravel_index(used, tuple(shape)), axis=1).astype(np.float64)
+    return Lattice(points, compact.reshape(-1, 4).astype(np.int64), np.tile(of, 6))
+
+
+_OUTWARD = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
+
+
+def interfaces(cells: Ints, labels: Ints) -> tuple[Ints, Ints]:
+    """Facets (n, 3) between different labels, and the two labels of each (n, 2), the smaller one first."""
+    facets = np.concatenate([cells[:, side] for side in _OUTWARD])
+    of = np.tile(labels, 4)
+    key = np.sort(facets, axis=1)
+    order = np.lexsort(key.T[::-1])
+    key = key[order]
+    first = np.flatnonzero(np.concatenate([[True], (key[1:] != key[:-1]).any(axis=1)]))
+    count = np.diff(np.append(first, len(key)))
+    one, last = of[order][first], of[order][np.minimum(first + 1, len(key) - 1)]
+    other = np.where(count == 2, last, 0)
+    differ = one != other
+    pairs = np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)[differ]
+    return facets[order][first][differ], pairs
