@@ -1,4 +1,4 @@
-"""``hpcinv mesh partition | gather``: partition a mesh before runs, and gather a partitioned one; on one process."""
+"""``hpcinv mesh from-image | partition | gather``: meshes of images, and partitioned ones; on one process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hpcinv.errors import JobError, OutputError
 from hpcinv.files.untrusted import add_option, is_asked, mesh_fault
 from hpcinv.job.job import load
 from hpcinv.job.mesh_header import SUFFIX
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.sections import IMAGES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.quantity.schema import job_error
 from hpcinv.quantity.units import length_symbol
@@ -27,8 +27,22 @@ JOBS = (".yaml", ".yml")
 
 
 def add_mesh(commands: Any) -> None:
-    mesh = commands.add_parser("mesh", help="cut a mesh into parts that many ranks read, and put one together again")
+    mesh = commands.add_parser(
+        "mesh", help="mesh a segmented image; cut a mesh into parts that many ranks read, and put one together again"
+    )
     actions = mesh.add_subparsers(required=True, metavar="action")
+
+    image = actions.add_parser(
+        "from-image", help="mesh a segmented image, with a region for each label, to look at before a run"
+    )
+    image.add_argument("input", type=Path, help="image of labels (.nii, .nii.gz, .nrrd, .mha, .mhd)")
+    image.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
+    image.add_argument(
+        "--label", action="append", required=True, metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
+    )
+    image.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
+    image.add_argument("--unit", help="length unit of the image, as mesh.unit of a job; by default mm")
+    image.set_defaults(command=_from_image)
 
     partition = actions.add_parser("partition", help="check a mesh and cut it into parts (METIS), once for many runs")
     partition.add_argument("input", type=Path, help="a mesh, a generator of one, or a job, whose mesh is taken")
@@ -47,6 +61,37 @@ def add_mesh(commands: Any) -> None:
     gather.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
     add_option(gather)
     gather.set_defaults(command=_gather)
+
+
+def _from_image(options: argparse.Namespace) -> int:
+    labels = dict(_label(text) for text in options.label)
+    given = {"labels": labels, "size": options.size} | ({"unit": options.unit} if options.unit else {})
+    if options.input.suffix not in IMAGES:
+        raise OutputError(f"{options.input}: is no image; the endings are {', '.join(IMAGES)}")
+    spec = mesh_spec(options.input, given)
+    on_one_process("mesh")
+    from hpcinv.mesh.body import read_source
+    from hpcinv.mesh.checks import check
+    from hpcinv.mesh.export import SAVERS, save
+
+    if options.output.suffix not in SAVERS:
+        raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")
+    source = read_source(spec, options.input, lambda text: print(f"{options.input}: {text}", flush=True))
+    check(source)
+    save(options.output, source, source.points)
+    print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, in m; regions:")
+    for group in source.groups:
+        print(f"  {group.name}: {len(group.members)} {'cells' if group.dim == 3 else 'facets'}")
+    return 0
+
+
+def _label(text: str) -> tuple[str, list[int]]:
+    """Parse ``tumour=6,7``."""
+    name, equals, numbers = text.partition("=")
+    try:
+        return name, [int(number) for number in numbers.split(",")] if equals else []
+    except ValueError:
+        raise JobError([f"--label {text}: is written NAME=NUMBER, or NAME=NUMBER,NUMBER"]) from None
 
 
 def _partition(options: argparse.Namespace) -> int:

@@ -41,9 +41,7 @@ FIELDS: dict[str, Dimension | None] = {
     **dict.fromkeys(PRESTRAIN_COMPONENTS, Dimension()),
 }
 
-Labels = Annotated[
-    ListOf[Annotated[int, Field(ge=1)]], BeforeValidator(lambda v: [v] if isinstance(v, int) else v)
-]
+Labels = Annotated[ListOf[Annotated[int, Field(ge=1)]], BeforeValidator(lambda v: [v] if isinstance(v, int) else v)]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)

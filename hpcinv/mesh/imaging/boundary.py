@@ -10,7 +10,7 @@ from scipy import ndimage
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces
 from hpcinv.mesh.source import Floats, Ints
 
-_ROUNDS = 4
+_ROUNDS = 6
 _LEAST = 0.05
 """Smallest volume of a moved cell, relative to that of the lattice."""
 
@@ -58,24 +58,26 @@ def smoothed(lattice: Lattice, memberships: Memberships, spacing: float, volumes
     nodes = np.flatnonzero(touches.sum(axis=1) == 2)  # where three labels meet, nodes stay
     one = touches[nodes].argmax(axis=1)
     other = count - 1 - touches[nodes][:, ::-1].argmax(axis=1)
-    outward = np.zeros(count)  # distance by which boundaries to the outside are moved, by label
+    outward = np.zeros(count)  # distance by which each label grows; between two labels, half of it
     moved = lattice.points
     for _ in range(_ROUNDS):
-        shift = np.where(one == 0, outward[other], 0.0)
+        shift = np.where(one == 0, outward[other], 0.5 * (outward[other] - outward[one]))
         moved = _moved(lattice, memberships, spacing, nodes, (one, other), shift)
         cells = lattice.volumes(moved)
         areas = _areas(moved, facets)
         for label in range(1, count):
-            outside = areas[(pairs[:, 0] == 0) & (pairs[:, 1] == label)].sum()
+            to_outside = (pairs[:, 0] == 0) & (pairs[:, 1] == label)
+            to_others = (pairs == label).any(axis=1) & ~to_outside
+            area = areas[to_outside].sum() + 0.5 * areas[to_others].sum()
             missing = volumes[label - 1] - cells[lattice.labels == label].sum()
-            outward[label] += np.clip(missing / outside, -0.25 * spacing, 0.25 * spacing) if outside else 0.0
+            outward[label] += np.clip(missing / area, -0.25 * spacing, 0.25 * spacing)
     return moved
 
 
 def _moved(
     lattice: Lattice, memberships: Memberships, spacing: float, nodes: Ints, labels: tuple[Ints, Ints], shift: Floats
 ) -> Floats:
-    """Move nodes to where both labels are equally likely, and by a shift from there into the smaller of them."""
+    """Move nodes to where both labels are equally likely, and by a shift from there into the first of them."""
     one, other = labels
     start = lattice.points[nodes]
     points = start.copy()

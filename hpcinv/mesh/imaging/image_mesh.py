@@ -25,6 +25,7 @@ _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
 _ISLAND = 0.01  # share of a body's volume up to which a part that touches no other is left out
 _RIGHT = 0.01  # relative error of a volume that is not worth a word
+_TRIES = 3  # MMG changes volumes, too, which the next try allows for
 _WRONG = 0.1  # and from which on there is no mesh
 _CELLS = 3e-2  # volume of a tetrahedron, relative to the cube of its size, for the expected number
 
@@ -72,10 +73,15 @@ def image_mesh(
         )
     lattice = lattice_of(found, spacing)
     lattice = replace(lattice, points=lattice.points + begin)
-    points, cells, of = _remeshed(
-        lattice.cells, lattice.labels, smoothed(lattice, memberships, spacing, volumes), size, image
-    )
-    _check_volumes(image, points, cells, of, volumes, report)
+    targets = volumes
+    for _ in range(_TRIES):
+        fitted = smoothed(lattice, memberships, spacing, targets)
+        points, cells, of = _remeshed(lattice.cells, lattice.labels, fitted, size, image)
+        errors = _volume_errors(points, cells, of, volumes)
+        if max(map(abs, errors)) < 0.5 * _RIGHT:
+            break
+        targets = [target / (1 + error) for target, error in zip(targets, errors, strict=True)]
+    _tell_volumes(image, volumes, errors, report)
     facets, pairs = interfaces(cells, of)
     is_cut = _at_border(points, facets, first, image)
     groups = _groups(image.names, of, pairs, is_cut)
@@ -148,15 +154,18 @@ def _remeshed(cells: Ints, labels: Ints, points: Floats, size: float, image: Lab
     return np.asarray(mesh.get_vertices()) / scale, np.asarray(found, dtype=np.int64), np.asarray(of, dtype=np.int64)
 
 
-def _check_volumes(
-    image: LabelImage, points: Floats, cells: Ints, of: Ints, volumes: Sequence[float], report: Callable[[str], None]
-) -> None:
-    """Compare the regions' volumes with those of the voxels."""
+def _volume_errors(points: Floats, cells: Ints, of: Ints, volumes: Sequence[float]) -> list[float]:
+    """Relative errors of the volumes of the labels' cells."""
     corners = points[cells]
-    edges = corners[:, 1:] - corners[:, :1]
-    each = np.linalg.det(edges) / 6
-    for label, (name, volume) in enumerate(zip(image.names, volumes, strict=True), start=1):
-        error = float(each[of == label].sum() / volume - 1)
+    each = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
+    return [float(each[of == label].sum() / volume - 1) for label, volume in enumerate(volumes, start=1)]
+
+
+def _tell_volumes(
+    image: LabelImage, volumes: Sequence[float], errors: Sequence[float], report: Callable[[str], None]
+) -> None:
+    """Report the volumes of the regions; ``MeshError`` where cells are too large for them."""
+    for name, volume, error in zip(image.names, volumes, errors, strict=True):
         if abs(error) > _WRONG:
             raise MeshError(
                 f"{image.path}: the mesh of '{name}' has {error:+.1%} of its voxels' volume, {readable(volume, 'm^3')}:"
@@ -175,7 +184,7 @@ def _at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> 
     middles = corners.mean(axis=1) / image.spacing + first  # in voxels
     last = np.array(image.voxels.shape) - 1
     near = (middles < 0.5) | (middles > last - 0.5)
-    return np.asarray((near & (np.abs(normals) > 0.7)).any(axis=1))
+    return np.asarray((near & (np.abs(normals) > 0.5)).any(axis=1))
 
 
 def _groups(names: Sequence[str], of: Ints, pairs: Ints, is_cut: Bools) -> tuple[Group, ...]:

@@ -36,7 +36,7 @@ class LabelImage:
         return float(np.count_nonzero(self.voxels == label) * self.spacing.prod())
 
     def positions(self, points: Floats) -> Floats:
-        """Positions (m) in the frame of the image of points (n, 3), in m along its axes from the first voxel's middle."""
+        """Positions (m) in the image's frame of points (n, 3) that are in m along its axes, from the first voxel."""
         return self.origin + points @ self.axes.T
 
 
@@ -52,6 +52,8 @@ def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float) ->
         SystemPartMissing: the packages for images are not installed.
     """
     numbers, image = _read(path)
+    if none := [name for name, of in labels.items() if not of]:
+        raise MeshError(f"{path}: the region '{none[0]}' has no label", "Name the numbers of its voxels.")
     if numbers.ndim != 3:
         raise MeshError(f"{path}: has {numbers.ndim} dimensions", "Give an image of three dimensions, without colours.")
     found = np.unique(numbers)

@@ -1,0 +1,187 @@
+"""Meshes of segmented images: volumes, frames, regions, and images that cannot be meshed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hpcinv.__main__ import main
+from hpcinv.errors import JobError, MeshError
+from hpcinv.job.job import parse
+from hpcinv.mesh.body import read_source
+from hpcinv.mesh.checks import check
+from hpcinv.mesh.source import MeshSource
+
+SimpleITK = pytest.importorskip("SimpleITK")
+
+JOB: Mapping[str, Any] = {"material": {"law": "neo-hookean", "young": "5 kPa", "poisson": 0.4}}
+BALL = 10.0  # mm
+
+
+def grid(count: int = 24) -> np.ndarray:
+    """Middles of voxels of 1 mm, with the origin in the middle of the image; last axis x, y, z."""
+    axis = np.arange(count) - (count - 1) / 2
+    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+
+
+def ball() -> np.ndarray:
+    return (np.linalg.norm(grid(), axis=-1) < BALL).astype(np.uint8)
+
+
+def written(path: Path, voxels: np.ndarray, spacing: tuple[float, ...] = (1, 1, 1), **meta: Any) -> Path:
+    """An image of voxels (nx, ny, nz)."""
+    image = SimpleITK.GetImageFromArray(voxels.transpose())
+    image.SetSpacing(spacing)
+    if "direction" in meta:
+        image.SetDirection(meta["direction"])
+    image.SetOrigin(meta.get("origin", (0, 0, 0)))
+    SimpleITK.WriteImage(image, str(path))
+    return path
+
+
+def meshed(image: Path, said: list[str] | None = None, **mesh: Any) -> MeshSource:
+    spec = {"image": image.name, "labels": {"ball": 1}, "size": "4 mm"} | mesh
+    job = parse(
+        {**JOB, "mesh": spec, "supports": [{"region": "boundary", "fix": ["x", "y", "z"]}]}, image.parent / "job.yaml"
+    )
+    source = read_source(job.mesh, image, (said if said is not None else []).append)
+    check(source)
+    return source
+
+
+def volumes(source: MeshSource) -> dict[str, float]:
+    corners = source.points[source.cells]
+    each = abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
+    return {group.name: each[group.members].sum() for group in source.groups if group.dim == 3}
+
+
+def area(source: MeshSource, name: str) -> float:
+    (facets,) = (source.facets[group.members] for group in source.groups if group.name == name)
+    a, b, c = (source.points[facets[:, i]] for i in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def test_a_ball_has_its_volume_and_a_smooth_surface(tmp_path: Path) -> None:
+    voxels, said = ball(), list[str]()
+    source = meshed(written(tmp_path / "ball.nii.gz", voxels), said, size="3 mm")
+    assert volumes(source)["ball"] == pytest.approx(voxels.sum() * 1e-9, rel=0.01)
+    assert "ball: 4.22 ml" in "".join(said)
+    # Steps of voxels would have 1.5 times the area of the sphere.
+    assert area(source, "ball|outside") == pytest.approx(4 * np.pi * (BALL * 1e-3) ** 2, rel=0.1)
+    (facets,) = (source.facets[g.members] for g in source.groups if g.dim == 2)
+    radii = np.linalg.norm(source.points[np.unique(facets)] - 11.5e-3, axis=1)
+    distances = abs(radii - BALL * 1e-3) * 1e3
+    print(f"nodes are {distances.max():.2f} voxels from the sphere at most, {np.sqrt((distances**2).mean()):.2f} rms")
+    assert distances.max() < 1  # voxels of a sphere are as far from it as 0.87 themselves
+    assert np.sqrt((distances**2).mean()) < 0.4
+
+
+@pytest.mark.parametrize("ending", [".nii", ".nrrd", ".mha"])
+def test_it_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:
+    """Turned by a quarter and mirrored, with an origin; voxels of three lengths."""
+    voxels = np.zeros((20, 16, 12), dtype=np.int16)
+    voxels[4:16, 4:12, 3:9] = 3
+    direction = (0, 1, 0, 1, 0, 0, 0, 0, 1)  # columns: the image's x is y, and y is x
+    image = written(tmp_path / f"block{ending}", voxels, (1, 2, 3), direction=direction, origin=(100, -50, 7))
+    source = meshed(image, labels={"block": [3]}, size="6 mm")
+    low, high = source.points.min(axis=0) * 1e3, source.points.max(axis=0) * 1e3
+    # From index 3.5 to 15.5, 3.5 to 11.5 and 2.5 to 8.5.
+    assert low == pytest.approx([100 + 7, -50 + 3.5, 7 + 7.5], abs=1)
+    assert high == pytest.approx([100 + 23, -50 + 15.5, 7 + 25.5], abs=1)
+    assert volumes(source)["block"] == pytest.approx(12 * 16 * 18e-9, rel=0.01)
+
+
+def test_other_units(tmp_path: Path) -> None:
+    image = written(tmp_path / "cells.nii.gz", ball())
+    assert volumes(meshed(image, unit="um", size="4 um"))["ball"] == pytest.approx(ball().sum() * 1e-18, rel=0.01)
+
+
+def test_labels_that_touch_share_their_facets(tmp_path: Path) -> None:
+    """A core in a ball, both cut by the image's border."""
+    radii = np.linalg.norm(grid(), axis=-1)
+    voxels = np.where(radii < 5, 7, np.where(radii < BALL, 2, 0)).astype(np.uint8)[:, :, 12:]
+    image = written(tmp_path / "shells.nii.gz", voxels)
+    source = meshed(image, labels={"shell": 2, "core": 7}, size="3 mm")
+    found = volumes(source)
+    assert found["core"] == pytest.approx((voxels == 7).sum() * 1e-9, rel=0.01)
+    assert found["shell"] == pytest.approx((voxels == 2).sum() * 1e-9, rel=0.01)
+    assert {g.name for g in source.groups if g.dim == 2} == {"shell|outside", "shell|core", "cut"}
+    assert area(source, "shell|core") == pytest.approx(2 * np.pi * 25e-6, rel=0.1)
+    assert area(source, "cut") == pytest.approx(np.pi * 100e-6, rel=0.1)
+
+
+def test_islands_are_left_out_and_told(tmp_path: Path) -> None:
+    voxels, said = ball(), list[str]()
+    voxels[0:2, 0, 0] = 1
+    assert volumes(meshed(written(tmp_path / "islands.nii.gz", voxels), said))["ball"] > 0
+    assert said[0] == "1 island of 2 mm^3 in all left out"
+
+
+def one_voxel() -> np.ndarray:
+    voxels = ball() * 0
+    voxels[12, 12, 12] = 1
+    return voxels
+
+
+def thin_wall() -> np.ndarray:
+    voxels = ball() * 0
+    voxels[4:20, 4:20, 12] = 1
+    return voxels
+
+
+@pytest.mark.parametrize(
+    ("voxels", "fault"),
+    [
+        (lambda: ball() * 2, "no voxel has the label 1 ('ball'); the labels in it are 2"),
+        (one_voxel, "too small or thin for cells of 4 mm"),
+        (thin_wall, "too small or thin for cells of 4 mm"),
+        (lambda: ball() * np.float32(0.5), "its values are not whole numbers"),
+    ],
+)
+def test_what_cannot_be_meshed_is_told(voxels: Callable[[], np.ndarray], fault: str, tmp_path: Path) -> None:
+    with pytest.raises(MeshError) as told:
+        meshed(written(tmp_path / "image.nii.gz", voxels()))
+    assert fault in str(told.value)
+
+
+def test_files_that_are_no_images_are_told(tmp_path: Path) -> None:
+    (tmp_path / "image.nii.gz").write_bytes(b"\x1f\x8b no image")
+    with pytest.raises(MeshError, match="cannot be read as an image"):
+        meshed(tmp_path / "image.nii.gz")
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ({"labels": {}}, "mesh.labels: is needed"),
+        ({"size": None}, "mesh.size: is needed"),
+        ({"labels": {"ball": 0}}, "mesh.labels"),
+        ({"file": "ball.msh"}, "mesh.image: is given beside 'file'"),
+        ({"maximum_cells": 10}, "more than 10"),
+    ],
+)
+def test_bad_sections_are_told(changes: dict[str, Any], fault: str, tmp_path: Path) -> None:
+    with pytest.raises((JobError, MeshError)) as told:
+        meshed(written(tmp_path / "ball.nii.gz", ball()), **changes)
+    assert fault in str(told.value)
+
+
+def test_labels_of_a_mesh_file_are_refused(tmp_path: Path) -> None:
+    mesh = {"file": str(Path(__file__).parents[2] / "meshes" / "box.py"), "labels": {"box": 1}}
+    with pytest.raises(JobError, match=r"mesh\.labels: is for segmented images only"):
+        parse(
+            {**JOB, "mesh": mesh, "supports": [{"region": "boundary", "fix": ["x", "y", "z"]}]}, tmp_path / "job.yaml"
+        )
+
+
+def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, mesh = written(tmp_path / "ball.nii.gz", ball()), tmp_path / "ball.vtu"
+    assert main(["mesh", "from-image", str(image), str(mesh), "--label", "ball=1", "--size", "4 mm"]) == 0
+    assert "ball|outside" in capsys.readouterr().out
+    assert mesh.exists()
+    assert main(["mesh", "from-image", str(image), str(mesh), "--label", "ball=one", "--size", "4 mm"]) == 2
+    assert "--label ball=one: is written NAME=NUMBER" in capsys.readouterr().err
