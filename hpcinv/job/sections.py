@@ -19,7 +19,7 @@ from hpcinv.job.mesh_generators import Value, in_unit, is_generator, read_parame
 from hpcinv.job.mesh_header import HEADER, SUFFIX
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, with_scalar
-from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit
+from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
 from hpcinv.quantity.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
