@@ -14,7 +14,7 @@ from helpers.verification import box, job
 from scipy.integrate import quad
 
 import hpcinv
-from hpcinv.errors import JobError, MeshError
+from hpcinv.errors import Interrupted, JobError, MeshError
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.keys import assigned
 from hpcinv.results.solution import Solution
@@ -242,6 +242,30 @@ def test_hot_cold_hot_and_other_supports(comm: MPI.Intracomm) -> None:
     free = root(lambda s: (MU * (s * s - 1) + LAM * log(s * across(s) ** 2)) / s - 5e3, 1.0, 2.0)
     assert found.quantities["top-free"] == pytest.approx(free * cold, rel=1e-10)
     assert found.quantities["side-free"] == pytest.approx(across(free) * cold, rel=1e-10)
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("iterations", [3, 9])
+def test_a_run_that_stops_in_any_state_goes_on_to_the_same_shapes(
+    iterations: int, comm: MPI.Intracomm, run_directory: Path
+) -> None:
+    whole = job(
+        **BLOCK | {"supports": BASE, "solver": {"strategy": "fixed", "steps": 2}},
+        states=[PRONE, SUPINE, {"name": "side", "start": "supine", "effects": [gravity(0.5)]}],
+    )
+    expected, left = hpcinv.run(whole, comm).shapes, iterations
+
+    def stop_asked() -> bool:
+        nonlocal left
+        left -= 1
+        return left < 0
+
+    with pytest.raises(Interrupted):
+        hpcinv.run(whole, comm, directory=run_directory / "run", stop_asked=stop_asked)
+    resumed = hpcinv.run(whole, comm, directory=run_directory / "run", resume=True)
+    gaps = {name: farthest(resumed.solutions[0], shape, expected[name]) for name, shape in resumed.shapes.items()}
+    assert set(gaps) == {"prone", "rest", "supine", "side"}
+    assert max(gaps.values()) < 1e-9
 
 
 def test_the_given_state_may_be_the_rest_shape(comm: MPI.Intracomm) -> None:
