@@ -127,10 +127,12 @@ def follow(
                     target = _target(load, shorter, steps.cases)
                     predicted = predict(target).after(predicted)
         wanted = tolerance if target == 1.0 else steps.path_tolerance
+        tangents = equilibrium.system.tangents
         solve = equilibrium.solve(target, wanted, predicted=predicted)
         step = steps.after(solve, target - load)
         if solve.outcome.accepted:
-            load, has_tangent = target, True
+            # A step that changes nothing, such as that of an obstacle that is still away, needs no tangent.
+            load, has_tangent = target, has_tangent or predicted is not None or equilibrium.system.tangents > tangents
         else:
             state.array[:] = accepted
             ahead.failures.append((load, target))

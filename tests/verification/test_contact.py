@@ -110,6 +110,19 @@ def test_estimated_error_of_a_block_on_a_floor_is_that_against_a_higher_degree(c
     assert 0.3 < effectivity < 3
 
 
+def test_obstacle_that_is_away_in_the_first_of_fixed_steps(comm: MPI.Intracomm) -> None:
+    """Nothing happens before half of the way; then it presses the top down by the other half."""
+    plate = {"effect": "contact", "region": "z1", "obstacle": FLOOR | {"point": [0, 0, 1.1], "normal": [0, 0, -1]}}
+    pressed = standing(
+        comm,
+        effects=[plate | {"travel": [0, 0, -0.2]}],
+        supports=[SIDES[0], SIDES[2], {"region": "z0", "fix": ["z"]}],
+        solver={"strategy": "fixed", "steps": 4},
+        certificate=NO_CERTIFICATE,
+    )
+    assert pressed.solutions[0].u[:, 2].min() == pytest.approx(-0.1, abs=2**-15)
+
+
 @pytest.mark.parametrize("iterations", [5, 8], ids=["while loading", "while the pressure is found"])
 def test_stopped_run_resumes_to_the_same_body(iterations: int, comm: MPI.Intracomm, run_directory: Path) -> None:
     def stop_asked() -> bool:
