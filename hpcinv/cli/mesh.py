@@ -1,4 +1,4 @@
-"""``hpcinv mesh from-image | partition | gather``: meshes of images, and partitioned ones; on one process."""
+"""``hpcinv mesh``: meshes of images and of surfaces, and partitioned meshes; on one process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hpcinv.errors import JobError, OutputError
 from hpcinv.files.untrusted import add_option, is_asked, mesh_fault
 from hpcinv.job.job import load
 from hpcinv.job.mesh_header import SUFFIX
-from hpcinv.job.sections import IMAGES, MeshSpec
+from hpcinv.job.sections import IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.quantity.schema import job_error
 from hpcinv.quantity.units import length_symbol
@@ -28,7 +28,8 @@ JOBS = (".yaml", ".yml")
 
 def add_mesh(commands: Any) -> None:
     mesh = commands.add_parser(
-        "mesh", help="mesh a segmented image; cut a mesh into parts that many ranks read, and put one together again"
+        "mesh",
+        help="mesh an image or a surface; cut a mesh into parts that many ranks read, and put one together again",
     )
     actions = mesh.add_subparsers(required=True, metavar="action")
 
@@ -43,6 +44,13 @@ def add_mesh(commands: Any) -> None:
     image.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
     image.add_argument("--unit", help="length unit of the image, as mesh.unit of a job; by default mm")
     image.set_defaults(command=_from_image)
+
+    surface = actions.add_parser("from-surface", help="mesh the body in a closed surface, to look at before a run")
+    surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp)")
+    surface.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
+    surface.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
+    surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
+    surface.set_defaults(command=_from_surface)
 
     partition = actions.add_parser("partition", help="check a mesh and cut it into parts (METIS), once for many runs")
     partition.add_argument("input", type=Path, help="a mesh, a generator of one, or a job, whose mesh is taken")
@@ -65,10 +73,18 @@ def add_mesh(commands: Any) -> None:
 
 def _from_image(options: argparse.Namespace) -> int:
     labels = dict(_label(text) for text in options.label)
-    given = {"labels": labels, "size": options.size} | ({"unit": options.unit} if options.unit else {})
-    if options.input.suffix not in IMAGES:
-        raise OutputError(f"{options.input}: is no image; the endings are {', '.join(IMAGES)}")
-    spec = mesh_spec(options.input, given)
+    return _meshed(options, IMAGES, "image", {"labels": labels})
+
+
+def _from_surface(options: argparse.Namespace) -> int:
+    return _meshed(options, SURFACES, "surface", {})
+
+
+def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, given: dict[str, Any]) -> int:
+    """Mesh an image or a surface, and write the mesh."""
+    if options.input.suffix not in endings:
+        raise OutputError(f"{options.input}: is no {kind}; the endings are {', '.join(endings)}")
+    spec = mesh_spec(options.input, given | {"size": options.size} | ({"unit": options.unit} if options.unit else {}))
     on_one_process("mesh")
     from hpcinv.mesh.body import read_source
     from hpcinv.mesh.checks import check

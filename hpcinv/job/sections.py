@@ -47,6 +47,8 @@ REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
 IMAGES = (".nii", ".gz", ".nrrd", ".mha", ".mhd")
 """suffixes of segmented images"""
+SURFACES = (".stl", ".ply", ".obj", ".vtp")
+"""suffixes of surfaces of triangles"""
 
 
 def directory_of(info: ValidationInfo) -> Path:
@@ -145,41 +147,42 @@ class MeshSpec(MeshFile):
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region"""
     size: Annotated[Size | None, Field(exclude_if=lambda size: size is None)] = None
-    """largest length of edges in the mesh of an image"""
+    """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' in place of 'file')"""
 
-    formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES
+    formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES
 
     @property
     def is_image(self) -> bool:
         """True if the mesh is made from a segmented image."""
         return Path(self.file).suffix in IMAGES
 
+    @property
+    def is_surface(self) -> bool:
+        """True if the mesh is made from a closed surface."""
+        return Path(self.file).suffix in SURFACES
+
     @model_validator(mode="before")
     @classmethod
-    def _image_is_a_file(cls, data: Any) -> Any:
-        if not isinstance(data, Mapping) or "image" not in data:
-            return data
-        if "file" in data:
-            raise Problems((("image",), "is given beside 'file': a mesh is made from one of them"))
-        return {("file" if key == "image" else key): value for key, value in data.items()}
+    def _source_is_a_file(cls, data: Any) -> Any:
+        sources = [key for key in ("image", "surface") if isinstance(data, Mapping) and key in data]
+        if len(sources) > 1 or (sources and "file" in data):
+            other = "file" if "file" in data else sources[0]
+            raise Problems(((sources[-1],), f"is given beside '{other}': a mesh is made from one of them"))
+        return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
 
     @model_validator(mode="after")
-    def _check_image(self) -> Self:
-        if self.is_image:
-            if not self.labels:
-                raise Problems((("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"))
-            if self.size is None:
-                raise Problems((("size",), "is needed: the largest length of edges, as 5 mm"))
-        elif self.labels or self.size is not None:
-            key = "labels" if self.labels else "size"
-            raise Problems(((key,), "is for segmented images only, and 'file' is none"))
-        return self
-
-    @model_validator(mode="after")
-    def _check_geometry_degree(self) -> Self:
-        if self.geometry_degree is not None and self.is_partitioned:
-            text = "is that of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
-            raise Problems((("geometry_degree",), text))
+    def _check_source(self) -> Self:
+        if self.labels and not self.is_image:
+            raise Problems((("labels",), "is for segmented images only, and 'file' is none"))
+        if self.is_image and not self.labels:
+            raise Problems((("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"))
+        if self.is_surface and "unit" not in self.model_fields_set:
+            raise Problems((("unit",), "is needed: files of surfaces do not have one"))
+        is_meshed = self.is_image or self.is_surface
+        if is_meshed and self.size is None:
+            raise Problems((("size",), "is needed: the largest length of edges, as 5 mm"))
+        if self.size is not None and not is_meshed:
+            raise Problems((("size",), "is for images and surfaces only; give a generator's among its 'parameters'"))
         return self
 
 

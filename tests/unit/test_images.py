@@ -1,4 +1,4 @@
-"""Meshes of segmented images: volumes, frames, regions, and images that cannot be meshed."""
+"""Meshes of segmented images and closed surfaces: volumes, frames, regions, and what cannot be meshed."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import pyvista
 
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError
@@ -19,6 +20,7 @@ from hpcinv.mesh.source import MeshSource
 SimpleITK = pytest.importorskip("SimpleITK")
 
 JOB: Mapping[str, Any] = {"material": {"law": "neo-hookean", "young": "5 kPa", "poisson": 0.4}}
+HELD = {"region": "boundary", "fix": ["x", "y", "z"]}
 BALL = 10.0  # mm
 
 
@@ -167,6 +169,55 @@ def test_files_that_are_no_images_are_told(tmp_path: Path) -> None:
 def test_bad_sections_are_told(changes: dict[str, Any], fault: str, tmp_path: Path) -> None:
     with pytest.raises((JobError, MeshError)) as told:
         meshed(written(tmp_path / "ball.nii.gz", ball()), **changes)
+    assert fault in str(told.value)
+
+
+def inside(surface: Path, **mesh: Any) -> MeshSource:
+    spec = {"surface": surface.name, "unit": "mm", "size": "4 mm"} | mesh
+    job = parse({**JOB, "mesh": spec, "supports": [HELD]}, surface.parent / "job.yaml")
+    source = read_source(job.mesh, surface)
+    check(source)
+    return source
+
+
+@pytest.mark.parametrize("ending", [".stl", ".ply", ".obj", ".vtp"])
+def test_a_surface_keeps_its_place_and_volume(ending: str, tmp_path: Path) -> None:
+    surface = pyvista.Sphere(radius=10, center=(100, -20, 3), theta_resolution=40, phi_resolution=40)
+    if ending == ".stl":
+        surface = surface.flip_faces()  # inside out
+    surface.save(tmp_path / f"ball{ending}")
+    source = inside(tmp_path / f"ball{ending}")
+    assert volumes(source)["body"] == pytest.approx(abs(surface.volume) * 1e-9, rel=0.01)
+    assert [g.name for g in source.groups] == ["body", "body|outside"]
+    radii = np.linalg.norm(source.points - np.array([100, -20, 3]) * 1e-3, axis=1)
+    assert radii.max() == pytest.approx(10e-3, rel=0.05)
+
+
+def half() -> pyvista.PolyData:
+    return pyvista.Sphere(radius=10).clip("z")
+
+
+def crossing() -> pyvista.PolyData:
+    return pyvista.merge([pyvista.Sphere(radius=10), pyvista.Sphere(radius=10, center=(8, 0, 0))], merge_points=False)
+
+
+@pytest.mark.parametrize(
+    ("surface", "mesh", "fault"),
+    [
+        (half, {}, "the surface is open: "),
+        (crossing, {}, "the surface cuts itself"),
+        (pyvista.Sphere, {"size": "1 um", "unit": "m"}, "is too large for cells of 1 um"),
+        (pyvista.Sphere, {"unit": None}, "mesh.unit"),
+        (pyvista.Sphere, {"labels": {"body": 1}}, "mesh.labels: is for segmented images only"),
+    ],
+)
+def test_surfaces_that_cannot_be_meshed_are_told(
+    surface: Callable[[], pyvista.PolyData], mesh: dict[str, Any], fault: str, tmp_path: Path
+) -> None:
+    made = surface()
+    (made if isinstance(made, pyvista.PolyData) else made.extract_surface(algorithm=None)).save(tmp_path / "body.stl")
+    with pytest.raises((JobError, MeshError)) as told:
+        inside(tmp_path / "body.stl", **mesh)
     assert fault in str(told.value)
 
 

@@ -1,4 +1,4 @@
-"""From a segmented image to a mesh with a region for each label, and one for each pair of labels that touch."""
+"""From a segmented image or a closed surface to a mesh, with a region for each label and for each pair that touch."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.imaging.boundary import Memberships, smoothed
+from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import interfaces, lattice_of
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -27,6 +28,8 @@ _ISLAND = 0.01  # share of a body's volume up to which a part that touches no ot
 _RIGHT = 0.01  # relative error of a volume that is not worth a word
 _TRIES = 3  # MMG changes volumes, too, which the next try allows for
 _WRONG = 0.1  # and from which on there is no mesh
+_WITHIN = 0.25  # distance by which MMG may move boundaries, relative to the voxels of an image
+_WITHIN_SIZE = 0.05  # the same of a surface, relative to the size of cells
 _CELLS = 3e-2  # volume of a tetrahedron, relative to the cube of its size, for the expected number
 
 
@@ -54,10 +57,37 @@ def image_mesh(
         MeshError: the image cannot be read, lacks a label, or its labels are too thin for cells.
         SystemPartMissing: the packages for images are not installed.
     """
-    image = read_labels(path, labels, unit)
-    voxels, first = _cropped(_without_islands(image, report))
+    image = _without_islands(read_labels(path, labels, unit), report)
+    volumes = [image.volume(label) for label in range(1, len(labels) + 1)]
+    return _meshed(image, size, volumes, _WITHIN * float(image.spacing.min()), most, report)
+
+
+def surface_mesh(path: Path, size: float, unit: float, most: int, report: Callable[[str], None]) -> MeshSource:
+    """Mesh the body in a closed surface (STL, PLY, OBJ, VTP) on this process, in metres.
+
+    Regions are `BODY`, and its surface. Arguments and errors are those of `image_mesh`.
+    """
+    image, volume = fill(path, size, unit)
+    return _meshed(image, size, [volume], _WITHIN_SIZE * size, most, report)
+
+
+def _meshed(
+    image: LabelImage,
+    size: float,
+    volumes: Sequence[float],
+    tolerance: float,
+    most: int,
+    report: Callable[[str], None],
+) -> MeshSource:
+    """Mesh labels.
+
+    Args:
+        volumes: of the labels, which the mesh keeps.
+        tolerance: largest distance (m) by which MMG may move boundaries.
+    """
+    path, labels = image.path, image.names
+    voxels, first = _cropped(image)
     spacing = max(_FINE * size, _FINEST * float(image.spacing.min()))
-    volumes = [float(np.count_nonzero(voxels == i)) * image.spacing.prod() for i in range(1, len(labels) + 1)]
     if (expected := sum(volumes) / (_CELLS * size**3)) > most:
         raise MeshError(
             f"{path}: about {expected:,.0f} cells of {readable(size, 'm')} are expected, more than {most:,}",
@@ -76,7 +106,7 @@ def image_mesh(
     targets = volumes
     for _ in range(_TRIES):
         fitted = smoothed(lattice, memberships, spacing, targets)
-        points, cells, of = _remeshed(lattice.cells, lattice.labels, fitted, size, image)
+        points, cells, of = _remeshed(lattice.cells, lattice.labels, fitted, size, tolerance, path)
         errors = _volume_errors(points, cells, of, volumes)
         if max(map(abs, errors)) < 0.5 * _RIGHT:
             break
@@ -132,8 +162,10 @@ def _middles(shape: tuple[int, ...], voxel: Floats, spacing: float) -> tuple[Flo
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1), begin
 
 
-def _remeshed(cells: Ints, labels: Ints, points: Floats, size: float, image: LabelImage) -> tuple[Floats, Ints, Ints]:
-    """Improve and coarsen cells by MMG; boundaries stay within a quarter of a voxel."""
+def _remeshed(
+    cells: Ints, labels: Ints, points: Floats, size: float, tolerance: float, path: Path
+) -> tuple[Floats, Ints, Ints]:
+    """Improve and coarsen cells by MMG; boundaries stay within the tolerance."""
     try:
         import mmgpy
     except ImportError:
@@ -145,11 +177,11 @@ def _remeshed(cells: Ints, labels: Ints, points: Floats, size: float, image: Lab
     mesh.set_mesh_size(vertices=len(points), tetrahedra=len(cells))
     mesh.set_vertices(points * scale)
     mesh.set_tetrahedra(cells.astype(np.int32), refs=labels)
-    options: dict[str, Any] = {"hmax": 1.0, "hmin": 0.2, "hausd": 0.25 * image.spacing.min() * scale, "hgrad": 1.5}
+    options: dict[str, Any] = {"hmax": 1.0, "hmin": 0.2, "hausd": tolerance * scale, "hgrad": 1.5}
     try:
         mesh.remesh(**options, ar=60.0, verbose=-1)
     except RuntimeError as error:
-        raise MeshError(f"{image.path}: MMG could not mesh it: {error}", "Try another mesh.size.") from error
+        raise MeshError(f"{path}: MMG could not mesh it: {error}", "Try another mesh.size.") from error
     found, of = mesh.get_tetrahedra_with_refs()[:2]
     return np.asarray(mesh.get_vertices()) / scale, np.asarray(found, dtype=np.int64), np.asarray(of, dtype=np.int64)
 
@@ -168,7 +200,7 @@ def _tell_volumes(
     for name, volume, error in zip(image.names, volumes, errors, strict=True):
         if abs(error) > _WRONG:
             raise MeshError(
-                f"{image.path}: the mesh of '{name}' has {error:+.1%} of its voxels' volume, {readable(volume, 'm^3')}:"
+                f"{image.path}: the mesh of '{name}' has {error:+.1%} of its volume, {readable(volume, 'm^3')}:"
                 " walls are too thin for these cells",
                 "Make mesh.size smaller; walls of less than two voxels need a finer image.",
             )
