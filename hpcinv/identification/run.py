@@ -169,7 +169,7 @@ def _opened(directory: Path | None, job: Job, content: str, *, overwrite: bool) 
     with output_errors(directory, "Choose another --output."):
         directory.mkdir(parents=True, exist_ok=True)
         if not create(origin, json.dumps(data).encode()) and _content_of(origin) != content:
-            if not overwrite:
+            if not overwrite and (directory / _FIGURES).exists():
                 raise OutputError(
                     f"{directory}: holds the identification of another job, or of this one before it was changed",
                     "Choose another directory with --output, or give --overwrite. Evaluations of the same states are"

@@ -203,9 +203,14 @@ def _faults_of_parameter(number: Parameter, sought: Sought) -> Faults:
         given += [(("prior", "mean"), sought.prior.mean), (("prior", "sd"), sought.prior.sd)]
         if sought.prior.sd.value <= 0:
             yield ("prior", "sd"), "must be above 0"
-    for place, one in given:
-        if one is not None and number.dimension is not None and one.dimension not in (number.dimension, Dimension()):
-            yield place, f"must be {number.dimension}, as {number.key} is, but it is {one.dimension}"
+    wrong = [
+        (place, f"must be {number.dimension}, as {number.key} is, but it is {one.dimension}")
+        for place, one in given
+        if one is not None and number.dimension is not None and one.dimension not in (number.dimension, Dimension())
+    ]
+    yield from wrong
+    if wrong:
+        return
     low, high = bounds_of(sought)
     if not low < high:
         yield ("bounds",), "must be the least and the largest value, in this order"

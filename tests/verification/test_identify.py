@@ -340,6 +340,7 @@ MARK = [{"at": [0, 0, 1], "observed": [0, 0, 1]}]
         (changed(lambda s: s.update(parameters={"material.nu": None})), "material.nu is not a number of a law"),
         (changed(lambda s: s.update(observations=[])), "one scan by itself fixes no material"),
         (parameter(start="3 kg"), "material.mu.start: must be a stress, as material.mu is, but it is a mass"),
+        (parameter(start="3 kg", bounds=["20 kPa", None]), "material.mu.start: must be a stress"),
         (parameter(bounds=["20 kPa", "10 kPa"]), "bounds: must be the least and the largest value"),
         (parameter(bounds=["20 kPa", None]), "the starting value 10000 .SI. must be within the bounds"),
         (parameter(prior={"sd": 0}), "prior.sd: must be above 0"),
