@@ -13,6 +13,9 @@ from hpcinv.mesh.source import Floats
 # Distance outside a cell, relative to its size, up to which a point still counts as inside: points on a curved surface
 # lie outside straight cells, by about h/6R of their size where the radius is R, and coarse cells are as large as R.
 _MARGIN = 0.2
+_DIGITS = (
+    9  # of that distance, so that a point on the border of cells is in the same one of them wherever the mesh lies
+)
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,9 @@ def locate(body: Body, point: Floats) -> Location | None:
     tree = geometry.bb_tree(mesh, 3, padding=padding, entities=owned)
     nearest: tuple[float, int, int] = (np.inf, mesh.comm.rank, -1)
     found = np.zeros(3)
-    for cell in geometry.compute_collisions_points(tree, scaled).array:
+    for cell in np.sort(geometry.compute_collisions_points(tree, scaled).array):
         xi = _pulled_back(mesh.geometry.cmaps[0], scaled, x[dofmap[cell]])
-        if xi is not None and (outside := _outside(body.source.kind, xi)) < nearest[0]:
+        if xi is not None and (outside := round(max(_outside(body.source.kind, xi), 0.0), _DIGITS)) < nearest[0]:
             nearest, found = (outside, mesh.comm.rank, int(cell)), xi
     least, rank, cell = min(mesh.comm.allgather(nearest))
     return Location(rank, cell, mesh.comm.bcast(found, root=rank)) if least <= _MARGIN else None

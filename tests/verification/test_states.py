@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import log
 from pathlib import Path
 from typing import Any
@@ -156,6 +157,9 @@ def test_the_error_of_a_further_state_has_that_of_the_rest_shape_in_it(comm: MPI
     assert "geometry" not in found.estimate.left_out
 
 
+LOW, FULLER = (f"states[{i}].effects[0].pressure" for i in (0, 2))
+
+
 def test_a_sphere_in_three_states(comm: MPI.Intracomm) -> None:
     """Inflated as given, at rest, and under twice the pressure (incompressible neo-Hooke)."""
 
@@ -171,7 +175,7 @@ def test_a_sphere_in_three_states(comm: MPI.Intracomm) -> None:
     def inflated(by: float) -> list[dict[str, Any]]:
         return [{"effect": "pressure", "region": "inner", "pressure": by}]
 
-    found = hpcinv.run(
+    result = hpcinv.run(
         job(
             mesh={
                 "file": "../meshes/thick_sphere.py",
@@ -190,12 +194,30 @@ def test_a_sphere_in_three_states(comm: MPI.Intracomm) -> None:
                 {"name": "rest", "of": "norm(X, Y, Z)", "on": "inner", "reduce": "mean", "state": "given"},
             ],
             certificate=NO_CERTIFICATE,
+            sensitivities={"material.c1": 0.01, LOW: None, FULLER: 0.002},
         ),
         comm,
-    ).quantities
+    )
+    found, derivatives = result.quantities, result.sensitivities
     print({name: (found[name if name in found else "rest"], value) for name, value in exact.items()})
     assert found["rest"] == pytest.approx(exact["rest-given"], rel=3e-6)
     assert found["inner-fuller"] == pytest.approx(exact["inner-fuller"], rel=1e-5)
+
+    # Pressures are p = 2 c1 g(A, a): twice the modulus and both pressures leave both radii as they were.
+    def slope(of: Callable[[float], float], at: float) -> float:
+        return (of(at + 1e-5) - of(at - 1e-5)) / 2e-5
+
+    a = exact["inner-fuller"]
+    by_a, by_A = slope(lambda a: pressure(A, a), a), slope(lambda A: pressure(A, a), A)
+    rest = {LOW: 1 / slope(lambda A: pressure(A, 1.0), A), FULLER: 0.0}
+    fuller = {LOW: -by_A / by_a * rest[LOW], FULLER: 1 / by_a}
+    for slopes in (rest, fuller):
+        slopes["material.c1"] = -(0.2 * slopes[LOW] + 0.4 * slopes[FULLER]) / 0.5
+    assert derivatives is not None
+    assert derivatives.slopes["rest"] == pytest.approx(rest, rel=3e-4, abs=1e-9)
+    assert derivatives.slopes["inner-fuller"] == pytest.approx(fuller, rel=3e-4)
+    deviation = np.hypot(0.01 * fuller["material.c1"], 0.002 * fuller[FULLER])
+    assert derivatives.deviations["inner-fuller"] == pytest.approx(deviation, rel=3e-4)
 
 
 def test_hot_cold_hot_and_other_supports(comm: MPI.Intracomm) -> None:
@@ -343,6 +365,7 @@ DIFFERENTIATED: dict[str, Any] = {
     ],
     "quantities": [
         {"name": "top", "of": "displacement", "at": [0.4, 0.6, 0.9]},
+        {"name": "stress", "of": "szz", "at": [0.5, 0, 0.5]},  # of one cell, of several that meet there
         {"name": "volume", "of": "1", "on": "block", "reduce": "integral", "over": "current"},
         {"name": "energy", "of": "energy", "on": "block", "reduce": "integral", "over": "reference"},
     ],
