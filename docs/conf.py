@@ -1,11 +1,16 @@
 """Configuration of the documentation site: ``python3 -m uv run --group docs sphinx-build -W docs results/site``."""
 
+import sys
+from pathlib import Path
+
 from hpcinv.version import __version__
+
+sys.path.insert(0, str(Path(__file__).parent))  # for stress_plots
 
 project = "hpcinv"
 copyright = "the authors of hpcinv"
 release = version = __version__
-extensions = ["myst_parser", "sphinx.ext.mathjax"]
+extensions = ["myst_parser", "sphinx.ext.mathjax", "stress_plots"]
 root_doc = "index"
 exclude_patterns = ["results"]
 nitpicky = True

@@ -18,6 +18,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.errors import OutputError, SolveError
 
 if TYPE_CHECKING:
@@ -40,8 +41,12 @@ Physical Surface("clamp") = {{1}};
 
 
 def add_bench(commands: Any) -> None:
-    bench = commands.add_parser(
-        "bench", help="measure this machine: set-up, linear solvers, ranks, states (without mpirun)"
+    bench = add_command(
+        commands,
+        "bench",
+        "Measure this machine: set-up, linear solvers, ranks, states (without mpirun).",
+        examples=("hpcinv bench\nhpcinv bench linear ranks --sizes 20000 --ranks 1 2 4 --out bench.json"),
+        page="performance/index.md",
     )
     bench.add_argument("sections", nargs="*", metavar="section", help=f"{', '.join(SECTIONS)} (default: all)")
     bench.add_argument(

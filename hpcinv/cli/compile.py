@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError, Interrupted
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
@@ -18,8 +19,12 @@ _COMPUTED = {"method", "certificate", "quantities", "sensitivities"}
 
 
 def add_compile(commands: Any) -> None:
-    command = commands.add_parser(
-        "compile", help="compile the kernels of jobs without solving (in parallel under mpirun)"
+    command = add_command(
+        commands,
+        "compile",
+        "Compile the kernels of jobs without solving (in parallel under mpirun).",
+        examples=("hpcinv compile jobs/pdms-beam.yaml\nmpirun -n 4 hpcinv compile sweep.yaml --cache /shared/kernels"),
+        page="how-to/start-up.md",
     )
     command.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
     command.add_argument(

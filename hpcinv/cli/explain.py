@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import load
 
@@ -16,7 +17,13 @@ if TYPE_CHECKING:
 
 
 def add_explain(commands: Any) -> None:
-    explain = commands.add_parser("explain", help="show the parts of a job's scene, and measure their costs")
+    explain = add_command(
+        commands,
+        "explain",
+        "Show the parts of a job's scene, and measure their costs.",
+        examples="hpcinv explain jobs/muscle.yaml",
+        page="how-to/scenes.md",
+    )
     explain.add_argument("job", type=Path, help="job file (YAML)")
     add_option(explain)
     explain.set_defaults(command=_explain)

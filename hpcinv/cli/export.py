@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
@@ -19,19 +20,19 @@ if TYPE_CHECKING:
     from hpcinv.workshop.solid import Solid
 
 _LENGTH = Dimension(length=1)
-_EPILOG = """examples:
-  hpcinv export results/pdms-beam --to beam.stl
-  hpcinv export results/pdms-beam --to beam.3mf --scale 1.02 --tolerance "0.02 mm"
-  hpcinv export results/pdms-beam --to beam.ply --mould mould.stl --wall "8 mm" --split z
-                                                          (the halves are mould-1.stl and mould-2.stl)"""
 
 
 def add_export(commands: Any) -> None:
-    export = commands.add_parser(
+    export = add_command(
+        commands,
         "export",
-        help="write the shape of a finished run as STL, PLY or 3MF, and a mould of it",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "Write the shape of a finished run as STL, PLY or 3MF, and a mould of it.",
+        examples=(
+            "hpcinv export results/pdms-beam --to beam.stl\n"
+            "hpcinv export results/pdms-beam --to beam.3mf --scale 1.02 --tolerance '0.02 mm'\n"
+            "hpcinv export results/pdms-beam --to beam.ply --mould mould.stl --wall '8 mm' --split z"
+        ),
+        page="how-to/export.md",
     )
     export.add_argument("run", type=Path, help="directory of the run")
     export.add_argument("--to", type=Path, required=True, metavar="FILE", help="surface (.stl, .ply, .3mf), replaced")

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.errors import JobError, OutputError
 
 if TYPE_CHECKING:
@@ -16,27 +17,21 @@ if TYPE_CHECKING:
     from hpcinv.fitting.measurements import Test
     from hpcinv.fitting.report import Outcome
 
-_EPILOG = """examples:
-  hpcinv fit uniaxial.csv planar.csv --law mooney-rivlin --plot fit.png
-  hpcinv fit tests.csv --law mooney-rivlin --law yeoh --law ogden:2 --output fit.json --material material.yaml
-  hpcinv fit foam.csv --law neo-hookean --compressible --sd "2 %" --sd "0.5 kPa"
-  hpcinv fit skin.csv --mode uniaxial --law "{law: formula, energy: 'mu/2*(I1_bar - 3) + b*(I1_bar - 3)**2',
-      parameters: {mu: 10 kPa, b: 2 kPa}, kappa: incompressible}"
+_EXAMPLES = """hpcinv fit uniaxial.csv planar.csv --law mooney-rivlin --plot fit.png
+hpcinv fit tests.csv --law mooney-rivlin --law yeoh --law ogden:2 --output fit.json --material material.yaml
+hpcinv fit foam.csv --law neo-hookean --compressible --sd '2 %' --sd '0.5 kPa'
+hpcinv fit skin.csv --mode uniaxial --law '{law: yeoh, kappa: incompressible}'
 
 A file has columns named with their units, such as
   # mode: uniaxial
   stretch [-], nominal stress [MPa]
   1.10, 0.12
-Modes are uniaxial, equibiaxial, planar (pure shear), simple-shear and volumetric.
-docs/how-to/fit.md lists the columns."""
+Modes are uniaxial, equibiaxial, planar (pure shear), simple-shear and volumetric."""
 
 
 def add_fit(commands: Any) -> None:
-    fit = commands.add_parser(
-        "fit",
-        help="fit parameters of material laws to tests",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    fit = add_command(
+        commands, "fit", "Fit parameters of material laws to tests.", examples=_EXAMPLES, page="how-to/fit.md"
     )
     fit.add_argument("tests", type=Path, nargs="+", metavar="FILE", help="tests (CSV)")
     fit.add_argument(

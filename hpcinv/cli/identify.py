@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
@@ -17,11 +18,12 @@ if TYPE_CHECKING:
 
 
 def add_identify(commands: Any) -> None:
-    identify = commands.add_parser(
+    identify = add_command(
+        commands,
         "identify",
-        help="find parameters of a job and its rest shape from observations of several states (under mpirun)",
-        description="The section 'identify' of the job names parameters and observations; see docs/identify.md."
-        " A command that was stopped goes on when it is started again.",
+        "Find parameters of a job and its rest shape from observations of several states (under mpirun).",
+        examples="mpirun -n 2 hpcinv identify job.yaml\nhpcinv identify job.yaml --output results/found --overwrite",
+        page="how-to/identify.md",
     )
     identify.add_argument("job", type=Path, help="job file (YAML) with a section 'identify'")
     identify.add_argument(

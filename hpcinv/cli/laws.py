@@ -4,16 +4,27 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.quantity.component import Ingredient
 
 
 def add_laws(commands: Any) -> None:
-    for name, command in (("laws", _laws), ("effects", _effects)):
-        catalogue = commands.add_parser(name, help=f"list the {name}, or show all about one")
+    for name, example, command in (("laws", "yeoh", _laws), ("effects", "gravity", _effects)):
+        catalogue = add_command(
+            commands,
+            name,
+            f"List the {name}, or show all about one.",
+            examples=f"hpcinv {name}\nhpcinv {name} {example}",
+            page=f"reference/{name}.md",
+        )
         catalogue.add_argument("name", nargs="?", help="its name in job files")
         catalogue.set_defaults(command=command)
-    formulas = commands.add_parser(
-        "formulas", help="list the functions and names of formulas, and where each may be used"
+    formulas = add_command(
+        commands,
+        "formulas",
+        "List the functions and names of formulas, and where each may be used.",
+        examples="hpcinv formulas",
+        page="reference/functions.md",
     )
     formulas.set_defaults(command=_formulas)
 

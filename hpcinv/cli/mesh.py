@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from hpcinv.cli.help import add_command
 from hpcinv.errors import JobError, OutputError
 from hpcinv.files.untrusted import add_option, is_asked, mesh_fault
 from hpcinv.job.job import load
@@ -27,14 +28,21 @@ JOBS = (".yaml", ".yml")
 
 
 def add_mesh(commands: Any) -> None:
-    mesh = commands.add_parser(
+    mesh = add_command(
+        commands,
         "mesh",
-        help="mesh an image or a surface; cut a mesh into parts that many ranks read, and put one together again",
+        "Mesh an image or a surface; cut a mesh into parts that many ranks read, and put one together again.",
+        examples=("hpcinv mesh partition body.msh body.bp --parts 64\nhpcinv mesh gather body.bp body.vtu"),
+        page="how-to/large-meshes.md",
     )
     actions = mesh.add_subparsers(required=True, metavar="action")
 
-    image = actions.add_parser(
-        "from-image", help="mesh a segmented image, with a region for each label, to look at before a run"
+    image = add_command(
+        actions,
+        "from-image",
+        "Mesh a segmented image, with a region for each label, to look at before a run.",
+        examples="hpcinv mesh from-image organ.nii.gz organ.msh --label organ=1 --size '5 mm'",
+        page="how-to/images.md",
     )
     image.add_argument("input", type=Path, help="image of labels (.nii, .nii.gz, .nrrd, .mha, .mhd)")
     image.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
@@ -45,14 +53,29 @@ def add_mesh(commands: Any) -> None:
     image.add_argument("--unit", help="length unit of the image, as mesh.unit of a job; by default mm")
     image.set_defaults(command=_from_image)
 
-    surface = actions.add_parser("from-surface", help="mesh the body in a closed surface, to look at before a run")
+    surface = add_command(
+        actions,
+        "from-surface",
+        "Mesh the body in a closed surface, to look at before a run.",
+        examples="hpcinv mesh from-surface organ.stl organ.msh --size '5 mm' --unit mm",
+        page="how-to/images.md",
+    )
     surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp)")
     surface.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
     surface.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
     surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
     surface.set_defaults(command=_from_surface)
 
-    partition = actions.add_parser("partition", help="check a mesh and cut it into parts (METIS), once for many runs")
+    partition = add_command(
+        actions,
+        "partition",
+        "Check a mesh and cut it into parts (METIS), once for many runs.",
+        examples=(
+            "hpcinv mesh partition body.msh body.bp --parts 64 --unit mm\n"
+            "hpcinv mesh partition meshes/box.py block.bp --parts 4 --parameter nx=3"
+        ),
+        page="how-to/large-meshes.md",
+    )
     partition.add_argument("input", type=Path, help="a mesh, a generator of one, or a job, whose mesh is taken")
     partition.add_argument("output", type=Path, help="partitioned mesh (.bp) that is written, or replaced")
     partition.add_argument("--parts", type=int, required=True, help="best a multiple of the ranks that will read it")
@@ -64,7 +87,13 @@ def add_mesh(commands: Any) -> None:
     add_option(partition)
     partition.set_defaults(command=_partition)
 
-    gather = actions.add_parser("gather", help="write a partitioned mesh as one file, in the order of its tags")
+    gather = add_command(
+        actions,
+        "gather",
+        "Write a partitioned mesh as one file, in the order of its tags.",
+        examples="hpcinv mesh gather results/job/shape.bp shape.vtu",
+        page="how-to/large-meshes.md",
+    )
     gather.add_argument("input", type=Path, help="partitioned mesh (.bp)")
     gather.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
     add_option(gather)

@@ -4,21 +4,19 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 
-_EPILOG = """examples:
-  hpcinv report results/thick-sphere                     writes results/thick-sphere/report.html
-  hpcinv report results/thick-sphere --output sphere.html"""
-
 
 def add_report(commands: Any) -> None:
-    report = commands.add_parser(
+    report = add_command(
+        commands,
         "report",
-        help="one HTML file with the result of a run, to look at in a browser",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "Write one HTML file with the result of a run, to look at in a browser.",
+        examples="hpcinv report results/thick-sphere\nhpcinv report results/thick-sphere --output sphere.html",
+        page="how-to/report.md",
     )
     report.add_argument("input", type=Path, help="directory of a run")
     report.add_argument("--output", type=Path, metavar="FILE", help="the page (default: report.html in the directory)")

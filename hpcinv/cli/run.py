@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
+from hpcinv.cli.help import add_command
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
@@ -15,7 +16,15 @@ from hpcinv.parallel.signals import end_on_interrupt
 
 
 def add_run(commands: Any) -> None:
-    run = commands.add_parser("run", help="solve a job (under mpirun for more than one rank)")
+    run = add_command(
+        commands,
+        "run",
+        "Solve a job (under mpirun for more than one rank).",
+        examples=(
+            "hpcinv run jobs/pdms-beam.yaml\nmpirun -n 4 hpcinv run jobs/pdms-beam.yaml --output results/beam --strict"
+        ),
+        page="start/results.md",
+    )
     run.add_argument("job", type=Path, help="job file (YAML)")
     run.add_argument(
         "--output", type=Path, metavar="DIR", help="where results go (default: results/JOB, then JOB-2, …)"
@@ -26,7 +35,13 @@ def add_run(commands: Any) -> None:
     )
     run.set_defaults(command=_run)
 
-    resume = commands.add_parser("resume", help="go on with a run from its last checkpoint, on any number of ranks")
+    resume = add_command(
+        commands,
+        "resume",
+        "Go on with a run from its last checkpoint, on any number of ranks.",
+        examples="mpirun -n 3 hpcinv resume results/pdms-beam",
+        page="how-to/interruptions.md",
+    )
     resume.add_argument("directory", type=Path, help="directory of the run")
     resume.add_argument("--job", type=Path, help="a changed job: solver, output and checkpoint settings may differ")
     resume.set_defaults(command=_resume)

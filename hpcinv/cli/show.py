@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import JOBS, mesh_spec, on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
@@ -16,18 +17,18 @@ from hpcinv.pictures.colours import COLOURS, Colour
 if TYPE_CHECKING:
     from hpcinv.pictures.drawing import Picture
 
-_EPILOG = """examples:
-  hpcinv show jobs/thick-sphere.yaml          the mesh with supports and loads, before an hour of compute
-  hpcinv show body.msh                        the named regions of a mesh
-  hpcinv show results/thick-sphere --colour von-mises"""
-
 
 def add_show(commands: Any) -> None:
-    show = commands.add_parser(
+    show = add_command(
+        commands,
         "show",
-        help="draw a job before it runs, a mesh, or the result of a run, as a PNG, without a display",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "Draw a job before it runs, a mesh, or the result of a run, as a PNG, without a display.",
+        examples=(
+            "hpcinv show jobs/thick-sphere.yaml\n"
+            "hpcinv show body.msh --unit mm\n"
+            "hpcinv show results/thick-sphere --colour von-mises"
+        ),
+        page="start/results.md",
     )
     show.add_argument("input", type=Path, help="job file, mesh or generator of one, or directory of a run")
     show.add_argument("--output", type=Path, help="the PNG; by default NAME.png in the working directory")

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.files.untrusted import add_option
 from hpcinv.study.plan import load_study
 
@@ -18,19 +19,35 @@ def with_action(arguments: list[str]) -> list[str]:
 
 
 def add_study(commands: Any) -> None:
-    study = commands.add_parser(
+    study = add_command(
+        commands,
         "study",
-        help="accuracy against time: many runs of a job, their errors and costs",
-        epilog="'study FILE' is short for 'study run FILE'.",
+        "Compare accuracy and time of many runs of a job (study FILE is short for study run FILE).",
+        examples=(
+            "mpirun -n 2 hpcinv study jobs/study-sphere.yaml\nhpcinv study status jobs/study-sphere.yaml --follow"
+        ),
+        page="how-to/study.md",
     )
     actions = study.add_subparsers(required=True, metavar="command")
-    run = actions.add_parser("run", help="execute the runs that are open (under mpirun; several may run at once)")
+    run = add_command(
+        actions,
+        "run",
+        "Execute the runs of a study that are open (under mpirun; several may run at once).",
+        examples="mpirun -n 2 hpcinv study run jobs/study-sphere.yaml --output results/sphere",
+        page="how-to/study.md",
+    )
     run.add_argument("--retry-failed", action="store_true", help="try runs that have failed before once more")
     run.add_argument(
         "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
     )
     run.set_defaults(command=_run)
-    status = actions.add_parser("status", help="show how many executions are finished, and the time left")
+    status = add_command(
+        actions,
+        "status",
+        "Show how many executions of a study are finished, and the time left.",
+        examples="hpcinv study status jobs/study-sphere.yaml --follow",
+        page="how-to/study.md",
+    )
     status.add_argument("--follow", action="store_true", help="repeat it until all executions are finished")
     status.add_argument("--ranks", type=int, help="number of ranks (default: that of the last start)")
     status.set_defaults(command=_status)

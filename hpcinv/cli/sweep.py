@@ -9,6 +9,7 @@ from hpcinv.batch.ledger.holder import BEAT
 from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.batch.status import lines
+from hpcinv.cli.help import add_command
 from hpcinv.errors import Interrupted
 from hpcinv.files.untrusted import add_option
 from hpcinv.sweep.execution import SweepBatch
@@ -19,20 +20,31 @@ from hpcinv.sweep.submit import add_submit
 
 
 def add_sweep(commands: Any) -> None:
-    sweep = commands.add_parser("sweep", help="many cases of a job: over laws, parameters, loads, meshes")
+    sweep = add_command(
+        commands,
+        "sweep",
+        "Solve many cases of a job: over laws, parameters, loads, meshes.",
+        examples=(
+            "hpcinv sweep plan jobs/sweep-uncertain-block.yaml\n"
+            "mpirun -n 4 hpcinv sweep run jobs/sweep-uncertain-block.yaml\n"
+            "hpcinv sweep table jobs/sweep-uncertain-block.yaml"
+        ),
+        page="how-to/sweep.md",
+    )
     actions = sweep.add_subparsers(required=True, metavar="command")
 
-    def action(name: str, command: Any, text: str) -> argparse.ArgumentParser:
-        parser: argparse.ArgumentParser = actions.add_parser(name, help=text)
+    def action(name: str, command: Any, sentence: str, example: str = "") -> argparse.ArgumentParser:
+        example = f"hpcinv sweep {name} sweep.yaml {example}".strip()
+        parser = add_command(actions, name, sentence, examples=example, page="how-to/sweep.md")
         parser.add_argument("sweep", type=Path, help="sweep file (YAML)")
         add_option(parser)
         parser.set_defaults(command=command)
         return parser
 
-    plan = action("plan", _plan, "number and size of the cases, and a forecast of their time")
+    plan = action("plan", _plan, "Show number and size of the cases, and a forecast of their time.", "--groups 4")
     plan.add_argument("--groups", type=_positive, default=1, metavar="N", help="groups of ranks for the forecast")
 
-    run = action("run", _run, "solve the cases that are open (under mpirun; several may run at once)")
+    run = action("run", _run, "Solve the cases that are open (under mpirun; several may run at once).", "--first 100")
     run.add_argument(
         "--ranks-per-case", type=_positive, default=1, metavar="K", help="ranks that solve a case together"
     )
@@ -58,7 +70,7 @@ def add_sweep(commands: Any) -> None:
         "--strict", action="store_true", help="end with exit code 7 if certificates have warnings or are not decided"
     )
 
-    retry = action("retry", _retry, "open cases again")
+    retry = action("retry", _retry, "Open cases again.", "--failed")
     retry.add_argument("--failed", action="store_true", required=True, help="those that have failed")
 
     add_reports(action)

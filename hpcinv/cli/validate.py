@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import json_schema, load
@@ -14,12 +15,24 @@ from hpcinv.sweep.plan import is_sweep, load_sweep
 
 
 def add_validate(commands: Any) -> None:
-    validate = commands.add_parser("validate", help="check job, study and sweep files without running them")
+    validate = add_command(
+        commands,
+        "validate",
+        "Check job, study and sweep files without running them.",
+        examples="hpcinv validate job.yaml sweep.yaml",
+        page="start/jobs.md",
+    )
     validate.add_argument("jobs", type=Path, nargs="+", metavar="file", help="job, study or sweep file (YAML)")
     add_option(validate)
     validate.set_defaults(command=_validate)
 
-    schema = commands.add_parser("schema", help="print the JSON Schema of job files, for editors")
+    schema = add_command(
+        commands,
+        "schema",
+        "Print the JSON Schema of job files, for editors.",
+        examples="hpcinv schema > job.schema.json",
+        page="reference/job-keys.md",
+    )
     schema.set_defaults(command=_schema)
 
 

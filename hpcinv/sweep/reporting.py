@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace as replace_fields
 from pathlib import Path
-from typing import Any
 
 from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
@@ -19,17 +18,23 @@ from hpcinv.sweep.plan import SweepPlan, load_sweep
 from hpcinv.sweep.results import provenance, results, status_of
 
 
-def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:
-    """Add the commands; ``action`` makes a parser from name, function and help."""
-    status = action("status", _status, "numbers of finished, running, failed and open cases, and the time left")
+def add_reports(action: Callable[..., argparse.ArgumentParser]) -> None:
+    """Add the commands; ``action`` makes a parser from name, function, sentence and options of an example."""
+    status = action(
+        "status", _status, "Show numbers of finished, running, failed and open cases, and the time left.", "--follow"
+    )
     status.add_argument("--follow", action="store_true", help="repeat it until all cases are finished")
 
-    table = action("table", _table, "a row for each case: parameters, quantities, certificate, costs")
+    table = action(
+        "table", _table, "Write a row for each case: parameters, quantities, certificate, costs.", "--output table.csv"
+    )
     table.add_argument("--output", type=_table_file, metavar="FILE", help=".csv or .h5 (default: CSV to the screen)")
 
-    action("statistics", _statistics, "means, standard deviations and quantiles of the quantities, as CSV")
+    action("statistics", _statistics, "Write means, standard deviations and quantiles of the quantities, as CSV.")
 
-    indices = action("indices", _indices, "Sobol indices of the quantities of a sample, by polynomial surrogates")
+    indices = action(
+        "indices", _indices, "Compute Sobol indices of the quantities of a sample, by polynomial surrogates.", "--plan"
+    )
     indices.add_argument(
         "--plan", action="store_true", help="only what it takes: cases for each degree, and their time"
     )
@@ -40,7 +45,9 @@ def add_reports(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> N
         "--shape", type=_vtu_file, metavar="FILE", help="standard deviation and dominating parameter at nodes (.vtu)"
     )
 
-    plot = action("plot", _plot, "a quantity over one or two parameters, as PNG and SVG")
+    plot = action(
+        "plot", _plot, "Plot a quantity over one or two parameters, as PNG and SVG.", "height --over material.young"
+    )
     plot.add_argument("quantity", help="a column of the table, or 'failures' for where cases fail")
     plot.add_argument("--over", nargs="+", required=True, metavar="KEY", help="one or two columns of parameters")
     plot.add_argument("--output", type=Path, metavar="STEM", help="path without the ending (default: in results/SWEEP)")

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from hpcinv.batch.ledger.store import open_store
 from hpcinv.errors import SubmitError
@@ -18,9 +17,14 @@ from hpcinv.sweep.plan import SweepPlan, load_sweep
 from hpcinv.sweep.templates import TEMPLATES
 
 
-def add_submit(action: Callable[[str, Any, str], argparse.ArgumentParser]) -> None:
-    """Add the command; ``action`` makes a parser from name, function and help."""
-    parser = action("submit", _submit, "run under Slurm: requeued at time limits, then collected")
+def add_submit(action: Callable[..., argparse.ArgumentParser]) -> None:
+    """Add the command; ``action`` makes a parser from name, function, sentence and options of an example."""
+    parser = action(
+        "submit",
+        _submit,
+        "Run the sweep under Slurm: requeued at time limits, then collected.",
+        "--ntasks 64 --time 08:00:00",
+    )
     parser.add_argument("--ntasks", type=int, required=True, metavar="N", help="ranks (of each task of an array)")
     parser.add_argument("--ranks-per-case", type=int, default=1, metavar="K", help="ranks that solve a case together")
     parser.add_argument("--array", type=int, metavar="M", help="a job array of M tasks instead of one allocation")

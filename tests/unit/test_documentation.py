@@ -1,14 +1,21 @@
-"""What README and docs refer to is there: files, headings, commands and their options."""
+"""What README and docs refer to is there: files, headings, commands and their options; jobs in them are valid."""
 
 import argparse
 import re
+import shlex
+import subprocess
+import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hpcinv.__main__ import _parser
 from hpcinv.cli.study import with_action
+from hpcinv.job.job import Job, parse
+from hpcinv.job.yaml_reader import read_yaml
 
 ROOT = Path(__file__).parents[2]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("**/*.md")]
@@ -65,3 +72,65 @@ def test_commands_and_options_exist(page: Path) -> None:
 
 def test_the_readme_fits_on_two_screens() -> None:
     assert len((ROOT / "README.md").read_text().splitlines()) <= 160
+
+
+def every_command(parser: argparse.ArgumentParser, names: tuple[str, ...] = ()) -> Iterator[Any]:
+    for name, inner in subcommands(parser).items():
+        yield pytest.param(inner, id=" ".join((*names, name)))
+        yield from every_command(inner, (*names, name))
+
+
+@pytest.mark.parametrize("parser", every_command(_parser()))
+def test_help_has_a_sentence_examples_and_a_page(parser: argparse.ArgumentParser) -> None:
+    """`hpcinv.cli.help.add_command` makes such a parser."""
+    assert re.fullmatch(r"[A-Z][^.]*(\.\S[^.]*)*\.", parser.description or ""), "one sentence"
+    examples, _, page = (parser.epilog or "").partition("more: docs/")
+    assert (ROOT / "docs" / page.strip()).is_file()
+    typed = [shlex.split(line) for line in examples.splitlines() if re.match(r" *(mpirun -n \d+ )?hpcinv ", line)]
+    assert typed
+    for words in typed:
+        arguments = words[words.index("hpcinv") + 1 :]
+        names = parser.prog.split()[1:]
+        assert arguments[: len(names)] == names
+        redirected = arguments.index(">") if ">" in arguments else None
+        _parser().parse_args(with_action(arguments[:redirected]))
+
+
+def test_generated_pages_are_what_the_generator_writes() -> None:
+    command = [sys.executable, str(ROOT / "docs" / "generate.py"), "--check"]
+    found = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert found.returncode == 0, found.stdout + found.stderr + "run: python3 -m uv run python docs/generate.py"
+
+
+def fragments() -> Iterator[Any]:
+    """The parts of jobs in all pages, and whether they name files that only the reader has."""
+    for page in PAGES:
+        found = re.findall(
+            r"^(<!-- with files of the reader -->\n)?( *)```yaml\n(.*?)^ *```", page.read_text(), re.M | re.S
+        )
+        for number, (mark, _, block) in enumerate(found, start=1):
+            if not re.match(r" *(sweep|study):", block):
+                yield pytest.param(textwrap.dedent(block), bool(mark), id=f"{page.relative_to(ROOT)}:{number}")
+
+
+@pytest.mark.parametrize(("block", "has_files"), fragments())
+def test_jobs_in_the_pages_are_valid(block: str, has_files: bool, tmp_path: Path) -> None:
+    """A fragment is completed by a body of its own, and by families of fibres of the names that it refers to."""
+    file = tmp_path / "job.yaml"
+    file.write_text(block)
+    fragment = read_yaml(file)
+    assert fragment.keys() <= Job.model_fields.keys()
+    if has_files:
+        return
+    box = {"file": "../meshes/box.py", "parameters": {"nx": 1, "ny": 1, "nz": 1}}
+    gravity = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000.0, "density_in": "reference"}
+    whole = {"mesh": box, "material": {"law": "neo-hookean", "young": "1 kPa", "poisson": 0.3}, **fragment}
+    if not any((ROOT / "jobs" / str(whole["mesh"].get(key))).exists() for key in ("file", "image")):
+        whole["mesh"] = box  # the file stands for one of the reader
+    family = {"direction": [1, 0, 0], "given_on": "reference"}
+    named = ("fibre", "fibres", "sheet", "fibre1", "fibre2", "radial", "hoop", "axial")
+    whole["fibres"] = dict.fromkeys(named, family) | whole.get("fibres", {})
+    whole.setdefault("supports", [{"region": "x0", "fix": ["x", "y", "z"]}])
+    if "states" not in whole:
+        whole.setdefault("effects", [gravity])
+    parse(whole, ROOT / "jobs" / "fragment.yaml")
