@@ -192,13 +192,16 @@ def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path:
     ]
     ties = {"states[0].effects[0].density": {"also": [f"states[{i}].effects[0].density" for i in (1, 2)]}}
     both = job(
-        tmp_path / "job.yaml", identify={"parameters": {"material.mu": None} | ties, "observations": observations}
+        tmp_path / "job.yaml",
+        identify={"parameters": {"material.mu": None} | ties, "observations": observations, "given_sd": 2.0},
     )
     with Workspace(comm) as workspace:
         evaluations = Evaluations(both, comm, workspace, None, lambda: False)
         at = np.array([10e3, 150.0])
         base = evaluations.at(at)
         assert base is not None
+        # The deviation of the given mesh is added to that of positions.
+        assert [one.deviation for one in evaluations.observed] == pytest.approx([*3 * [5**0.5], 1.0, 1.0])
         for i, step in enumerate(1e-3 * at):
             shift = np.eye(2)[i] * step
             ahead, behind = evaluations.at(at + shift), evaluations.at(at - shift)
