@@ -11,6 +11,7 @@ import os
 import sys
 
 from hpcinv.cli.bench import add_bench
+from hpcinv.cli.compare import add_compare
 from hpcinv.cli.compile import add_compile
 from hpcinv.cli.explain import add_explain
 from hpcinv.cli.export import add_export
@@ -86,6 +87,7 @@ def _parser() -> argparse.ArgumentParser:
         add_fit,
         add_identify,
         add_mesh,
+        add_compare,
         add_compile,
         add_bench,
     ):

@@ -33,7 +33,7 @@ def fill(path: Path, size: float, unit: float) -> tuple[LabelImage, float]:
     Raises:
         MeshError: it cannot be read, is open, or cuts itself.
     """
-    surface = _read(path)
+    surface = read_closed(path)
     volume = abs(_signed_volume(surface)) * unit**3
     extent = np.array(surface.bounds_size) * unit
     if not volume > 0 or not np.isfinite(volume):
@@ -64,7 +64,7 @@ def fill(path: Path, size: float, unit: float) -> tuple[LabelImage, float]:
     return LabelImage(path, (BODY,), voxels, np.full(3, voxel), origin, np.eye(3)), volume
 
 
-def _read(path: Path) -> pyvista.PolyData:
+def read_closed(path: Path) -> pyvista.PolyData:
     """Read a surface of triangles, whose coinciding nodes are one, and check that it is closed."""
     try:
         surface = pyvista.read(path)

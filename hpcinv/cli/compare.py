@@ -1,0 +1,68 @@
+"""``hpcinv compare``: how far two bodies are from each other."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from hpcinv.cli.mesh import on_one_process
+from hpcinv.errors import OutputError
+from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.untrusted import add_option
+from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import LENGTH_UNITS, parse_quantity, readable
+
+_EPILOG = """examples:
+  hpcinv compare results/pdms-beam straight.stl --unit mm
+  hpcinv compare results/breast scan.stl --shape supine --unit mm --align --to distance.vtp
+documentation: docs/how-to/compare.md"""
+
+
+def add_compare(commands: Any) -> None:
+    parser = commands.add_parser(
+        "compare",
+        help="distances between the surfaces of two bodies, their volumes and overlap",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("one", type=Path, help="a mesh, a closed surface (.stl, .ply, .obj, .vtp), or a run")
+    parser.add_argument("other", type=Path, help="the same, to compare with")
+    parser.add_argument("--unit", default="m", help="length unit of the files that are no runs (default: m)")
+    parser.add_argument("--shape", default="undeformed", help="of runs: undeformed, deformed, or the name of a state")
+    parser.add_argument("--align", action="store_true", help="move the first rigidly to the second before")
+    parser.add_argument("--to", type=Path, metavar="FILE", help="the first surface with distances in m (.vtp)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="the figures, in SI")
+    add_option(parser)
+    parser.set_defaults(command=_compare)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    if options.unit not in LENGTH_UNITS:
+        raise OutputError(f"--unit {options.unit}: is no unit of length.{did_you_mean(options.unit, LENGTH_UNITS)}")
+    if options.to is not None and options.to.suffix != ".vtp":
+        raise OutputError(f"{options.to}: a surface with distances ends in .vtp", "Name it *.vtp.")
+    on_one_process("compare")
+    from hpcinv.workshop.comparison import compare, surface_in
+
+    unit = parse_quantity(f"1 {options.unit}")[0]
+    one, other = (surface_in(path, unit, options.shape) for path in (options.one, options.other))
+    found = compare(one, other, align=options.align)
+    if options.align:
+        moved, angle = readable(found.translation, "m"), math.degrees(found.rotation)
+        print(f"{options.one} moved by {moved}, turned by {angle:.3g} degrees")
+    for path, side in ((options.one, found.one), (options.other, found.other)):
+        centre = ", ".join(f"{c:.6g}" for c in side.centre)
+        print(f"{path}: volume {readable(side.volume, 'm^3')}, centre ({centre}) m")
+        figures = (side.mean, side.rms, side.quantile_95, side.largest)
+        mean, rms, most, largest = (readable(figure, "m") for figure in figures)
+        print(f"  from the other's surface: mean {mean} (outside positive), rms {rms}, 95 % {most}, largest {largest}")
+    print(f"overlap (Dice): {found.dice:.4f}")
+    with output_errors(options.json or options.to or Path(), "Is the directory there, and writable?"):
+        if options.json is not None:
+            replace(options.json, json.dumps(found.as_data(), indent=1).encode())
+        if options.to is not None:
+            found.surface.save(options.to)
+    return 0
