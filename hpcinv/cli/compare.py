@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import output_errors, replace
@@ -15,18 +16,17 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import LENGTH_UNITS, parse_quantity, readable
 
-_EPILOG = """examples:
-  hpcinv compare results/pdms-beam straight.stl --unit mm
-  hpcinv compare results/breast scan.stl --shape supine --unit mm --align --to distance.vtp
-documentation: docs/how-to/compare.md"""
-
 
 def add_compare(commands: Any) -> None:
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "compare",
-        help="distances between the surfaces of two bodies, their volumes and overlap",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "Measure distances between the surfaces of two bodies, their volumes and overlap.",
+        examples=(
+            "hpcinv compare results/pdms-beam straight.stl --unit mm\n"
+            "hpcinv compare results/breast scan.stl --shape supine --unit mm --align --to distance.vtp"
+        ),
+        page="how-to/compare.md",
     )
     parser.add_argument("one", type=Path, help="a mesh, a closed surface (.stl, .ply, .obj, .vtp), or a run")
     parser.add_argument("other", type=Path, help="the same, to compare with")
