@@ -1,25 +1,32 @@
-"""``hpcinv report``: one HTML file with the result of a run, to look at in a browser."""
+"""``hpcinv report``: one HTML file with the result of a run, a sweep or a study, to look at in a browser."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh import on_one_process
+from hpcinv.cli.mesh import JOBS, on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
+from hpcinv.job.yaml_reader import read_yaml
 
 
 def add_report(commands: Any) -> None:
     report = add_command(
         commands,
         "report",
-        "Write one HTML file with the result of a run, to look at in a browser.",
-        examples="hpcinv report results/thick-sphere\nhpcinv report results/thick-sphere --output sphere.html",
+        "Write one HTML file with the result of a run, a sweep or a study, to look at in a browser.",
+        examples="hpcinv report results/thick-sphere\nhpcinv report sweep.yaml --cases\nhpcinv report study.yaml",
         page="how-to/report.md",
     )
-    report.add_argument("input", type=Path, help="directory of a run")
-    report.add_argument("--output", type=Path, metavar="FILE", help="the page (default: report.html in the directory)")
+    report.add_argument("input", type=Path, help="directory of a run, or file of a sweep or a study")
+    report.add_argument(
+        "--output", type=Path, metavar="FILE", help="the page (default: report.html in the directory of the results)"
+    )
+    report.add_argument("--cases", action="store_true", help="of a sweep: write a report of each case, too")
+    report.add_argument(
+        "--results", type=Path, metavar="DIR", help="of a study: directory of its results (default: results/STUDY)"
+    )
     add_option(report)
     report.set_defaults(command=_report)
 
@@ -27,9 +34,21 @@ def add_report(commands: Any) -> None:
 def _report(options: argparse.Namespace) -> int:
     given: Path = options.input
     if not given.exists():
-        raise OutputError(f"{given}: no such directory", "Give the directory that 'run' printed at its beginning.")
+        raise OutputError(f"{given}: no such file or directory", "Give the directory of a run, a sweep or a study.")
     on_one_process("report")
-    print(_of_run(given, options.output))
+    content = read_yaml(given) if given.suffix in JOBS else {}
+    is_sweep, is_study = "axes" in content, "series" in content
+    if given.is_file() and not (is_sweep or is_study):
+        raise OutputError(f"{given}: is neither a sweep nor a study", "Of a job, give the directory of its run.")
+    for option, is_valid in (("cases", is_sweep), ("results", is_study)):
+        if getattr(options, option) and not is_valid:
+            raise OutputError(f"{given}: --{option} is for {'sweeps' if option == 'cases' else 'studies'}")
+    if is_sweep:
+        print(_of_sweep(given, options.output, each=options.cases))
+    elif is_study:
+        print(_of_study(given, options.output, options.results))
+    else:
+        print(_of_run(given, options.output))
     return 0
 
 
@@ -38,3 +57,29 @@ def _of_run(directory: Path, output: Path | None) -> Path:
     from hpcinv.reports.of_run import write_run_report
 
     return write_run_report(directory, RunDirectory(directory).summary(), output)
+
+
+def _of_sweep(path: Path, output: Path | None, *, each: bool) -> Path:
+    from hpcinv.batch.ledger.ledger import ledger_of
+    from hpcinv.sweep.page import write_sweep_report
+    from hpcinv.sweep.plan import load_sweep
+
+    plan = load_sweep(path)
+    page = output or Path("results") / plan.sweep.sweep / "report.html"
+    return write_sweep_report(plan, ledger_of(plan.store), page, each=each)
+
+
+def _of_study(path: Path, output: Path | None, results: Path | None) -> Path:
+    from hpcinv.batch.ledger.ledger import ledger_of
+    from hpcinv.study.directory import check_content, ranks_in, store_in
+    from hpcinv.study.executions import Executions
+    from hpcinv.study.page import write_study_report
+    from hpcinv.study.plan import load_study
+
+    plan = load_study(path)
+    directory = results or Path("results") / plan.study.study
+    if not directory.is_dir():
+        raise OutputError(f"{directory}: no such directory", f"Run it first: python -m hpcinv study {path}")
+    check_content(directory, plan.study.study)
+    executions = Executions(plan, ledger_of(store_in(directory)), ranks_in(directory))
+    return write_study_report(executions, output or directory / "report.html")

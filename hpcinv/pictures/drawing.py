@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
+import matplotlib.image
 import numpy as np
 import numpy.typing as npt
 from matplotlib.cm import ScalarMappable
@@ -134,6 +135,13 @@ def figure(
     with mpl.rc_context({"savefig.facecolor": "white"}):
         sheet.savefig(stream, format="png")
     return Picture(stream.getvalue())
+
+
+def thumbnail(view: View, limits: tuple[float, float]) -> bytes:
+    """Return a small rendering as PNG; raises as `figure` does."""
+    stream = io.BytesIO()
+    mpl.image.imsave(stream, _rendered(view, limits)[::3, ::3])
+    return stream.getvalue()
 
 
 def _rendered(view: View, limits: tuple[float, float] | None) -> npt.NDArray[np.uint8]:

@@ -66,6 +66,7 @@ def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Seque
     if boundary is not None and boundary.results:
         body = scene(summary, boundary, steps, arrays)
         body["arrays"] = arrays.specs
+        del body["kept"]
         picture = _picture(summary, boundary)
     overlapping = boundary is not None and any(result.crossing.any() for result in boundary.results)
     certificate = summary["certificate"]

@@ -27,13 +27,15 @@ _MASKS = 16  # regions in one array of bits
 def scene(
     summary: Mapping[str, Any], boundary: Boundary, snapshots: Sequence[Snapshot], arrays: Arrays
 ) -> dict[str, Any]:
-    """Add the body to ``arrays``; return what they mean as plain data."""
+    """Add the body to ``arrays``; return what they mean as plain data, with the rows of the points as ``kept``."""
     most = MOST if len(boundary.results) <= _STATES else MOST * _STATES // len(boundary.results)
     kept = _kept(boundary, most)
     up = upwards(summary["job"])
     steps = _steps(snapshots, kept, boundary, arrays)
     return {
         "name": summary["job"]["job"],
+        "choice": "State",
+        "kept": kept.points,
         "points": len(kept.points),
         "triangles": arrays.add_whole(kept.triangles),
         "of": {"points": len(boundary.points), "triangles": len(boundary.triangles)},
@@ -75,7 +77,7 @@ def _result(
     stress = np.stack([result.stress.reshape(-1, 3, 3)[:, i, j] for i, j in COMPONENTS.values()], axis=1)
     load = next((s["load"] for s in summary["solutions"] if s.get("state", "") == result.state), 1.0)
     return {
-        "state": result.state,
+        "title": result.state or "deformed",
         "direction": result.direction,
         "undeformed": rest,
         "deformed": result.state or "deformed",

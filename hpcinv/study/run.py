@@ -104,14 +104,25 @@ def _files(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: 
         "table.csv": as_csv(run_columns(plan, rows, found), run_units(found)),
         "table.h5": as_hdf5(plan, rows, found, ranks),
     }
+    if plan.cases > 1:
+        files |= {f"{_stem(a)}-statistics.csv": as_csv(point_columns(plan, a), point_units(a)) for a in found}
+    return files | diagrams(plan, rows, found, ranks)
+
+
+def diagrams(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: int) -> dict[str, bytes]:
+    """Return the diagrams of a study by the names of their files, as PNG and SVG."""
+    files: dict[str, bytes] = {}
     study = plan.study
     most = max(len(row.times) for row in rows)
     seconds = f"{SECONDS[study.time]}, {ranks} rank{'s' if ranks > 1 else ''}, median of {most}"
     varied = {series.name: ", ".join(key.rpartition(".")[2] for key in series.vary) for series in study.series}
     for a in found:
-        stem = re.sub(r"[\[\]]+", "-", a.name).strip("-")
+        stem = _stem(a)
         files |= {f"{stem}.{form}": data for form, data in work_precision(study.study, a, seconds, varied).items()}
         if plan.cases > 1:
-            files[f"{stem}-statistics.csv"] = as_csv(point_columns(plan, a), point_units(a))
             files |= {f"{stem}-cases.{form}": data for form, data in over_cases(study.study, a, rows).items()}
     return files
+
+
+def _stem(accuracy: Accuracy) -> str:
+    return re.sub(r"[\[\]]+", "-", accuracy.name).strip("-")

@@ -133,7 +133,7 @@ def _positions(sample: Sample, ledger: Ledger) -> tuple[MeshSource, Floats]:
     plan = sample.plan
     rest = plan.job(sample.cases[0]).rest
     name = f"shape-{rest}.vtu" if rest else "shape.vtu"
-    found = {case.number: _file(ledger.directory(case.key), name) for case in sample.cases}
+    found = {case.number: kept_file(ledger.directory(case.key), name) for case in sample.cases}
     if missing := [number for number, path in found.items() if path is None]:
         raise JobError(
             [
@@ -164,7 +164,7 @@ def _positions(sample: Sample, ledger: Ledger) -> tuple[MeshSource, Floats]:
     return source.in_metres(unit), positions * unit
 
 
-def _file(directory: Path, name: str) -> Path | None:
+def kept_file(directory: Path, name: str) -> Path | None:
     """Return a file of the latest run of a case that has kept it."""
 
     def place(run: Path) -> tuple[int, ...]:

@@ -98,6 +98,8 @@ def summary(states: Sequence[str] = ("",), *, status: str = "converged", **more:
             "direction": "forward" if number else "inverse",
             "load": 1.0 if status == "converged" else 0.75,
             "largest_displacement": 0.0364,
+            "factorizations": 4,
+            "newton_iterations": 20,
             "linear": {"configuration": "direct", "why": "small", "iterations": 0, "fallback": None, "note": ""},
             "solves": solves if status == "converged" else solves[:3],
         }

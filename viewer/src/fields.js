@@ -54,6 +54,7 @@ export const FIELDS = [
     from: (r) => each(r.stretches, (s) => s[k]),
   })),
   { id: "J", label: "volume ratio J", unit: "", from: (r) => r.J.values },
+  { id: "deviation", label: "standard deviation over the cases", unit: "m", of: "points", from: (r) => r.deviation?.values },
   { id: "error", label: "estimated error of the displacement gradient", unit: "", from: (r, body) => body.error?.values },
   { id: "regions", label: "regions", unit: "", regions: true },
   { id: "none", label: "one colour", unit: "" },

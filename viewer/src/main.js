@@ -30,6 +30,7 @@ class Viewer {
       J: read(result.J),
       stretches: read(result.stretches),
       crossing: read(result.crossing)?.values,
+      deviation: read(result.deviation),
       fibres: Object.fromEntries(Object.entries(result.fibres).map(([name, n]) => [name, read(n).values])),
       steps: [...result.steps.map((step) => ({ ...step, displacement: read(step.displacement).values })), { load: result.load, last: true }],
     }));
@@ -71,11 +72,12 @@ class Viewer {
 
   #prepareControls() {
     const states = element("state");
-    this.results.forEach((result, i) => states.add(new Option(result.deformed, i)));
+    this.results.forEach((result, i) => states.add(new Option(result.title, i)));
     element("state-row").hidden = this.results.length < 2;
     const colours = element("colour");
     for (const field of FIELDS) {
       if (field.id === "error" && !this.error) continue;
+      if (field.id === "deviation" && !this.results.some(({ deviation }) => deviation)) continue;
       if (field.regions && !this.body.regions.names.length) continue;
       colours.add(new Option(field.label + (field.unit ? ` (${field.unit})` : ""), field.id));
     }
@@ -190,9 +192,9 @@ class Viewer {
     else if (values === null) {
       out.fill(linear(0.8));
       legend.replaceChildren();
-      if (field.id !== "none") notes.push("values are kept at the last step only");
+      if (field.id !== "none") notes.push(step.last ? "not known of this shape" : "values are kept at the last step only");
     } else {
-      const [low, high] = range(field.of === "points" ? lengths(this.result.displacement) : values);
+      const [low, high] = range(field.id === "displacement" ? lengths(this.result.displacement) : values);
       const factor = high > low ? 1 / (high - low) : 0;
       for (let t = 0; t < count; t++)
         for (let k = 0; k < 3; k++) {

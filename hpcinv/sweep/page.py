@@ -1,0 +1,131 @@
+"""Report of a sweep, from its store."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.pictures.boundary import NAME, Boundary, read_boundary
+from hpcinv.reports.arrays import Arrays
+from hpcinv.reports.of_cases import Cases, cases_page
+from hpcinv.reports.of_run import write_run_report
+from hpcinv.reports.page import NAME as PAGE
+from hpcinv.reports.page import write_page
+from hpcinv.reports.shapes import mean_and_cases, pictures
+from hpcinv.sweep.parameters import parameter_columns
+from hpcinv.sweep.plan import SweepPlan
+from hpcinv.sweep.results import results
+from hpcinv.sweep.shape_spread import kept_file
+from hpcinv.sweep.table import columns, parameter_name, quantity_columns, units
+
+_MOST = 400  # shapes that are read
+_LAST = ("key", "started_from")  # columns that few readers need
+
+
+def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: bool = False) -> Path:
+    """Write the report of a sweep, finished or not; return the file.
+
+    Args:
+        each: write a report of each finished case beside it, in ``cases/``.
+
+    Raises:
+        OutputError: a file cannot be written or read.
+    """
+    records = results(plan, ledger)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shapes = _shapes(plan, ledger, records)
+    links = _links(plan, ledger, records, path, each=each)
+    arrays, body, note, gallery = Arrays(), None, "", list[tuple[str, bytes]]()
+    if shapes:
+        named = list(shapes.values())
+        record = ledger.record(next(iter(shapes)))
+        if record is not None:
+            body, note = mean_and_cases(record.statistics, named, arrays)
+        gallery = pictures(named)
+    else:
+        note = "The cases have kept no shapes; 'set: {output.surface: true}' in another store keeps their boundaries."
+    table = columns(plan, records)
+    parameters = [parameter_name(key) for key in parameter_columns(plan)]
+    cases = Cases(
+        title=plan.sweep.sweep,
+        found=_found(plan, records),
+        notes=[*_notes(plan, records), note],
+        columns={name: table[name] for name in sorted(table, key=lambda name: name in _LAST)},
+        units=units(plan, records),
+        parameters=parameters,
+        results=quantity_columns(plan, records),
+        outcome=[_outcome(records.get(case.key)) for case in plan.cases],
+        links=links,
+        body=body,
+        arrays=arrays,
+        gallery=gallery,
+        gallery_note=f"{len(gallery)} of {len(shapes)} shapes that were found, coloured by displacement, on one scale.",
+    )
+    write_page(path, cases_page(cases))
+    return path
+
+
+def _outcome(record: CaseRecord | None) -> str:
+    if record is None:
+        return "open"
+    if not record.converged or record.verdict == "fail":
+        return "bad"
+    return "doubtful" if record.verdict in ("warning", "not decided") else "good"
+
+
+def _found(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> str:
+    outcome = Counter(_outcome(records.get(case.key)) for case in plan.cases)
+    parts = [f"{outcome['good']} of {len(plan.cases)} cases are solved without doubt"]
+    if outcome["doubtful"]:
+        parts.append(f"{outcome['doubtful']} with warnings or checks without decision")
+    if outcome["bad"]:
+        parts.append(f"{outcome['bad']} failed")
+    if outcome["open"]:
+        parts.append(f"{outcome['open']} are open")
+    return ", ".join(parts) + "."
+
+
+def _notes(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> list[str]:
+    """What cases failed of, the most frequent first."""
+    failed = [record for case in plan.cases if (record := records.get(case.key)) and not record.converged]
+    why = Counter(record.diagnosis for record in failed)
+    advice = {record.diagnosis: record.advice for record in failed}
+    return [f"{count} failed: {text}. {advice[text]}".strip() for text, count in why.most_common(5)]
+
+
+def _shapes(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -> dict[str, tuple[str, Boundary]]:
+    """Titles and boundaries of cases that have kept one, by key."""
+    found = dict[str, tuple[str, Boundary]]()
+    for case in plan.cases:
+        record = records.get(case.key)
+        if record is None or not record.converged or case.key in found or len(found) >= _MOST:
+            continue
+        file = kept_file(ledger.directory(case.key), NAME)
+        if file is not None:
+            found[case.key] = (case.title, read_boundary(file))
+    return found
+
+
+def _links(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord], path: Path, *, each: bool) -> list[str]:
+    """Addresses of the reports of cases, relative to the page; empty where there is none."""
+    links = []
+    for case in plan.cases:
+        report = kept_file(ledger.directory(case.key), PAGE)
+        if report is None and each and case.key in records:
+            report = _case_report(ledger, case.key, path.parent / "cases" / f"case-{case.number}.html")
+        links.append("" if report is None else Path(os.path.relpath(report, path.parent)).as_posix())
+    return links
+
+
+def _case_report(ledger: Ledger, key: str, path: Path) -> Path | None:
+    record = ledger.record(key)
+    if record is None or not record.statistics:
+        return None
+    path.parent.mkdir(exist_ok=True)
+    surface = kept_file(ledger.directory(key), NAME)
+    directory = ledger.directory(key) if surface is None else surface.parent
+    return write_run_report(directory, record.statistics, path)
