@@ -31,7 +31,8 @@ from hpcinv.quantity.quantity import Measured
 from hpcinv.results.shape_distance import read_same_cells
 
 _SIZE = 5.0  # factor by which the size of what was observed may differ from that of the body
-_SIDES = 2  # parts of each side of a curved facet
+_DIVISIONS = (1, 2, 4, 8, 16)  # of each side of a curved facet into triangles
+_FLAT = 0.02  # distance of these from the facet that is allowed, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -169,11 +170,13 @@ class ObservedSurface(Observed):
             return mine[:, None]
 
         surfaces = [gather_surface(result.body, nodes, chosen) for nodes in self._nodes(result, keys)]
-        cuts = []
-        for surface in surfaces:
-            if surface is None:
-                return None
-            cuts.append(surface.cut(1 if surface.degree == 1 else _SIDES, np.flatnonzero(surface.values[:, 0] > 0)))
+        known = [surface for surface in surfaces if surface is not None]
+        if not known:
+            return None
+        fine = (n for n in _DIVISIONS if known[0].chord_error(n) <= _FLAT * self.deviation)
+        divisions = next(fine, _DIVISIONS[-1])
+        facets = np.flatnonzero(known[0].values[:, 0] > 0)
+        cuts = [surface.cut(divisions, facets) for surface in known]
         import pyvista
 
         corners = cuts[0].corners
@@ -185,15 +188,10 @@ class ObservedSurface(Observed):
         normals = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         offsets = np.einsum("nv,nvi->ni", weights, at) - self._points
-        distances = np.linalg.norm(offsets, axis=1)
-        along = np.einsum("ni,ni->n", offsets, normals)
-        # At edges of the surface the nearest point is not along the normal.
-        off = distances > np.maximum(1.001 * np.abs(along), 1e-12 * np.abs(at).max())
-        signs = np.where(along < 0, -1.0, 1.0)
-        normals[off] = (signs[:, None] * offsets / np.where(distances > 0, distances, 1.0)[:, None])[off]
         moved = [np.einsum("nv,nvi->ni", weights, cut.points[corners[cells]]) for cut in cuts[1:]]
         jacobian = np.stack([np.einsum("ni,ni->n", normals, m) for m in moved], axis=1)
-        return Prediction(np.where(off, signs * distances, along), jacobian)
+        # Along the normal alone: at the rim of a region errors along the surface say nothing.
+        return Prediction(np.einsum("ni,ni->n", normals, offsets), jacobian)
 
 
 def observations_of(job: Job, body: Body) -> list[Observed]:

@@ -69,7 +69,7 @@ def section(parameters: dict[str, Any], values: dict[str, Any], sd: dict[str, fl
     return {"parameters": parameters, "observations": observed}
 
 
-def test_a_sphere_at_two_pressures(comm: MPI.Intracomm) -> None:
+def test_a_sphere_at_two_pressures(comm: MPI.Intracomm, tmp_path: Path) -> None:
     """Given at one pressure, its inner radius ``a`` at another one tells its modulus, by a closed form."""
 
     def pressure(A: float, a: float) -> float:  # over 2 c1, incompressible neo-Hooke; 1 and 1.5 are given radii
@@ -86,26 +86,43 @@ def test_a_sphere_at_two_pressures(comm: MPI.Intracomm) -> None:
     def inflated(by: float) -> list[dict[str, Any]]:
         return [{"effect": "pressure", "region": "inner", "pressure": by}]
 
-    sphere = parse(
-        {
-            "mesh": {"file": "../meshes/thick_sphere.py", "parameters": mesh, "geometry_degree": 2},
-            "material": {"law": "mooney-rivlin", "c1": 0.6, "c2": 0.0, "d1": "incompressible"},
-            "supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
-            "states": [
-                {"name": "scan", "given": True, "effects": inflated(0.2)},
-                {"name": "fuller", "effects": inflated(0.4)},
-            ],
-            "quantities": [{"name": "a", "of": "norm(x, y, z)", "on": "inner", "reduce": "mean", "state": "fuller"}],
-            "certificate": NO_CERTIFICATE,
-            "identify": section({"material.c1": None}, {"a": radius(0.5)}, {"a": 1e-3}),
-        },
-        ROOT / "tests" / "job.yaml",
-    )
-    found = identify(sphere, comm).estimate
-    slope = (radius(0.5 + 1e-5) - radius(0.5 - 1e-5)) / 2e-5
-    print(f"c1 {found.values[0]}, sd {found.deviations[0]}, exact {1e-3 / abs(slope)}")
-    assert found.values[0] == pytest.approx(0.5, rel=5e-4)
-    assert found.deviations[0] == pytest.approx(1e-3 / abs(slope), rel=1e-3)
+    sphere = {
+        "mesh": {"file": str(ROOT / "meshes" / "thick_sphere.py"), "parameters": mesh, "geometry_degree": 2},
+        "material": {"law": "mooney-rivlin", "c1": 0.6, "c2": 0.0, "d1": "incompressible"},
+        "supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
+        "states": [
+            {"name": "scan", "given": True, "effects": inflated(0.2)},
+            {"name": "fuller", "effects": inflated(0.4)},
+        ],
+        "quantities": [{"name": "a", "of": "norm(x, y, z)", "on": "inner", "reduce": "mean", "state": "fuller"}],
+        "certificate": NO_CERTIFICATE,
+    }
+    by_radius = section({"material.c1": None}, {"a": radius(0.5)}, {"a": 1e-3})
+    # Points of the outer surface, whose facets are large and curved.
+    random = np.random.default_rng(2)
+    directions = np.abs(random.standard_normal((200, 3)))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    outer = (radius(0.5) ** 3 + 1.5**3 - 1) ** (1 / 3) + 2e-3 * random.standard_normal((200, 1))
+    (tmp_path / "cloud.csv").write_text("\n".join(",".join(map(str, point)) for point in outer * directions))
+    cloud = {"name": "cloud", "state": "fuller", "surface": "cloud.csv", "on": "outer", "sd": 2e-3}
+    by_surface = {"parameters": {"material.c1": None}, "observations": [cloud]}
+
+    with Workspace(comm) as workspace:
+
+        def found(observed: dict[str, Any]) -> Any:
+            return identify(parse(sphere | {"identify": observed}, tmp_path / "job.yaml"), comm, workspace=workspace)
+
+        one = found(by_radius).estimate
+        slope = (radius(0.5 + 1e-5) - radius(0.5 - 1e-5)) / 2e-5
+        print(f"c1 {one.values[0]}, sd {one.deviations[0]}, exact {1e-3 / abs(slope)}")
+        assert one.values[0] == pytest.approx(0.5, rel=5e-4)
+        assert one.deviations[0] == pytest.approx(1e-3 / abs(slope), rel=1e-3)
+        other = found(by_surface).estimate
+        print(f"c1 {other.values[0]}, sd {other.deviations[0]}, probability {other.probability}")
+        assert abs(other.values[0] - 0.5) < 3.5 * other.deviations[0]
+        assert other.deviations[0] < 1e-3
+        assert other.probability is not None
+        assert other.probability > 1e-3
 
 
 @pytest.mark.parallel([1, 2])
