@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 from pydantic import ValidationError
 
@@ -25,6 +26,7 @@ from hpcinv.reports.scene import scene
 from hpcinv.reports.symbols import size_text
 from hpcinv.reports.wording import meaning, words
 
+_STRAINED = 1.001  # stretch, or its inverse, that is worth a word
 _KEYS = {"status", "job", "solutions", "certificate", "timings", "peak_memory", "versions", "mesh"}
 
 
@@ -74,7 +76,7 @@ def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Seque
         "run.html",
         title=summary["job"]["job"],
         summary=summary,
-        words=words(summary, overlapping=overlapping),
+        words=words(summary, overlapping=overlapping, strained=_strained(boundary)),
         body=body,
         arrays=arrays.texts(),
         picture=picture,
@@ -88,6 +90,23 @@ def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Seque
         phases=_phases(summary),
         job_text=yaml.safe_dump(_short(summary["job"]), sort_keys=False, allow_unicode=True),
         fingerprint=yaml.safe_dump(summary.get("fingerprint"), sort_keys=False, allow_unicode=True),
+    )
+
+
+def _strained(boundary: Boundary | None) -> str:
+    """Where the last body is strained most, on its boundary; empty if it is not strained."""
+    if boundary is None or not boundary.results:
+        return ""
+    last = boundary.results[-1]
+    size = np.maximum(last.stretches[:, 0], 1 / np.maximum(last.stretches[:, 2], np.finfo(float).tiny))
+    row = int(size.argmax())
+    if size[row] < _STRAINED:
+        return ""
+    x, y, z = last.mesh[boundary.triangles[row]].mean(axis=0)
+    largest, smallest = last.stretches[row, 0], last.stretches[row, 2]
+    return (
+        f"There, the boundary is strained most near ({x:.4g}, {y:.4g}, {z:.4g}) m of the mesh: principal stretches from"
+        f" {smallest:.3g} to {largest:.3g}, J = {last.J[row]:.3g}."
     )
 
 

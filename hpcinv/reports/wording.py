@@ -49,15 +49,16 @@ class Words:
     next: Sequence[str]
 
 
-def words(summary: Mapping[str, Any], *, overlapping: bool) -> Words:
+def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") -> Words:
     """Return the verdict on a run in plain words.
 
     Args:
         overlapping: whether facets where the body passes through itself are marked in the picture.
+        strained: where the body is strained most at the last accepted step of a run that did not reach its end.
     """
     certificate = summary["certificate"]
     if summary["status"] != "converged":
-        return _unfinished(summary)
+        return _unfinished(summary, strained)
     verdict = certificate["verdict"]
     lines = certificate["lines"]
     checked = [line for line in lines if line["verdict"] != "not checked"]
@@ -110,13 +111,15 @@ def _accuracy(certificate: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _unfinished(summary: Mapping[str, Any]) -> Words:
+def _unfinished(summary: Mapping[str, Any], strained: str) -> Words:
     lines, status = summary["certificate"]["lines"], summary["status"]
     stopped = status.startswith("stopped by")
     line: Mapping[str, Any] = lines[0] if lines else {"name": "load factor", "value": None, "unit": ""}
     of_state = f" of state '{line['state']}'" if line.get("state") else ""
     if line["name"] == "position residual":
         where = f"The search{of_state} ended {readable(float(line['value'] or 0.0), 'm')} from the given shape."
+    elif line["value"] == 0:
+        where = f"No load step{of_state} was accepted; the picture shows the body without load."
     elif line["value"] is not None:
         where = f"It carries {100 * line['value']:.4g} % of the load{of_state}; the picture shows the body there."
     else:
@@ -127,7 +130,7 @@ def _unfinished(summary: Mapping[str, Any]) -> Words:
             "stopped", "The run was stopped before its end.", [where], after or ["Go on with 'hpcinv resume'."]
         )
     found = f"No solution under the full load was found: {status}."
-    sure = [where, "This is not the result that the job asks for."]
+    sure = [where, strained, "This is not the result that the job asks for."]
     if not after:
         after = ["Check the load, the material and their units, and that the supports hold the body."]
     return Words("not reached", found, [one for one in sure if one], after)

@@ -50,7 +50,7 @@ def changed(before: np.ndarray, after: np.ndarray) -> float:
     return float((np.abs(before - after).max(axis=2) > 0.05).mean())
 
 
-def test_the_page_opens_without_network_and_without_complaints(page: Page) -> None:
+def test_the_page_opens_without_network_and_without_complaints(page: Page, tmp_path: Path) -> None:
     assert page.run("return document.getElementById('canvas').getContext('webgl2') !== null")
     assert page.run("return document.documentElement.dataset.viewer") == "ready"
     assert page.run("return getComputedStyle(document.querySelector('.missing')).display") == "none"
@@ -59,6 +59,7 @@ def test_the_page_opens_without_network_and_without_complaints(page: Page) -> No
     assert (np.abs(picture - ground).max(axis=2) > 0.05).mean() > 0.1  # something is drawn
     assert page.complaints() == []
     assert page.requests() == []
+    page.screenshot(tmp_path / "report.png")  # pytest keeps the directories of its last runs
 
 
 def test_the_first_words_are_the_verdict(page: Page) -> None:
@@ -218,6 +219,7 @@ def test_a_failed_solve_and_crossing_facets_are_shown(tmp_path: Path) -> None:
         assert text.split()[:2] == ["not", "reached"]
         assert f"No solution under the full load was found: {REACHED}" in text
         assert "75 % of the load" in text
+        assert "strained most near (0.1," in text
         assert advice in text
         assert "red: facets where the body passes through itself" in page.text("#legend-note")
         page.set("colour", "none")
