@@ -135,7 +135,6 @@ Stress = Annotated[float, Quantity("Pa")]
 BulkStress = Annotated[float, Quantity("Pa", infinite="incompressible")]
 Dimensionless = Annotated[float, Quantity("")]
 Size = Annotated[float, Quantity("m", above=0.0)]  # cell size in a mesh generator; halved for a finer mesh
-LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
 AnyQuantity = Annotated[float, Quantity(None)]
 
 Divisions = int  # number of cells along an edge in a mesh generator; doubled for a finer mesh
@@ -146,6 +145,9 @@ QUANTITIES: dict[str, Quantity] = {
     if get_args(kind)[1:] and isinstance(get_args(kind)[1], Quantity)
 }
 """Quantity types by their names in annotations of mesh generators."""
+
+LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
+"""A unit such as mm; not for mesh generators."""
 
 AnyMeasured = Annotated[Measured, MeasuredQuantity()]  # not for mesh generators
 

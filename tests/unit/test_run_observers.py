@@ -142,7 +142,9 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         job = SimpleNamespace(
             directions=("inverse", "forward")[:directions],
             accuracy={},
-            output=SimpleNamespace(unit_warnings=True, summary=("json",), has_surface=False, report=False),
+            output=SimpleNamespace(
+                unit_warnings=True, summary=("json",), fields=False, has_surface=False, report=False
+            ),
         )
         unknowns = SimpleNamespace(size=12)
         model: Any = SimpleNamespace(job=job, body=None, unknowns=unknowns, timings=None)
