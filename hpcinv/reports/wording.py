@@ -74,7 +74,10 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
         after.append("The facets where the body passes through itself are red in the picture.")
     warnings = (summary.get("body") or {}).get("warnings") or []
     after += [_sentence(text) for text in warnings]
-    return Words(verdict, _found(summary), sure, after)
+    found = _found(summary)
+    if verdict == "fail":
+        found = f"The certificate fails: the result is not to be relied on. {found}"
+    return Words(verdict, found, sure, after)
 
 
 def meaning(name: str) -> str:

@@ -170,6 +170,7 @@ def test_each_verdict_has_words(verdict: str) -> None:
     assert said.verdict == verdict
     assert said.next
     assert ("Use the shape" in said.next[0]) == (verdict == "pass")
+    assert said.found.startswith("The certificate fails") == (verdict == "fail")
 
 
 def test_lines_of_the_certificate_have_a_meaning() -> None:
