@@ -25,7 +25,6 @@ from hpcinv.mesh.checks import check, check_nodes
 from hpcinv.mesh.distributed.partition import Partition, partition_of, partitioner
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
-from hpcinv.mesh.imaging import image_mesh, surface_mesh
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.refine.degree import of_degree
@@ -120,8 +119,12 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
             monitor = MeshingMonitor(spec.maximum_cells, report)
             source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree, monitor).in_metres(spec.unit)
         elif spec.size is not None and spec.is_surface:
+            from hpcinv.mesh.imaging import surface_mesh  # loads VTK
+
             source = surface_mesh(path, spec.size, spec.unit, spec.maximum_cells, report)
         elif spec.size is not None:
+            from hpcinv.mesh.imaging import image_mesh
+
             unit = spec.unit if "unit" in spec.model_fields_set else 1e-3  # what the formats of images define
             source = image_mesh(path, spec.labels, spec.size, unit, spec.maximum_cells, report)
         else:

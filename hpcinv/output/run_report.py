@@ -16,7 +16,6 @@ from hpcinv.output.summary import statistics, write_summary
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary import NAME as BOUNDARY
 from hpcinv.pictures.boundary import write_boundary
-from hpcinv.reports.of_run import write_run_report
 from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
@@ -137,6 +136,8 @@ class RunReport(Observer):
                     self._write_boundary(path / BOUNDARY, result)
             write_summary(path, found, store.comm, formats=self._job.output.summary)
             if self._job.output.report:
+                from hpcinv.reports.of_run import write_run_report  # loads VTK
+
                 on_root(store.comm, lambda: write_run_report(path, found))
         return replace(result, statistics=found)
 

@@ -170,7 +170,7 @@ def _remeshed(
         import mmgpy
     except ImportError:
         raise SystemPartMissing(
-            "images are meshed by MMG (mmgpy), which is not installed", "Install it by: pip install 'hpcinv[imaging]'"
+            "images are meshed by MMG (mmgpy), which is not installed", "Install it by: pip install simpleitk mmgpy"
         ) from None
     scale = 1 / size  # MMG's tolerances are made for lengths of about 1
     mesh = mmgpy.MmgMesh3D()

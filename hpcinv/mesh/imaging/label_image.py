@@ -79,7 +79,7 @@ def _read(path: Path) -> tuple[Any, Any]:
         import SimpleITK
     except ImportError:
         raise SystemPartMissing(
-            "images are read by SimpleITK, which is not installed", "Install it by: pip install 'hpcinv[imaging]'"
+            "images are read by SimpleITK, which is not installed", "Install it by: pip install simpleitk mmgpy"
         ) from None
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     try:
