@@ -11,8 +11,8 @@ from hpcinv.mesh.imaging.lattice import Lattice, interfaces
 from hpcinv.mesh.source import Floats, Ints
 
 _ROUNDS = 6
-_LEAST = 0.05
-"""Smallest volume of a moved cell, relative to that of the lattice."""
+_LEAST = 0.1
+"""Smallest volume of a cell whose nodes are moved, relative to its volume before."""
 
 
 class Memberships:
@@ -99,7 +99,7 @@ def _moved(
     target = lattice.points.copy()
     target[nodes] = points
     share = np.ones(len(target))
-    least = _LEAST * spacing**3 / 6
+    least = _LEAST * lattice.volumes()
     for _ in range(30):
         moved = lattice.points + share[:, None] * (target - lattice.points)
         if not (bad := lattice.volumes(moved) < least).any():

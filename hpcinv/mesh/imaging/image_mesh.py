@@ -15,7 +15,7 @@ from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.imaging.boundary import Memberships, smoothed
 from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
-from hpcinv.mesh.imaging.lattice import interfaces, lattice_of
+from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.quantity.units import readable
 
@@ -26,7 +26,7 @@ _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
 _ISLAND = 0.01  # share of a body's volume up to which a part that touches no other is left out
 _RIGHT = 0.01  # relative error of a volume that is not worth a word
-_TRIES = 3  # MMG changes volumes, too, which the next try allows for
+_PASSES = 2  # of MMG, each with nodes moved to the boundary after it
 _WRONG = 0.1  # and from which on there is no mesh
 _WITHIN = 0.25  # distance by which MMG may move boundaries, relative to the voxels of an image
 _WITHIN_SIZE = 0.05  # the same of a surface, relative to the size of cells
@@ -103,14 +103,12 @@ def _meshed(
         )
     lattice = lattice_of(found, spacing)
     lattice = replace(lattice, points=lattice.points + begin)
-    targets = volumes
-    for _ in range(_TRIES):
-        fitted = smoothed(lattice, memberships, spacing, targets)
-        points, cells, of = _remeshed(lattice.cells, lattice.labels, fitted, size, tolerance, path)
-        errors = _volume_errors(points, cells, of, volumes)
-        if max(map(abs, errors)) < 0.5 * _RIGHT:
-            break
-        targets = [target / (1 + error) for target, error in zip(targets, errors, strict=True)]
+    points = smoothed(lattice, memberships, spacing, volumes)
+    for _ in range(_PASSES):  # in cells of good shape, nodes that were held back come nearer to the boundary
+        lattice = Lattice(*_remeshed(replace(lattice, points=points), size, tolerance, path))
+        points = smoothed(lattice, memberships, spacing, volumes)
+    cells, of = lattice.cells, lattice.labels
+    errors = _volume_errors(points, cells, of, volumes)
     _tell_volumes(image, volumes, errors, report)
     facets, pairs = interfaces(cells, of)
     is_cut = _at_border(points, facets, first, image)
@@ -162,9 +160,7 @@ def _middles(shape: tuple[int, ...], voxel: Floats, spacing: float) -> tuple[Flo
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1), begin
 
 
-def _remeshed(
-    cells: Ints, labels: Ints, points: Floats, size: float, tolerance: float, path: Path
-) -> tuple[Floats, Ints, Ints]:
+def _remeshed(lattice: Lattice, size: float, tolerance: float, path: Path) -> tuple[Floats, Ints, Ints]:
     """Improve and coarsen cells by MMG; boundaries stay within the tolerance."""
     try:
         import mmgpy
@@ -174,9 +170,9 @@ def _remeshed(
         ) from None
     scale = 1 / size  # MMG's tolerances are made for lengths of about 1
     mesh = mmgpy.MmgMesh3D()
-    mesh.set_mesh_size(vertices=len(points), tetrahedra=len(cells))
-    mesh.set_vertices(points * scale)
-    mesh.set_tetrahedra(cells.astype(np.int32), refs=labels)
+    mesh.set_mesh_size(vertices=len(lattice.points), tetrahedra=len(lattice.cells))
+    mesh.set_vertices(lattice.points * scale)
+    mesh.set_tetrahedra(lattice.cells.astype(np.int32), refs=lattice.labels)
     options: dict[str, Any] = {"hmax": 1.0, "hmin": 0.2, "hausd": tolerance * scale, "hgrad": 1.5}
     try:
         mesh.remesh(**options, ar=60.0, verbose=-1)
@@ -209,14 +205,14 @@ def _tell_volumes(
 
 
 def _at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> Bools:
-    """Whether facets lie where the image ends: within a voxel of its border, and along it."""
+    """Whether facets lie where the image ends: within a voxel of its last middles, and along it."""
     corners = points[facets]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300
     middles = corners.mean(axis=1) / image.spacing + first  # in voxels
     last = np.array(image.voxels.shape) - 1
-    near = (middles < 0.5) | (middles > last - 0.5)
-    return np.asarray((near & (np.abs(normals) > 0.5)).any(axis=1))
+    near, beyond = (middles < 1) | (middles > last - 1), (middles < -0.2) | (middles > last + 0.2)
+    return np.asarray((beyond | (near & (np.abs(normals) > 0.5))).any(axis=1))
 
 
 def _groups(names: Sequence[str], of: Ints, pairs: Ints, is_cut: Bools) -> tuple[Group, ...]:
