@@ -53,7 +53,7 @@ class Shared:
         begun = time.perf_counter()
         point = space.point(case.numbers)
         found = self._neighbours.guess(point) if self.guesses else None
-        result = run(job, COMM, workspace=self.workspace, guess=found and found[0])
+        result = run(job, COMM, workspace=self.workspace, guesses=[found[0]] if found else [])
         solution = result.solutions[0]
         if self.guesses:
             pressure = None if solution.pressure is None else solution.pressure.x.array.copy()

@@ -171,6 +171,13 @@ class MeshSpec(MeshFile):
         return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
 
     @model_validator(mode="after")
+    def _check_geometry_degree(self) -> Self:
+        if self.geometry_degree is not None and self.is_partitioned:
+            text = "is that of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
+            raise Problems((("geometry_degree",), text))
+        return self
+
+    @model_validator(mode="after")
     def _check_source(self) -> Self:
         if self.labels and not self.is_image:
             raise Problems((("labels",), "is for segmented images only, and 'file' is none"))

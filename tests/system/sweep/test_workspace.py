@@ -141,12 +141,12 @@ def test_a_run_from_a_guess_ends_where_it_ends_without(comm: MPI.Intracomm) -> N
     near, wanted = block(9.8e3), block()
     alone, there = run(wanted, comm), run(near, comm).solutions[0]
     u = there.displacement.x.array
-    warm = run(wanted, comm, guess=Guess(u, None))
+    warm = run(wanted, comm, guesses=[Guess(u, None)])
     assert [s.strategy for s in warm.solutions[0].solves] == ["guess"]
     assert differs(alone, warm) < 1e-11
     # Far from any solution it is given up, and the run begins with the unloaded body; so where the sign is another.
     for guess in (Guess(-40 * u, None), Guess(u, None, sign=-there.solves[-1].signs[-1])):
-        cold = run(wanted, comm, guess=guess)
+        cold = run(wanted, comm, guesses=[guess])
         assert [s.strategy for s in cold.solutions[0].solves][:2] == ["guess", "load steps"]
         assert not cold.solutions[0].solves[0].outcome.accepted
         assert differs(alone, cold) < 1e-13  # on two ranks MUMPS adds up in the order in which messages arrive
