@@ -1,6 +1,5 @@
 """Execution of a batch on all ranks of one allocation, by groups of ranks that claim cases in the ledger."""
 
-import time
 from collections.abc import Callable
 from typing import cast
 
@@ -8,7 +7,7 @@ from hpcinv.batch.isolation import can_isolate, supervise
 from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.batch.task import Batch
 from hpcinv.errors import HpcinvError, Interrupted, OutputError
-from hpcinv.parallel.ranks import MPI, agree
+from hpcinv.parallel.ranks import MPI, agree, wait_for_all
 from hpcinv.parallel.signals import StopRequest
 
 
@@ -69,10 +68,3 @@ def groups_of(world: MPI.Intracomm, ranks_per_case: int) -> int:
             f"Start a multiple of {ranks_per_case} ranks.",
         )
     return world.size // ranks_per_case
-
-
-def wait_for_all(world: MPI.Intracomm) -> None:
-    """Wait for all ranks without using the cores of those that still work."""
-    everyone = world.Ibarrier()
-    while not everyone.Test():
-        time.sleep(0.02)

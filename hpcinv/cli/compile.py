@@ -74,12 +74,23 @@ def _distinct(paths: list[Path]) -> Iterator[Job]:
             plan = load_sweep(path)
             jobs = [plan.job(case) for case in {case.reuse_group: case for case in reversed(plan.cases)}.values()]
         else:
-            jobs = [run.job for run in load_study(path).runs] if is_study(path) else [load(path)]
+            jobs = [run.job for run in load_study(path).runs] if is_study(path) else [_differentiated(load(path))]
         for job in jobs:
             kernels = reuse_group_of(job), job.model_dump_json(include=_COMPUTED)
             if kernels not in known:
                 known.add(kernels)
                 yield job
+
+
+def _differentiated(job: Job) -> Job:
+    """Return the job, one with a section ``identify`` also with the derivatives that this needs."""
+    if job.identify is None:
+        return job
+    given = {key: {"sd": one.sd, "also": list(one.also)} for key, one in job.sensitivities.items()}
+    tied = {key for one in job.sensitivities.values() for key in one.also}
+    return job.with_(
+        {"sensitivities": given | {key: None for key in job.identify.keys if key not in tied | given.keys()}}
+    )
 
 
 def _ready(directory: Path) -> int:

@@ -32,6 +32,12 @@ def add_identify(commands: Any) -> None:
     identify.add_argument("--overwrite", action="store_true", help="replace another identification in --output")
     identify.add_argument("-q", "--quiet", action="store_true", help="print no line for each evaluation")
     identify.add_argument("--strict", action="store_true", help="end with exit code 7 if there are warnings")
+    identify.add_argument(
+        "--ranks-per-state",
+        type=int,
+        metavar="N",
+        help="ranks of each team that solves some of the states (default: all)",
+    )
     identify.add_argument("--ranks", type=int, help="refuse to run on another number of ranks")
     add_option(identify)
     identify.set_defaults(command=_identify)
@@ -56,7 +62,15 @@ def _identify(options: argparse.Namespace) -> int:
             ended = f"not reached: {found.failure}" if found.failure else f"chi-square {chi_squared:.6g}"
             print(f"evaluation {number}{' (kept)' if found.kept else ''}: {shown}: {ended}", flush=True)
 
-        found = identify(job, comm, directory=directory, overwrite=options.overwrite, report=tell, stop_asked=stop)
+        found = identify(
+            job,
+            comm,
+            directory=directory,
+            overwrite=options.overwrite,
+            report=tell,
+            stop_asked=stop,
+            ranks_per_state=options.ranks_per_state,
+        )
         texts = warnings(found.estimate)
         verdict = found.result.certificate.verdict
         if comm.rank == 0:

@@ -1,4 +1,7 @@
-"""Evaluation of a job at values of its parameters, and the store that keeps each evaluation for a resumed run."""
+"""Evaluation of a job at values of its parameters, and the store that keeps each evaluation for a resumed run.
+
+Teams of ranks may solve different states at the same time; rank 0 of all ranks collects what they predict.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import io
 import json
 import time
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from hpcinv.driver import run
-from hpcinv.errors import JobError, MeshError, SolveError
+from hpcinv.errors import Interrupted, JobError, MeshError, SolveError
 from hpcinv.files.atomic import output_errors, replace
-from hpcinv.identification.observations import Observed, observations_of
+from hpcinv.identification.observations import Observed, Prediction, observations_of
+from hpcinv.identification.shares import Share
 from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
@@ -26,7 +30,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.methods.initial_guess import Guess
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.parallel.runtime import MPI, agree, on_root, wait_for_all
 from hpcinv.results.solution import Solution
 from hpcinv.solver.problem_cache import Workspace
 from hpcinv.version import __version__
@@ -73,6 +77,15 @@ class Evaluation:
             return None
 
 
+@dataclass(frozen=True)
+class _Part:
+    """What one team has found: predictions by name of the observation."""
+
+    predictions: Mapping[str, Prediction]
+    factorizations: int
+    failure: str = ""
+
+
 class SolveTimer(Progress):
     """A silent progress that measures the solves of a run.
 
@@ -97,30 +110,37 @@ class Evaluations:
     """Evaluations of a job with a section ``identify``; collective.
 
     Args:
+        workspace: on the communicator of this rank's team, which is ``comm`` if all ranks solve all states.
+        share: states that the team solves.
         directory: where evaluations are kept; ``None`` keeps none.
 
     Attributes:
-        keys: of all numbers that are sought.
-        ties: 1 where a number (row) has the value of a parameter (column).
 
     Raises:
         MeshError: on all ranks, if an observation does not fit the mesh.
     """
 
     def __init__(
-        self, job: Job, comm: MPI.Intracomm, workspace: Workspace, directory: Path | None, stop: Callable[[], bool]
+        self,
+        job: Job,
+        comm: MPI.Intracomm,
+        workspace: Workspace,
+        share: Share,
+        directory: Path | None,
+        stop: Callable[[], bool],
     ) -> None:
         section = job.identify
         assert section is not None
         self.job, self.comm = job, comm
-        self.keys = section.keys
+        sought = {key: {"also": section.keys_of(key)[1:]} for key in section.parameters}
         # Without what does not count here: checks, and the section itself.
-        self._base = job.with_({"certificate": "off", "sensitivities": self.keys, "identify": None})
-        self._numbers = {number.key: number for number in self._base.differentiated}
-        self.parameters: Sequence[Parameter] = [self._numbers[key] for key in section.parameters]
-        self.ties = np.array([[float(key in section.keys_of(p.key)) for p in self.parameters] for key in self.keys])
-        self._workspace, self._directory, self._stop = workspace, directory and directory / _FOLDER, stop
+        self._base = job.with_({"certificate": "off", "sensitivities": sought, "identify": None})
+        self.parameters: Sequence[Parameter] = self._base.differentiated
+        self._workspace, self._share, self._stop = workspace, share, stop
+        self._directory = directory and directory / _FOLDER
+        first = on_root(workspace.comm, lambda: comm.rank == 0)  # whether rank 0 is in this team
         self.observed: list[Observed] = observations_of(job, workspace.body(job))
+        self._own = [one for one in self.observed if share.has(one.spec, first=first)]
         self._guesses: tuple[Guess, ...] = ()
         self._digests: dict[Path, str] = {}
         self.content = on_root(comm, self._content)
@@ -131,7 +151,7 @@ class Evaluations:
         Raises:
             JobError: the job does not admit them.
         """
-        return self._base.with_(texts([self._numbers[key] for key in self.keys], self.ties @ values) | changes)
+        return self._base.with_(texts(self.parameters, values) | changes)
 
     def at(self, values: Floats) -> Evaluation | None:
         """Evaluate the job at values (SI) of the parameters, or take what is kept; on rank 0, ``None`` on others.
@@ -147,14 +167,55 @@ class Evaluations:
         known = on_root(self.comm, lambda: None if path is None else Evaluation.read(path))
         if known is not None:
             return known if self.comm.rank == 0 else None
-        begun, result, failure = time.perf_counter(), None, ""
-        try:
-            result = run(job, self.comm, workspace=self._workspace, guesses=self._guesses, stop_asked=self._stop)
-        except (SolveError, MeshError) as error:  # a field may not be admissible on the mesh
-            failure, self._guesses = error.message, ()
-        found = self._failed(failure) if result is None else self._compared(result, time.perf_counter() - begun)
+        begun = time.perf_counter()
+        found = self._joined(self._of_team(job), begun)
         on_root(self.comm, lambda: self._keep(found, path))
         return found
+
+    def _of_team(self, job: Job) -> _Part:
+        """Solve the states of this team."""
+        team, share = self._workspace.comm, self._share
+        result: Result | None = None
+        failure, stopped = "", None
+        try:
+            own = on_root(team, lambda: share.job(job))
+            result = run(own, team, workspace=self._workspace, guesses=self._guesses, stop_asked=self._stop)
+        except (SolveError, MeshError) as error:  # a field may not be admissible on the mesh
+            failure = error.message
+        except Interrupted as error:
+            stopped = error
+        self._guesses = tuple(_guess(solution) for solution in result.solutions) if result else ()
+        if self.comm.size > team.size:
+            wait_for_all(self.comm)
+        agree(self.comm, stopped)
+        if result is None:
+            return _Part({}, 0, failure)
+        keys = [share.key(p) for p in self.parameters]
+        predictions: dict[str, Prediction] = {}
+        for one in self._own:
+            found = one.predict(result, [key for key in keys if key])
+            if found is not None:
+                whole = np.zeros((len(found.differences), len(keys)))
+                whole[:, [i for i, key in enumerate(keys) if key]] = found.jacobian
+                predictions[one.spec.name] = Prediction(found.differences, whole)
+        return _Part(predictions, sum(solution.factorizations for solution in result.solutions))
+
+    def _joined(self, part: _Part, begun: float) -> Evaluation | None:
+        """Return what all teams have found, on rank 0."""
+        parts = self.comm.gather(part if self._workspace.comm.rank == 0 else None)
+        if parts is None:
+            return None
+        teams = [one for one in parts if one is not None]
+        if failures := [one.failure for one in teams if one.failure]:
+            return self._failed(failures[0])
+        known = {name: found for one in teams for name, found in one.predictions.items()}
+        ordered = [known[one.spec.name] for one in self.observed]
+        return Evaluation(
+            np.concatenate([one.differences for one in ordered]),
+            np.concatenate([one.jacobian for one in ordered]),
+            sum(one.factorizations for one in teams),
+            time.perf_counter() - begun,
+        )
 
     def _keep(self, found: Evaluation | None, path: Path | None) -> None:
         if found is not None and path is not None:
@@ -164,19 +225,6 @@ class Evaluations:
 
     def _failed(self, failure: str) -> Evaluation | None:
         return Evaluation(np.zeros(0), np.zeros((0, 0)), 0, 0.0, failure) if self.comm.rank == 0 else None
-
-    def _compared(self, result: Result, seconds: float) -> Evaluation | None:
-        self._guesses = tuple(_guess(solution) for solution in result.solutions)
-        predictions = [one.predict(result, self.keys) for one in self.observed]
-        if self.comm.rank != 0:
-            return None
-        known = [one for one in predictions if one is not None]
-        return Evaluation(
-            np.concatenate([one.differences for one in known]),
-            np.concatenate([one.jacobian for one in known]) @ self.ties,
-            sum(solution.factorizations for solution in result.solutions),
-            seconds,
-        )
 
     def _digest(self, path: Path) -> str:
         if path not in self._digests:
@@ -208,11 +256,12 @@ class Evaluations:
 
 
 def texts(parameters: Sequence[Parameter], values: Floats) -> dict[str, float | str]:
-    """Return values (SI) as a job may state them, by key, exactly."""
+    """Return values (SI) as a job may state them, by key, exactly, with what is tied to a parameter."""
     found: dict[str, float | str] = {}
     for parameter, value in zip(parameters, values, strict=True):
         unit = parameter.dimension.unit if parameter.dimension is not None else ""
-        found[parameter.key] = f"{float(value)!r} {unit}" if unit else float(value)
+        text = f"{float(value)!r} {unit}" if unit else float(value)
+        found |= {one.key: text for one in (parameter, *parameter.ties)}
     return found
 
 

@@ -151,13 +151,13 @@ def changes(found: Estimate, section: Identification) -> dict[str, float | str]:
     }
 
 
-def sensitivities(found: Estimate, section: Identification) -> dict[str, float | str | None]:
+def sensitivities(found: Estimate) -> dict[str, Any]:
     """Return the section of standard deviations, ``None`` for parameters that are not determined."""
-    return {
-        key: None if sd is None else rounded(sd, p.dimension or Dimension())
-        for p, sd in zip(found.parameters, found.deviations, strict=True)
-        for key in section.keys_of(p.key)
-    }
+    section: dict[str, Any] = {}
+    for p, sd in zip(found.parameters, found.deviations, strict=True):
+        text = None if sd is None else rounded(sd, p.dimension or Dimension())
+        section[p.key] = {"sd": text, "also": [tie.key for tie in p.ties]} if p.ties else text
+    return section
 
 
 def sections(job: Job, found: Estimate) -> str:
@@ -169,7 +169,7 @@ def sections(job: Job, found: Estimate) -> str:
     assert job.identify is not None
     names = dict.fromkeys(str(parse_key(key)[0]) for key in job.identify.keys)
     body: dict[str, Any] = {name: job.data[name] for name in names}
-    body["sensitivities"] = sensitivities(found, job.identify)
+    body["sensitivities"] = sensitivities(found)
     lines = ["# found by 'hpcinv identify'"]
     if correlation := _correlation(found):
         lines.append(f"# {correlation}")

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from hpcinv.files.names import check_output
 from hpcinv.identification.estimate import Estimate, Report, estimate
 from hpcinv.identification.evaluation import Evaluations, SolveTimer
 from hpcinv.identification.report import as_data, changes, sections, sensitivities
+from hpcinv.identification.shares import shares_of, teams_of
 from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
 from hpcinv.output.result import Result
@@ -91,6 +92,7 @@ def identify(
     report: Report = lambda *_: None,
     stop_asked: Callable[[], bool] = lambda: False,
     workspace: Workspace | None = None,
+    ranks_per_state: int | None = None,
 ) -> Identified:
     """Find the parameters in the section ``identify`` of a job, and its rest shape, on all ranks; collective.
 
@@ -101,6 +103,7 @@ def identify(
         report: called on rank 0 after each evaluation.
         stop_asked: called on every rank before each Newton iteration; true ends the run.
         workspace: body and model of earlier runs on ``comm``.
+        ranks_per_state: ranks of each team that solves some of the states; by default all ranks solve each state.
 
     Raises:
         JobError, MeshError, OutputError: the same on every rank.
@@ -108,8 +111,14 @@ def identify(
         Interrupted: ``stop_asked`` was true on some rank.
     """
     with ExitStack() as own:
-        workspace = workspace or own.enter_context(Workspace(comm))
-        evaluations = Evaluations(job, comm, workspace, directory, stop_asked)
+        size = comm.size if ranks_per_state is None else ranks_per_state
+        shares = on_root(comm, lambda: shares_of(job, teams_of(comm.size, size)))
+        of_team = workspace = workspace or own.enter_context(Workspace(comm))
+        if len(shares) > 1:
+            team = cast(MPI.Intracomm, comm.Split(comm.rank // size))
+            own.callback(team.Free)
+            of_team = own.enter_context(Workspace(team))
+        evaluations = Evaluations(job, comm, of_team, shares[comm.rank // size], directory, stop_asked)
         lock = on_root(comm, lambda: _opened(directory, job, evaluations.content, overwrite=overwrite)) is not None
         held: list[DirectoryLock] = []
         try:
@@ -125,7 +134,7 @@ def identify(
             section = job.identify
             assert section is not None
             best = job.with_(changes(found, section))
-            final = best.with_({"sensitivities": sensitivities(found, section)})
+            final = best.with_({"sensitivities": sensitivities(found)})
             timer, run_directory = SolveTimer(comm), None if directory is None else directory / _RUN
             result = run(
                 final,
@@ -145,9 +154,7 @@ def identify(
                 unit,
                 (sum(one.factorizations for one in found.evaluations), first),
             )
-            shapes, quantities = _spread(
-                result, evaluations.keys, evaluations.ties @ found.covariance @ evaluations.ties.T
-            )
+            shapes, quantities = _spread(result, [p.key for p in found.parameters], found.covariance)
             identified = Identified(found, best, result, cost, shapes, quantities)
             if directory is not None:
                 on_root(comm, lambda: _write(directory, identified))

@@ -8,7 +8,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import applies, mesh_fault
 from hpcinv.job.sections import QuantityOfInterest, directory_of
-from hpcinv.job.sensitivities import Owner, Parameter, parameter
+from hpcinv.job.sensitivities import Owner, Parameter, fault_of_tie, parameter
 from hpcinv.quantity.keys import JobKey
 from hpcinv.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, Size
 from hpcinv.quantity.schema import ListOf, Location, Name, Spec, Triple, raise_if_any, repeated, shown
@@ -177,8 +177,8 @@ def faults_of_identification(
             except ValueError as error:
                 yield ("parameters", key, "also", i), str(error)
             else:
-                if found.dimension != number.dimension:
-                    yield ("parameters", key, "also", i), f"is {found.dimension}, but {key} is {number.dimension}"
+                if fault := fault_of_tie(found, number):
+                    yield ("parameters", key, "also", i), fault
     keys = section.keys
     for i in repeated(keys):
         yield ("parameters",), f"{keys[i]} is duplicated"

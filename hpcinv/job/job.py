@@ -22,7 +22,7 @@ from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.rules import unknown_families, unsuited, unsuited_effects, unsuited_supports, wants_pressure
 from hpcinv.job.sections import COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
-from hpcinv.job.sensitivities import Owner, Parameter, parameter, read_sensitivities
+from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
 from hpcinv.job.states import State, faults_of_states, given_on_current, in_order, rest_of
 from hpcinv.job.yaml_reader import read_yaml
@@ -52,7 +52,7 @@ MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
 
 UNNAMED = "(mapping)"  # in place of the file name of a job that was made in Python
-_KEYS: Any = Mapping[str, str | float | None] | list[str]  # as in a file
+_KEYS: Any = Mapping[str, str | float | Uncertain | None] | list[str]  # as in a file
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,10 @@ class Job(Spec):
     """results that are written with the summary"""
     quantities: ListOf[QuantityOfInterest] = ()
     """numbers that are reported"""
-    sensitivities: Mapping[JobKey, AnyQuantity | None] = {}
+    sensitivities: Mapping[JobKey, Uncertain] = {}
     """numbers of laws, effects, fibres and supports by which shape and quantities are differentiated: a list of their
-    keys, or their standard deviations by key, such as {material.mu: 1 kPa, "effects[0].density": null}"""
+    keys, or their standard deviations by key, such as {material.mu: 1 kPa, "effects[0].density": null}; numbers that
+    change together are one entry, such as {"effects[0].density": {sd: 10 kg/m^3, also: ["effects[1].density"]}}"""
     identify: Identification | None = Field(default=None, exclude_if=lambda section: section is None)
     """parameters that 'hpcinv identify' finds together with the rest shape, and observations of other states"""
     expected_shape: MeshFile | None = None
@@ -283,7 +284,7 @@ class Job(Spec):
         owners: dict[str, Owner] = {}
         for solve in self.plan:
             owners |= solve.job.owners
-        return [parameter(key, owners, deviation) for key, deviation in self.sensitivities.items()]
+        return uncertain_parameters(self.sensitivities, owners)
 
     @property
     def owners(self) -> dict[str, Owner]:
@@ -479,9 +480,9 @@ class Job(Spec):
             raise ValueError("is needed if solver.maximum_unknowns is given, which applies only to it")
         return demands
 
-    @field_validator("sensitivities", mode="plain", json_schema_input_type=_KEYS)
+    @field_validator("sensitivities", mode="before", json_schema_input_type=_KEYS)
     @classmethod
-    def _check_sensitivities(cls, given: object, info: ValidationInfo) -> Mapping[str, float | None]:
+    def _check_sensitivities(cls, given: object, info: ValidationInfo) -> Mapping[str, Uncertain]:
         if not {"material", "effects", "fibres", "supports"} <= info.data.keys():  # already reported
             return {}
         found, problems = read_sensitivities(given, _all_owners(info.data))

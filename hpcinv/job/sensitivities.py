@@ -1,17 +1,26 @@
 """The section ``sensitivities`` of a job: keys of numbers of laws, effects, …, and their standard deviations."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.keys import parse_key
-from hpcinv.quantity.quantity import positive
-from hpcinv.quantity.schema import Location, at, shown
+from hpcinv.quantity.keys import JobKey, parse_key
+from hpcinv.quantity.quantity import AnyQuantity, positive
+from hpcinv.quantity.schema import ListOf, Location, Spec, at, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
 type Owner = Ingredient | Support
+
+
+class Uncertain(Spec):
+    """What is known of a number by which the results are differentiated."""
+
+    sd: AnyQuantity | None = None
+    """its standard deviation"""
+    also: ListOf[JobKey] = ()
+    """keys of further numbers that have the same value and change with it, such as the density in other states"""
 
 
 @dataclass(frozen=True)
@@ -24,6 +33,7 @@ class Parameter:
         value: in SI.
         dimension: ``None`` if it depends on the use in a formula.
         deviation: its standard deviation in SI, or ``None``.
+        ties: further numbers that change with it.
     """
 
     key: str
@@ -33,12 +43,13 @@ class Parameter:
     value: float
     dimension: Dimension | None
     deviation: float | None = None
+    ties: tuple["Parameter", ...] = ()
 
 
 def read_sensitivities(
     given: object, owners: Mapping[str, Owner]
-) -> tuple[dict[str, float | None], list[tuple[Location, str]]]:
-    """Standard deviations (SI, or ``None``) by key, and faults of the ``given`` section with their places.
+) -> tuple[dict[str, Uncertain], list[tuple[Location, str]]]:
+    """Standard deviations (SI) and ties by key, and faults of the ``given`` section with their places.
 
     Args:
         owners: laws, effects, the families of fibres that they use, and supports, by their keys in the job.
@@ -48,22 +59,60 @@ def read_sensitivities(
         return {}, [((), text)]
     entries: list[tuple[int | str, object, object]]
     if isinstance(given, Mapping):
-        entries = [(str(key), key, deviation) for key, deviation in given.items()]
+        entries = [(str(key), key, value) for key, value in given.items()]
     else:
         entries = [(i, key, None) for i, key in enumerate(given)]
-    found: dict[str, float | None] = {}
+    found: dict[str, Uncertain] = {}
     problems: list[tuple[Location, str]] = []
-    for place, key, deviation in entries:
+    for place, key, value in entries:
+        known = {name for first, entry in found.items() for name in (first, *entry.also)}
         try:
-            if not isinstance(key, str):
-                raise ValueError(f"must be a key such as material.mu, not {shown(key)}")
-            if key in found:
-                raise ValueError(f"{key} is duplicated")
-            number = parameter(key, owners, None)
-            found[key] = None if deviation is None else positive(deviation, number.dimension, key)
+            number = _number(key, owners, known)
+            deviation, also = (value.get("sd"), value.get("also", ())) if isinstance(value, Mapping) else (value, ())
+            if isinstance(value, Mapping) and (unknown := value.keys() - Uncertain.model_fields.keys()):
+                raise ValueError(f"has {shown(min(map(str, unknown)))}; it may have sd and also")
+            if not isinstance(also, list | tuple):
+                raise ValueError(f"also must be a list of keys, not {shown(also)}")
+            known.add(number.key)
+            for other in also:
+                tied = _number(other, owners, known)
+                known.add(tied.key)
+                if fault := fault_of_tie(tied, number):
+                    raise ValueError(fault)
+            sd = None if deviation is None else positive(deviation, number.dimension, number.key)
+            found[number.key] = Uncertain.model_construct(sd=sd, also=tuple(also))
         except ValueError as error:
             problems.append(((place,), str(error)))
     return found, problems
+
+
+def _number(key: object, owners: Mapping[str, Owner], known: set[str]) -> Parameter:
+    """The parameter of a key that is not yet known; ``ValueError`` if there is none."""
+    if not isinstance(key, str):
+        raise ValueError(f"must be a key such as material.mu, not {shown(key)}")
+    if key in known:
+        raise ValueError(f"{key} is duplicated")
+    return parameter(key, owners, None)
+
+
+def fault_of_tie(tied: Parameter, number: Parameter) -> str | None:
+    """Fault of a number that shall have the value of another one."""
+    if tied.dimension != number.dimension:
+        return f"{tied.key} is {tied.dimension}, but {number.key} is {number.dimension}"
+    return None
+
+
+def uncertain_parameters(given: Mapping[str, Uncertain], owners: Mapping[str, Owner]) -> list[Parameter]:
+    """The parameters of a section, with what changes with each."""
+    return [
+        replace(parameter(key, owners, one.sd), ties=tuple(parameter(other, owners, None) for other in one.also))
+        for key, one in given.items()
+    ]
+
+
+def with_ties(parameters: Sequence[Parameter]) -> list[Parameter]:
+    """The parameters and all that changes with them."""
+    return [number for one in parameters for number in (one, *one.ties)]
 
 
 def parameter(key: str, owners: Mapping[str, Owner], deviation: float | None) -> Parameter:

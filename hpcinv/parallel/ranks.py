@@ -71,6 +71,13 @@ def wait_for_root(comm: MPI.Intracomm) -> None:
         pause = min(2 * pause, 1e-2)
 
 
+def wait_for_all(world: MPI.Intracomm) -> None:
+    """Wait for all ranks without using the cores of those that still work."""
+    everyone = world.Ibarrier()
+    while not everyone.Test():
+        time.sleep(0.02)
+
+
 def agree(comm: MPI.Intracomm, error: HpcinvError | None) -> None:
     """Raise on every rank the error of the lowest rank that has one; collective."""
     errors = [e for e in comm.allgather(error) if e is not None]

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from hpcinv.errors import SystemPartMissing
-from hpcinv.parallel.ranks import MPI, abort, agree, failing_together, on_root, require_ranks
+from hpcinv.parallel.ranks import MPI, abort, agree, failing_together, on_root, require_ranks, wait_for_all
 from hpcinv.parallel.signals import handlers_kept
 
 
@@ -80,4 +80,5 @@ __all__ = [
     "failing_together",
     "on_root",
     "require_ranks",
+    "wait_for_all",
 ]

@@ -30,7 +30,7 @@ from petsc4py import PETSc
 from hpcinv.assembly.system import System
 from hpcinv.errors import SolveError
 from hpcinv.job.sections import Support
-from hpcinv.job.sensitivities import Parameter
+from hpcinv.job.sensitivities import Parameter, with_ties
 from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import Direction
 from hpcinv.parallel.runtime import MPI
@@ -71,7 +71,10 @@ class Sensitivities:
     def as_data(self) -> dict[str, Any]:
         """Return JSON data, without the fields."""
         return {
-            "parameters": {p.key: {"value": p.value, "sd": p.deviation} for p in self.parameters},
+            "parameters": {
+                p.key: {"value": p.value, "sd": p.deviation} | ({"also": [t.key for t in p.ties]} if p.ties else {})
+                for p in self.parameters
+            },
             "quantities": {
                 name: {"slopes": dict(by_key), "sd": self.deviations[name]} for name, by_key in self.slopes.items()
             },
@@ -114,16 +117,21 @@ def sensitivities(
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
-    body, changes = model.body, dict[str, Change]()
+    body, changes, numbers = model.body, dict[str, Change](), with_ties(parameters)
     with model.timings("sensitivities"):
-        references = {p.key: _reference(model, p, *given) for p in parameters} if given else {}
-        prescribed = {p.key: _prescribed(model, p) for p in parameters if isinstance(p.owner, Support)}
+        references = {p.key: _reference(model, p, *given) for p in numbers} if given else {}
+        prescribed = {p.key: _prescribed(model, p) for p in numbers if isinstance(p.owner, Support)}
         with model.at(solution.mesh_nodes, *solution.fields):
-            changes = _changes(model, solution, parameters, references, prescribed)
-        by_quantity = slopes(model, solution, [(p, changes[p.key]) for p in parameters])
-    nodes = {key: solution.sign * change.u for key, change in changes.items()}
-    for key, reference in references.items():
-        nodes[key] = nodes[key] + reference.nodes
+            changes = _changes(model, solution, numbers, references, prescribed)
+        by_quantity = {
+            name: _summed(parameters, by_key)
+            for name, by_key in slopes(model, solution, [(p, changes[p.key]) for p in numbers]).items()
+        }
+    nodes: dict[str, Floats] = {}
+    for p in parameters:
+        nodes[p.key] = np.asarray(solution.sign * sum(changes[one.key].u for one in (p, *p.ties)))
+        if references:
+            nodes[p.key] += references[p.key].nodes
     comm = body.mesh.comm
     lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
     deviation, at = None, None
@@ -132,7 +140,7 @@ def sensitivities(
     return Sensitivities(
         parameters=parameters,
         slopes=by_quantity,
-        displacement={key: change.displacement for key, change in changes.items()},
+        displacement={p.key: _displacement([changes[one.key] for one in (p, *p.ties)]) for p in parameters},
         nodes=nodes,
         shape={key: _largest(comm, length, solution.mesh_nodes)[0] for key, length in lengths.items()},
         deviations={name: _deviation(parameters, found) for name, found in by_quantity.items()},
@@ -159,6 +167,21 @@ def of_all_shapes(found: Mapping[str, Sensitivities], quantities: Iterable[str])
     )
 
 
+def _summed(parameters: Sequence[Parameter], by_key: Mapping[str, Value]) -> dict[str, Value]:
+    """Add to the slope by each parameter those by its ties."""
+    return {p.key: sum(np.array(by_key[one.key]) for one in (p, *p.ties)).tolist() for p in parameters}  # type: ignore[union-attr]
+
+
+def _displacement(changes: Sequence[Change]) -> fem.Function:
+    first, *ties = changes
+    if not ties:
+        return first.displacement
+    whole = first.displacement.copy()
+    for one in ties:
+        whole.x.array[:] += one.displacement.x.array
+    return whole
+
+
 def _prescribed(model: Model, parameter: Parameter) -> list[Floats]:
     """Rates of the prescribed displacements, whose formulas are of positions in the given mesh."""
     if parameter.where not in model.job.owners:
@@ -172,6 +195,9 @@ def _prescribed(model: Model, parameter: Parameter) -> list[Floats]:
 def _reference(model: Model, parameter: Parameter, solution: Solution, found: Sensitivities) -> ReferenceChange:
     """What a further state takes from the given one, whose solution and derivatives are known."""
     key = parameter.key
+    if key not in found.nodes:  # a tie, whose effect is part of its parameter's
+        nothing = fem.Function(solution.displacement.function_space)
+        return ReferenceChange(np.zeros_like(solution.mesh_nodes), nothing, math.inf)
     given, nodes = found.displacement[key], found.nodes[key]
     return ReferenceChange(nodes, given, change_limit(model, solution, given))
 

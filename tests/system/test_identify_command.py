@@ -83,3 +83,15 @@ def test_a_job_without_the_section_is_refused(tmp_path: Path) -> None:
     assert ended.returncode == 2
     assert ended.stderr == f"{plain}: has no section 'identify', which names parameters and observations\n"
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.release
+def test_its_kernels_are_compiled_before(job: Path, tmp_path: Path) -> None:
+    done = hpcinv(1, "compile", job, "--cache", tmp_path / "kernels", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    before = set((tmp_path / "kernels").glob("*.so"))
+    env = {"HPCINV_KERNELS": str(tmp_path / "kernels"), "XDG_CACHE_HOME": str(tmp_path / "own")}
+    ended = hpcinv(1, "identify", job, "-q", cwd=tmp_path, **env)
+    assert ended.returncode == 0, ended.stderr
+    assert set((tmp_path / "kernels").glob("*.so")) == before
+    assert not (tmp_path / "own").exists()

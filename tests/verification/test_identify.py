@@ -13,9 +13,10 @@ from helpers.command_line import NO_CERTIFICATE, ROOT
 from helpers.verification import box
 
 import hpcinv
-from hpcinv.errors import JobError, MeshError
+from hpcinv.errors import JobError, MeshError, OutputError
 from hpcinv.identification.report import identifiability, warnings
 from hpcinv.identification.run import Identified, identify
+from hpcinv.identification.shares import Share, shares_of, teams_of
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import read_source
 from hpcinv.mesh.export import save
@@ -174,6 +175,56 @@ def test_three_synthetic_scans(comm: MPI.Intracomm, tmp_path: Path) -> None:
                 workspace=workspace,
             )
             check_scans(identified, len(observed))
+        if comm.size > 1:
+            teams = identify(identified.job, comm, ranks_per_state=1).estimate
+            assert teams.history[-1] == pytest.approx(identified.estimate.history[-1], rel=1e-3)
+            np.testing.assert_allclose(teams.values, identified.estimate.values, rtol=1e-4)
+            np.testing.assert_allclose(teams.covariance, identified.estimate.covariance, rtol=1e-3)
+
+
+def test_shares_of_states() -> None:
+    """States that begin at one another stay together; numbers and observations of states go where these are."""
+    turned = {"name": "turned", "effects": weight(0, 9.81, 0), "start": "lying"}
+    given, *further = BLOCK["states"]
+    marks = [{"at": [1, 1, 1], "observed": [1, 1, 1]}]
+    observed = [{"name": s, "state": s, "landmarks": marks, "sd": 1} for s in ("free", "hanging", "turned")]
+    observed.append({"name": "volume", "quantity": "volume", "value": 1.0, "sd": 1.0})
+    whole = job(
+        states=[given, {"name": "free"}, *further, turned],
+        sensitivities={
+            "material.mu": None,
+            "states[0].effects[0].density": {"also": ["states[2].effects[0].density"]},
+            "states[3].effects[0].density": {"also": ["states[4].effects[0].density"]},
+        },
+        identify={"parameters": {"material.mu": None}, "observations": observed},
+    )
+    assert whole.identify is not None
+    with pytest.raises(OutputError, match="3 teams of ranks, but 2 further states"):
+        shares_of(whole, 3)
+    with pytest.raises(OutputError, match="5 ranks cannot be divided into teams"):
+        teams_of(5, 2)
+    found = []
+    for i, share in enumerate(shares_of(whole, teams_of(6, 3))):
+        part = share.job(whole.with_({"identify": None}))
+        names = [one.name for one in whole.identify.observations if share.has(one, first=i == 0)]
+        keys = {p.key: [t.key for t in p.ties] for p in part.differentiated}
+        found.append(([state.name for state in part.states], names, [q.name for q in part.quantities], keys))
+    density = "states[{}].effects[0].density".format
+    assert found == [
+        (
+            ["standing", "free", "lying", "turned"],
+            ["free", "turned", "volume"],
+            [f"{name}-{state}" for name in ("top", "corner") for state in ("standing", "lying", "turned")] + ["volume"],
+            {"material.mu": [], density(0): [], density(2): [density(3)]},
+        ),
+        (
+            ["standing", "free", "hanging"],
+            ["hanging"],
+            [f"{name}-{state}" for name in ("top", "corner") for state in ("standing", "hanging")],
+            {"material.mu": [], density(0): [density(2)]},
+        ),
+    ]
+    assert [share.job(whole) is whole for share in shares_of(whole, 1)] == [True]
 
 
 def check_scans(identified: Identified, scans: int) -> None:
@@ -213,7 +264,7 @@ def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path:
         identify={"parameters": {"material.mu": None} | ties, "observations": observations, "given_sd": 2.0},
     )
     with Workspace(comm) as workspace:
-        evaluations = Evaluations(both, comm, workspace, None, lambda: False)
+        evaluations = Evaluations(both, comm, workspace, Share(both), None, lambda: False)
         at = np.array([10e3, 150.0])
         base = evaluations.at(at)
         assert base is not None
@@ -365,7 +416,10 @@ MARK = [{"at": [0, 0, 1], "observed": [0, 0, 1]}]
         (parameter(bounds=["20 kPa", None]), "the starting value 10000 .SI. must be within the bounds"),
         (parameter(prior={"sd": 0}), "prior.sd: must be above 0"),
         (parameter(also=["material.mu"]), "material.mu is duplicated"),
-        (parameter(also=["states[0].effects[0].density"]), "also.0.: is a density, but material.mu is a stress"),
+        (
+            parameter(also=["states[0].effects[0].density"]),
+            r"also.0.: states.0..effects.0..density is a density, but material.mu is a stress",
+        ),
         (observation(quantity="volume", value="1 m^3", state="lying"), "state: is not valid with a quantity"),
         (observation(quantity="volumes", value=1.0), "there is no quantity 'volumes'. Did you mean 'volume'"),
         (observation(quantity="top-lying", value="1 kg"), "value: must be a length"),

@@ -318,6 +318,35 @@ FAULTS = {
 }
 
 
+TIES = [
+    ({"also": ["material.lam"], "deviation": 1}, "material.mu: has 'deviation'; it may have sd and also"),
+    ({"also": "material.lam"}, "material.mu: also must be a list of keys, not 'material.lam'"),
+    ({"also": ["material.mu"]}, "material.mu: material.mu is duplicated"),
+    ({"also": ["material.poisson"]}, "material.mu: material.poisson is a pure number, but material.mu is a stress"),
+    ({"sd": "1 mm"}, "material.mu: "),
+]
+
+
+@pytest.mark.parametrize(("entry", "told"), TIES, ids=[told for _, told in TIES])
+def test_what_cannot_change_together_is_refused(entry: dict[str, Any], told: str) -> None:
+    with pytest.raises(JobError) as caught:
+        squeezed(sensitivities={"material.mu": entry})
+    assert told in str(caught.value)
+
+
+def test_numbers_that_change_together_count_once(comm: MPI.Intracomm) -> None:
+    """Slopes add up, and so the standard deviation: √((a + b)² σ²) in place of √(a² σ² + b² σ²)."""
+    apart = of(package.run(squeezed(sensitivities={"material.mu": 100.0, "material.lam": 100.0}), comm))
+    tied = of(package.run(squeezed(sensitivities={"material.mu": {"sd": 100.0, "also": ["material.lam"]}}), comm))
+    for name, by_key in apart.slopes.items():
+        total = np.add(*(np.array(by_key[key]) for key in ("material.mu", "material.lam")))
+        np.testing.assert_allclose(tied.slopes[name]["material.mu"], total, rtol=1e-8, atol=1e-14)
+        np.testing.assert_allclose(tied.deviations[name], abs(total) * 100.0, rtol=1e-8, atol=1e-12)
+    whole = apart.nodes["material.mu"] + apart.nodes["material.lam"]
+    np.testing.assert_allclose(tied.nodes["material.mu"], whole, rtol=1e-8, atol=1e-14)
+    assert tied.as_data()["parameters"]["material.mu"]["also"] == ["material.lam"]
+
+
 @pytest.mark.parametrize(("key", "told"), FAULTS.items(), ids=list(FAULTS))
 def test_what_is_no_number_is_refused(key: str, told: str) -> None:
     with pytest.raises(JobError) as caught:
