@@ -27,6 +27,7 @@ from hpcinv.results.shape_distance import differences
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.results.totals import totals_of
 from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
+from hpcinv.sensitivity.surface_errors import SurfaceSpreads
 from hpcinv.solver.observer import Observer, Observers, StopSignal
 from hpcinv.solver.problem import Model
 from hpcinv.solver.problem_cache import Workspace
@@ -81,6 +82,7 @@ def run(
         observer = Observers(progress, checkpoint_writer, snapshots, report, stop)
         quantities: dict[str, Value] = {}
         slopes: dict[str, Sensitivities] = {}
+        spreads = SurfaceSpreads(job, body)
         for number, solve in enumerate(models.plan):
             model = models.of(number, solutions[0].displacement if number else None)
             if number == len(solutions):
@@ -106,16 +108,25 @@ def run(
                 if parameters := job.differentiated:
                     given = None if solve.mesh is None else (solutions[0], next(iter(slopes.values())))
                     slopes[solve.shape] = sensitivities(model, solution, parameters, given)
+                spreads.add(solve.shape, model, solution)
                 store.write_shape(job, model, solution, progress)
             checkpoint_writer.finished(solution)
         quantities = {q.name: quantities[q.name] for q in job.quantities}
 
+        spread = spreads.of(quantities)
         with progress.phase("checking"):
             certificate, estimate = certify_all(
-                models, solutions, quantities, problem.estimate, progress.detail, progress
+                models,
+                solutions,
+                quantities,
+                problem.estimate,
+                spread.deviations() if spread else {},
+                progress.detail,
+                progress,
             )
         errors = differences(body, solutions, problem.expected)
-        return report.conclude(solutions, certificate, quantities, errors, estimate, of_all_shapes(slopes, quantities))
+        of_all = of_all_shapes(slopes, quantities)
+        return report.conclude(solutions, certificate, quantities, errors, estimate, of_all, spread)
 
 
 def _solve(

@@ -39,6 +39,7 @@ def certify(
     begins: Callable[[str], None] = lambda _: None,
     observer: Observer = SILENT,
     given: Correction | None = None,
+    uncertain: float = 0.0,
 ) -> tuple[Certificate, Estimate | None]:
     """Check the solutions of a run; collective.
 
@@ -49,6 +50,7 @@ def certify(
         begins: called with the name of each check when it begins.
         observer: of the solve back.
         given: for a further state, the correction of the rest shape by the estimate of the given one.
+        uncertain: standard deviation (m) of the shape by errors of the given surface, 0 if it is not known.
     """
     solution, found, lines = solutions[0], known, list[Line]()
 
@@ -67,7 +69,7 @@ def certify(
         nonlocal found
         if found is None and model.job.certificate.estimate:
             found = estimate(model, solution, computed, given)
-        yield _discretisation(model, solution, found)
+        yield _discretisation(model, solution, found, uncertain)
 
     def way_back() -> Iterable[Line]:
         if len(solutions) == 1:
@@ -95,7 +97,7 @@ def certify(
     return Certificate(tuple(lines)), found
 
 
-def _discretisation(model: Model, solution: Solution, found: Estimate | None) -> Line:
+def _discretisation(model: Model, solution: Solution, found: Estimate | None, uncertain: float) -> Line:
     if found is None:
         forecast = finer_forecast(model)
         tried = ", and iterations did not converge" if forecast.operations > MANY else ""
@@ -108,4 +110,9 @@ def _discretisation(model: Model, solution: Solution, found: Estimate | None) ->
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
         return Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
     note = f"{found.shape:.3g} m{found.left_out}"
-    return at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, 0.5, note=note)
+    line = at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, 0.5, note=note)
+    if found.shape > uncertain:
+        return line
+    # The mesh need not be better than the image deserves.
+    note += f"; the given surface leaves {uncertain:.2g} m uncertain: a finer mesh is not worth its time"
+    return replace(line, note=note, verdict=Verdict.PASS if line.verdict is Verdict.WARN else line.verdict)

@@ -287,6 +287,11 @@ class Job(Spec):
         return uncertain_parameters(self.sensitivities, owners)
 
     @property
+    def has_derivatives(self) -> bool:
+        """Whether solutions have derivatives: those of contact with a rigid obstacle have none."""
+        return _have_derivatives(self.effects, self.states)
+
+    @property
     def owners(self) -> dict[str, Owner]:
         """The parts with numbers by which results can be differentiated, by their place in the job."""
         return _owners(self.material, self.effects, self.fibres, self.supports, self._places)
@@ -610,12 +615,17 @@ def _all_owners(data: Mapping[str, Any]) -> dict[str, Owner]:
 
 def _check_differentiable(data: Mapping[str, Any], verb: str) -> None:
     """Raise ``ValueError`` if solutions have no derivatives."""
-    effects = [*data["effects"], *(effect for state in data.get("states", ()) for effect in state.effects)]
-    if any("multiplier" in effect.functions(1) for effect in effects):
+    if not _have_derivatives(data["effects"], data.get("states", ())):
         raise ValueError(
             f"{verb} not possible with contact with a rigid obstacle, whose pressure is found by iteration; give it the"
             " 'stiffness' of an elastic layer"
         )
+
+
+def _have_derivatives(effects: Iterable[Effect], states: Iterable[State]) -> bool:
+    """Whether solutions have derivatives."""
+    everywhere = [*effects, *(effect for state in states for effect in state.effects)]
+    return not any("multiplier" in effect.functions(1) for effect in everywhere)
 
 
 def _places_of(number: int, state: State) -> dict[str, str]:

@@ -135,6 +135,17 @@ class MeshFile(Spec):
         return self
 
 
+class SurfaceError(Spec):
+    """Error of the given surface along its normal: random, with a standard deviation, and smooth."""
+
+    sd: Size
+    """standard deviation of the surface's position along its normal"""
+    correlation: Size | None = None
+    """length over which errors are alike; by default 10 standard deviations"""
+    samples: Annotated[int, Field(ge=2, le=10_000)] = 16
+    """random surfaces, of which each takes a linear solve; m of them tell a standard deviation to 1/√(2m)"""
+
+
 class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
@@ -148,6 +159,9 @@ class MeshSpec(MeshFile):
     """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region"""
     size: Annotated[Size | None, Field(exclude_if=lambda size: size is None)] = None
     """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' in place of 'file')"""
+    surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
+    """error of the given surface, whose effect on shape and quantities the certificate tells; of an image by default
+    {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
 
     formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES
 

@@ -29,7 +29,7 @@ class Parameter:
 
     Attributes:
         where: key of its owner in the job.
-        owner: law, effect, family of fibres or support.
+        owner: law, effect, family of fibres or support; ``None`` for the mesh.
         value: in SI.
         dimension: ``None`` if it depends on the use in a formula.
         deviation: its standard deviation in SI, or ``None``.
@@ -38,7 +38,7 @@ class Parameter:
 
     key: str
     where: str
-    owner: Owner
+    owner: Owner | None
     place: Location
     value: float
     dimension: Dimension | None

@@ -141,10 +141,10 @@ class FixedPoint(Spec):
 
 
 _LEVELS: Mapping[str, Mapping[str, Any]] = {
-    "off": {"round_trip": "off", "stability": False, "estimate": False, "overlap": False},
-    "quick": {"round_trip": "off", "stability": False, "estimate": False, "overlap": True},
-    "standard": {"round_trip": "near", "stability": True, "estimate": True, "overlap": True},
-    "full": {"round_trip": "path", "stability": True, "estimate": True, "overlap": True},
+    "off": {"round_trip": "off", "stability": False, "estimate": False, "overlap": False, "surface": False},
+    "quick": {"round_trip": "off", "stability": False, "estimate": False, "overlap": True, "surface": False},
+    "standard": {"round_trip": "near", "stability": True, "estimate": True, "overlap": True, "surface": True},
+    "full": {"round_trip": "path", "stability": True, "estimate": True, "overlap": True, "surface": True},
 }
 """Switches of each level of the certificate."""
 
@@ -164,6 +164,8 @@ class CertificateSettings(Spec):
     """estimate of the discretisation error of quantities and shape, by a correction in spaces of the next degree"""
     overlap: bool = True
     """check that the recovered body does not intersect itself"""
+    surface: bool = True
+    """standard deviations by errors of the given surface, if these are known (mesh.surface_error, or an image)"""
 
     @model_validator(mode="before")
     @classmethod

@@ -79,6 +79,7 @@ class MeshSource:
     data: Mapping[str, DataArray] = field(default_factory=dict)  # by name; cell arrays have rows for ``cells`` only
     parts: tuple[int, ...] = ()
     unit: float | None = None
+    voxel: float = 0.0  # size (m) of the voxels of the image from which it was made, 0 without one
     on_cad: bool = False  # nodes between the vertices lie on the surfaces of a CAD model
 
     @property

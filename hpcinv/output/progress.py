@@ -341,9 +341,12 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
     without = ", without that of the geometry" if estimated.get("without_geometry") else ""
     slopes = statistics["sensitivities"] or {"quantities": {}}
+    of_surface = (statistics.get("surface_errors") or {}).get("quantities", {})
     reactions = _reactions(statistics)
     for name, value in statistics["quantities"].items():
         notes = []
+        if (spread := of_surface.get(name)) is not None:
+            notes.append(f"± {_value(spread, digits=2)} by errors of the surface")
         if name in bounds:  # only one error of a quantity is printed
             notes.append(f"error at most {_number(bounds[name], 3)}{without}")
         elif name in estimated["quantities"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from hpcinv.pictures.gathering import boundary_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.sensitivity.analysis import Sensitivities
+from hpcinv.sensitivity.surface_errors import SurfaceSpread
 
 if TYPE_CHECKING:
     from hpcinv.pictures.colours import Colour
@@ -37,6 +39,7 @@ class Result:
         errors: distances from the job's expected shape, and of a round trip from the given shape.
         estimate: estimated discretisation errors, ``None`` if not requested.
         sensitivities: derivatives by numbers of the job, ``None`` if not requested.
+        surface_spread: what errors of the given surface cause, ``None`` if they are not known, or not requested.
         statistics: content of ``summary.json``.
         directory: of the run, ``None`` if nothing was written.
         accuracy: record of the search for the accuracy that the job demands, if any.
@@ -51,6 +54,7 @@ class Result:
     errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     estimate: Estimate | None = None
     sensitivities: Sensitivities | None = None
+    surface_spread: SurfaceSpread | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
     directory: Path | None = None
     accuracy: AccuracyRecord | None = None
@@ -105,6 +109,8 @@ class Result:
         solutions = [first, *(one for one in others if one.state)]
         slopes = self.sensitivities
         of_each = [one.fields() for one in slopes.shapes.values() or [slopes]] if slopes else []
+        spreads = self.surface_spread.fields() if self.surface_spread is not None else []
+        of_each = [[*(a or ()), *(b or ())] for a, b in zip_longest(of_each, spreads)]
         write_fields(directory, self.body, solutions, of_each, families=self.job.fibres, estimate=self.estimate)
 
     def to_dict(self) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.sensitivity.analysis import Sensitivities
+from hpcinv.sensitivity.surface_errors import SurfaceSpread
 from hpcinv.solver.diagnosis import diagnose
 from hpcinv.solver.observer import Observer, SolvedDirection
 from hpcinv.solver.problem import Model
@@ -57,13 +58,16 @@ class RunReport(Observer):
         errors: Mapping[str, Mapping[str, float]],
         estimate: Estimate | None,
         slopes: Sensitivities | None,
+        spread: SurfaceSpread | None,
     ) -> Result:
         """Write and print the summary of a converged run; the arguments are those of `Result`."""
         if self._record is not None:
             certificate = Certificate((*certificate.lines, *self._record.lines()))
+        if spread is not None:
+            certificate = Certificate((*certificate.lines, *spread.lines()))
         self._check_displacement(solutions[0])
         body = self._model.body
-        result = Result(self._job, body, tuple(solutions), certificate, quantities, errors, estimate, slopes)
+        result = Result(self._job, body, tuple(solutions), certificate, quantities, errors, estimate, slopes, spread)
         return self._finish(result, "converged")
 
     def _check_displacement(self, solution: Solution) -> None:

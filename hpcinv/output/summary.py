@@ -63,6 +63,7 @@ def statistics(
         "unused_petsc_options": list(unused_options),
         "quantities": dict(result.quantities),
         "sensitivities": result.sensitivities and result.sensitivities.as_data(),
+        "surface_errors": result.surface_spread and result.surface_spread.as_data(),
         "errors": dict(result.errors),
         "certificate": result.certificate.as_data() | {"estimate": result.estimate and result.estimate.as_data()},
         "accuracy": comm.bcast(result.accuracy and result.accuracy.as_data()),  # with the seconds of rank 0

@@ -20,6 +20,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
@@ -92,12 +93,16 @@ class Sensitivities:
             named.name = f"d displacement/d {key}"
             found.append(named)
         if self.deviation is not None:
-            space = found[0].function_space
-            scalar = fem.functionspace(space.mesh, ("Lagrange", space.ufl_element().degree))
-            deviation = fem.Function(scalar, name="sd")
-            vectors = {key: function.x.array.reshape(-1, 3) for key, function in self.displacement.items()}
-            deviation.x.array[:] = _deviations(self.parameters, vectors)
-            found.append(deviation)
+            found.append(self.deviation_field("sd"))
+        return found
+
+    def deviation_field(self, name: str) -> fem.Function:
+        """Return the standard deviation of the displacement in m."""
+        space = next(iter(self.displacement.values())).function_space
+        scalar = fem.functionspace(space.mesh, ("Lagrange", space.ufl_element().degree))
+        found = fem.Function(scalar, name=name)
+        vectors = {key: function.x.array.reshape(-1, 3) for key, function in self.displacement.items()}
+        found.x.array[:] = _deviations(self.parameters, vectors)
         return found
 
 
@@ -106,6 +111,7 @@ def sensitivities(
     solution: Solution,
     parameters: Sequence[Parameter],
     given: tuple[Solution, Sensitivities] | None = None,
+    mesh: Mapping[str, Floats] = MappingProxyType({}),
 ) -> Sensitivities:
     """Differentiate a solution at full load by parameters of the job; collective.
 
@@ -113,13 +119,17 @@ def sensitivities(
 
     Args:
         given: for a further state, what was found in the given one, from which its reference shape comes.
+        mesh: for the first solve, derivatives (n, 3) of its local geometry nodes by those parameters that move these.
 
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
     body, changes, numbers = model.body, dict[str, Change](), with_ties(parameters)
     with model.timings("sensitivities"):
-        references = {p.key: _reference(model, p, *given) for p in numbers} if given else {}
+        if given:
+            references = {p.key: _reference(model, p, *given) for p in numbers}
+        else:
+            references = {key: ReferenceChange(moved, None, _cell_limit(model, moved)) for key, moved in mesh.items()}
         prescribed = {p.key: _prescribed(model, p) for p in numbers if isinstance(p.owner, Support)}
         with model.at(solution.mesh_nodes, *solution.fields):
             changes = _changes(model, solution, numbers, references, prescribed)
@@ -130,7 +140,7 @@ def sensitivities(
     nodes: dict[str, Floats] = {}
     for p in parameters:
         nodes[p.key] = np.asarray(solution.sign * sum(changes[one.key].u for one in (p, *p.ties)))
-        if references:
+        if p.key in references:
             nodes[p.key] += references[p.key].nodes
     comm = body.mesh.comm
     lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
@@ -180,6 +190,15 @@ def _displacement(changes: Sequence[Change]) -> fem.Function:
     for one in ties:
         whole.x.array[:] += one.displacement.x.array
     return whole
+
+
+def _cell_limit(model: Model, moved: Floats) -> float:
+    """Change of a parameter by which a node would move by the smallest cell's size, collective."""
+    mesh = model.body.mesh
+    sizes = mesh.h(3, np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32))
+    smallest = mesh.comm.allreduce(float(sizes.min(initial=math.inf)), op=MPI.MIN) * model.body.length_scale
+    largest = mesh.comm.allreduce(float(np.abs(moved).max(initial=0.0)), op=MPI.MAX)
+    return smallest / largest if largest else math.inf
 
 
 def _prescribed(model: Model, parameter: Parameter) -> list[Floats]:

@@ -34,16 +34,16 @@ _SMALL = 1e-3  # displacement of an unloaded body that counts as much, relative 
 
 @dataclass(frozen=True)
 class ReferenceChange:
-    """Derivatives by one parameter of what a further state takes from the given one.
+    """Derivatives by one parameter of the mesh on which a state is solved, and of what it takes from the given one.
 
     Attributes:
-        nodes: of the local geometry nodes of the reference shape, (n, 3).
-        given: of the given state's displacement, in m.
-        limit: parameter's change by which the given state's displacement would double.
+        nodes: of the mesh's local geometry nodes, (n, 3): for a further state those of the reference shape.
+        given: of the given state's displacement, in m; ``None`` in that state itself.
+        limit: parameter's change by which the given state's displacement would double, or cells change their shape.
     """
 
     nodes: Floats
-    given: fem.Function
+    given: fem.Function | None
     limit: float
 
     @contextmanager

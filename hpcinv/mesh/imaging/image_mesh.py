@@ -59,7 +59,8 @@ def image_mesh(
     """
     image = _without_islands(read_labels(path, labels, unit), report)
     volumes = [image.volume(label) for label in range(1, len(labels) + 1)]
-    return _meshed(image, size, volumes, _WITHIN * float(image.spacing.min()), most, report)
+    mesh = _meshed(image, size, volumes, _WITHIN * float(image.spacing.min()), most, report)
+    return replace(mesh, voxel=float(image.spacing.prod() ** (1 / 3)))
 
 
 def surface_mesh(path: Path, size: float, unit: float, most: int, report: Callable[[str], None]) -> MeshSource:

@@ -1,0 +1,247 @@
+"""Standard deviations of shapes and quantities from that of the given surface, such as one that was segmented.
+
+The given surface is wrong by ``w n`` along its normal n, with a Gaussian random field w of mean 0, standard deviation σ
+and covariance ``σ² exp(-|x - y|²/(2 ℓ²))`` in space. It is sampled as a sum of plane waves with random directions and
+phases; nodes of the surface move by each sample, and shapes and quantities follow as exact derivatives of the discrete
+solution tell. With m samples each standard deviation is known to about 1/√(2m) of itself.
+
+Source: Shinozuka & Deodatis, "Simulation of multi-dimensional Gaussian stochastic fields by spectral representation"
+(1996), doi:10.1115/1.3101883.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from dolfinx import fem, la
+from dolfinx.mesh import entities_to_geometry, exterior_facet_indices
+
+from hpcinv.certificate.check import Line, Verdict, skipped
+from hpcinv.certificate.symmetry import symmetry_planes
+from hpcinv.errors import SolveError
+from hpcinv.job.job import Job
+from hpcinv.job.sections import AXES
+from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh import Body
+from hpcinv.mesh.bounding_box import diagonal
+from hpcinv.mesh.regions import LocalIndices
+from hpcinv.mesh.source import Floats
+from hpcinv.quantity.units import Dimension, readable
+from hpcinv.results.solution import Solution
+from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
+from hpcinv.solver.problem import Model
+
+SPREAD = "standard deviation of the shape by errors of the given surface"
+CUT = "cut"  # region where an image ends, which is no surface of the organ
+_OF_VOXEL = 0.12  # standard deviation that meshes of labels without errors have, in voxels
+_OF_SD = 10.0  # correlation length by default, in standard deviations
+_SAMPLES = 16
+_WAVES = 400
+_ROUND_OFF = 1e-9  # of the body's diagonal
+_SEED = 18
+
+
+@dataclass(frozen=True)
+class SurfaceErrors:
+    """Errors of the given surface; lengths in m.
+
+    Attributes:
+        sd: standard deviation along the normal.
+        correlation: length over which errors are alike.
+        voxel: size of the image's voxels from which both were taken, 0 if they were given.
+    """
+
+    sd: float
+    correlation: float
+    samples: int
+    voxel: float
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        """A parameter for each sample, such that their standard deviations together are those of the surface."""
+        deviation = 1 / math.sqrt(self.samples)
+        return [Parameter(f"surface {i}", "mesh", None, (), 0.0, Dimension(), deviation) for i in range(self.samples)]
+
+    def displacements(self, job: Job, body: Body) -> dict[str, Floats]:
+        """Return the samples, displacements (n, 3) m of the local geometry nodes, by key; collective."""
+        normals = surface_normals(job, body)
+        on_surface = np.flatnonzero(normals.any(axis=1))
+        points, random = body.mesh.geometry.x[on_surface] * body.length_scale, np.random.default_rng(_SEED)
+        found = {}
+        for parameter in self.parameters:
+            waves = random.standard_normal((_WAVES, 3)) / self.correlation
+            phases = random.uniform(0, 2 * np.pi, _WAVES)
+            height = np.cos(points @ waves.T + phases).sum(axis=1) * math.sqrt(2 / _WAVES)
+            moved = np.zeros_like(normals)
+            moved[on_surface] = self.sd * height[:, None] * normals[on_surface]
+            found[parameter.key] = moved
+        return found
+
+    def as_data(self) -> dict[str, Any]:
+        data = {"sd": self.sd, "correlation": self.correlation, "samples": self.samples}
+        return data | ({"voxel": self.voxel} if self.voxel else {})
+
+
+@dataclass(frozen=True)
+class SurfaceSpread:
+    """Standard deviations that errors of the given surface cause.
+
+    Attributes:
+        found: of all shapes and quantities.
+        states: that were solved, by the state whose shape this found.
+        seconds: that they took.
+        failure: why they are not known; then there is nothing else.
+    """
+
+    errors: SurfaceErrors
+    found: Sensitivities | None = None
+    states: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+    failure: str = ""
+
+    @property
+    def shapes(self) -> Mapping[str, Sensitivities]:
+        """What was found, by the state whose shape it is; ``""`` is the one shape of a job without states."""
+        if self.found is None:
+            return {}
+        return self.found.shapes or {"": self.found}
+
+    def as_data(self) -> dict[str, Any]:
+        """Return JSON data, without the fields."""
+        if self.found is None:
+            return self.errors.as_data() | {"failure": self.failure}
+        shapes = {name: {"sd": one.deviation, "sd_at": one.deviation_at} for name, one in self.shapes.items()}
+        return (
+            self.errors.as_data()
+            | {"quantities": dict(self.found.deviations)}
+            | ({"shape": shapes[""]} if "" in shapes else {"shapes": shapes})
+        )
+
+    def deviations(self) -> dict[str, float]:
+        """Return the largest standard deviation (m) of each shape, by the state that was solved."""
+        return {self.states[name]: one.deviation or 0.0 for name, one in self.shapes.items()}
+
+    def lines(self) -> list[Line]:
+        """Return the lines of the certificate, which tell and do not judge."""
+        if self.found is None:
+            return [skipped(SPREAD, self.failure)]
+        e = self.errors
+        source = f", from voxels of {readable(e.voxel, 'm')}" if e.voxel else ""
+        note = (
+            f"surface known to {readable(e.sd, 'm')} over {readable(e.correlation, 'm')}{source};"
+            f" {e.samples} samples, to {100 / math.sqrt(2 * e.samples):.0f} %"
+        )
+        lines = [
+            Line(SPREAD, sd, "m", "told, not judged", Verdict.PASS, note, state=state)
+            for state, sd in self.deviations().items()
+        ]
+        return [replace(lines[0], seconds=self.seconds), *lines[1:]]
+
+    def fields(self) -> list[list[fem.Function]]:
+        """Return fields for ParaView for each shape: the standard deviation ``surface sd`` in m."""
+        return [[one.deviation_field("surface sd")] for one in self.shapes.values()]
+
+
+class SurfaceSpreads:
+    """Spread of the shapes of a run by errors of the given surface, solve by solve; methods are collective."""
+
+    def __init__(self, job: Job, body: Body) -> None:
+        self._errors = errors_of(job, body)
+        self._found: dict[str, Sensitivities] = {}
+        self._states: dict[str, str] = {}
+        self._given: Solution | None = None
+        self._seconds = 0.0
+        self._failure = "" if job.has_derivatives else "there are no derivatives of contact with a rigid obstacle"
+
+    def add(self, shape: str, model: Model, solution: Solution) -> None:
+        """Follow the errors to the shape that a solve has found."""
+        if self._errors is None or self._failure:
+            return
+        begun = time.perf_counter()
+        self._states[shape] = solution.state
+        parameters = self._errors.parameters
+        try:
+            if self._given is None:
+                moved = self._errors.displacements(model.job, model.body)
+                self._found[shape] = sensitivities(model, solution, parameters, mesh=moved)
+                self._given = solution
+            else:
+                given = self._given, next(iter(self._found.values()))
+                self._found[shape] = sensitivities(model, solution, parameters, given)
+        except SolveError as error:
+            self._failure = error.message
+        self._seconds += time.perf_counter() - begun
+
+    def of(self, quantities: Iterable[str]) -> SurfaceSpread | None:
+        """Return what was found, ``None`` if no errors are known.
+
+        Args:
+            quantities: names of all quantities of interest, in order.
+        """
+        if self._errors is None:
+            return None
+        if self._failure:
+            return SurfaceSpread(self._errors, failure=self._failure)
+        return SurfaceSpread(self._errors, of_all_shapes(self._found, quantities), self._states, self._seconds)
+
+
+def errors_of(job: Job, body: Body) -> SurfaceErrors | None:
+    """Return the errors of the given surface, ``None`` if they are not known, or not asked for."""
+    given, voxel = job.mesh.surface_error, body.source.voxel
+    if not job.certificate.surface or (given is None and not voxel):
+        return None
+    if given is not None:
+        return SurfaceErrors(given.sd, given.correlation or _OF_SD * given.sd, given.samples, 0.0)
+    # Errors are alike over a voxel, or between the nodes of a mesh of larger cells.
+    return SurfaceErrors(_OF_VOXEL * voxel, max(voxel, (job.mesh.size or 0.0) / 2), _SAMPLES, voxel)
+
+
+def surface_normals(job: Job, body: Body) -> Floats:
+    """Return unit normals (n, 3) out of the body at the local geometry nodes of its surface, 0 at others; collective.
+
+    A node's normal is the mean of those of its facets, by their area. The region `CUT` does not count, nor do planes of
+    symmetry, in which nodes stay.
+    """
+    mesh = body.mesh
+    given = mesh.geometry.x * body.length_scale
+    planes = symmetry_planes(job, body, given, given)
+    facets = exterior_facet_indices(mesh.topology)
+    facets = facets[facets < mesh.topology.index_map(2).size_local]
+    for name in [plane.region for plane in planes] + [name for name in body.regions if name == CUT]:
+        facets = np.setdiff1d(facets, body.facets(name))
+    mesh.topology.create_connectivity(2, 3)
+    sums = la.vector(mesh.geometry.index_map(), 3)
+    if len(facets):
+        nodes = entities_to_geometry(mesh, 2, facets)
+        np.add.at(sums.array.reshape(-1, 3), nodes.ravel(), np.repeat(_areas(body, facets, nodes), nodes.shape[1], 0))
+    sums.scatter_reverse(la.InsertMode.add)
+    sums.scatter_forward()
+    normals = sums.array.reshape(-1, 3).copy()
+    near = _ROUND_OFF * diagonal(mesh.comm, given)
+    for plane in planes:
+        i = AXES.index(plane.axis)
+        normals[np.abs(given[:, i] - plane.position) <= near, i] = 0.0
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0))
+
+
+def _areas(body: Body, facets: LocalIndices, nodes: LocalIndices) -> Floats:
+    """Return area vectors (f, 3) of facets, out of the body."""
+    mesh = body.mesh
+    links = mesh.topology.connectivity(2, 3)
+    cells = links.array[links.offsets[facets]]
+    x = mesh.geometry.x
+    inner = x[mesh.geometry.dofmaps[0][cells]].mean(axis=1)
+    corners = x[nodes]
+    # Vertices come first: three of a triangle; of a quadrilateral 0, 1, 2, 3 with 0 and 3 opposite.
+    if mesh.topology.cell_type.name == "tetrahedron":
+        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    else:
+        areas = np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
+    outward = np.einsum("ij,ij->i", areas, corners[:, 0] - inner) > 0
+    return np.asarray(np.where(outward[:, None], areas, -areas))
