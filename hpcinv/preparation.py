@@ -8,11 +8,10 @@ from hpcinv.accuracy import AccuracyRecord, Search
 from hpcinv.certificate import Estimate
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import is_generator
-from hpcinv.mesh.source import Floats
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import check_points
-from hpcinv.results.shape_distance import read_expected
+from hpcinv.results.shape_distance import Expected, read_expected
 from hpcinv.results.solution import Solution
 from hpcinv.solver.observer import Observer
 from hpcinv.solver.problem_cache import Models, Workspace
@@ -24,7 +23,7 @@ class Prepared:
 
     job: Job
     models: Models
-    expected: Floats | None = None  # local nodes of the expected shape, (n, 3) in m
+    expected: Expected | None = None
     solutions: tuple[Solution, ...] = ()
     record: AccuracyRecord | None = None
     estimate: Estimate | None = None

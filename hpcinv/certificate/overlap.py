@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hpcinv.certificate.aabb_tree import BoxTrees
-from hpcinv.certificate.surface import Surface, Triangles, gather_surface
 from hpcinv.certificate.triangles import crossing
+from hpcinv.mesh.surface import Surface, Triangles, gather_surface
 from hpcinv.mesh.topology import unique_rows
 from hpcinv.parallel.runtime import on_root
 

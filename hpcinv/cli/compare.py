@@ -24,38 +24,66 @@ def add_compare(commands: Any) -> None:
         "Measure distances between the surfaces of two bodies, their volumes and overlap.",
         examples=(
             "hpcinv compare results/pdms-beam straight.stl --unit mm\n"
-            "hpcinv compare results/breast scan.stl --shape supine --unit mm --align --to distance.vtp"
+            "hpcinv compare results/breast scan.stl --shape supine --unit mm --align --to distance.vtp\n"
+            "hpcinv compare results/liver later.nii.gz --label 5 --align spine"
         ),
         page="how-to/compare.md",
     )
-    parser.add_argument("one", type=Path, help="a mesh, a closed surface (.stl, .ply, .obj, .vtp), or a run")
+    parser.add_argument(
+        "one", type=Path, help="a mesh, a closed surface (.stl, .ply, .obj, .vtp), a segmented image, or a run"
+    )
     parser.add_argument("other", type=Path, help="the same, to compare with")
-    parser.add_argument("--unit", default="m", help="length unit of the files that are no runs (default: m)")
+    parser.add_argument("--unit", help="length unit of the files that are no runs (default: mm of images, else m)")
+    parser.add_argument(
+        "--label",
+        type=_labels,
+        default=[],
+        metavar="N[,N]",
+        help="numbers of the body's voxels in images (default: all but 0)",
+    )
     parser.add_argument("--shape", default="undeformed", help="of runs: undeformed, deformed, or the name of a state")
-    parser.add_argument("--align", action="store_true", help="move the first rigidly to the second before")
+    parser.add_argument(
+        "--align",
+        nargs="?",
+        const="",
+        metavar="REGION[,REGION]",
+        help="move the first rigidly to the second before, by all of their surfaces or by regions of them",
+    )
     parser.add_argument("--to", type=Path, metavar="FILE", help="the first surface with distances in m (.vtp)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="the figures, in SI")
     add_option(parser)
     parser.set_defaults(command=_compare)
 
 
+def _labels(text: str) -> list[int]:
+    return [int(number) for number in text.split(",")]
+
+
 def _compare(options: argparse.Namespace) -> int:
-    if options.unit not in LENGTH_UNITS:
+    if options.unit is not None and options.unit not in LENGTH_UNITS:
         raise OutputError(f"--unit {options.unit}: is no unit of length.{did_you_mean(options.unit, LENGTH_UNITS)}")
     if options.to is not None and options.to.suffix != ".vtp":
         raise OutputError(f"{options.to}: a surface with distances ends in .vtp", "Name it *.vtp.")
     on_one_process("compare")
-    from hpcinv.workshop.comparison import compare, surface_in
+    from hpcinv.results.surface_comparison import compare
+    from hpcinv.workshop.comparison import surface_in
 
-    unit = parse_quantity(f"1 {options.unit}")[0]
-    one, other = (surface_in(path, unit, options.shape) for path in (options.one, options.other))
-    found = compare(one, other, align=options.align)
-    if options.align:
+    unit = None if options.unit is None else parse_quantity(f"1 {options.unit}")[0]
+    one, other = (surface_in(path, unit, options.shape, options.label) for path in (options.one, options.other))
+    align = None
+    if options.align is not None:
+        names = options.align.split(",") if options.align else []
+        if names and not one.regions:
+            raise OutputError(f"{options.one}: has no regions to align by", "Give --align without regions.")
+        align = one.part(names), other.part(names)
+    found = compare(one.surface, other.surface, align)
+    if align:
         moved, angle = readable(found.translation, "m"), math.degrees(found.rotation)
         print(f"{options.one} moved by {moved}, turned by {angle:.3g} degrees")
     for path, side in ((options.one, found.one), (options.other, found.other)):
         centre = ", ".join(f"{c:.6g}" for c in side.centre)
-        print(f"{path}: volume {readable(side.volume, 'm^3')}, centre ({centre}) m")
+        axis = ", ".join(f"{c:.3g}" for c in side.axes[0])
+        print(f"{path}: volume {readable(side.volume, 'm^3')}, centre ({centre}) m, long axis ({axis})")
         figures = (side.mean, side.rms, side.quantile_95, side.largest)
         mean, rms, most, largest = (readable(figure, "m") for figure in figures)
         print(f"  from the other's surface: mean {mean} (outside positive), rms {rms}, 95 % {most}, largest {largest}")

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.certificate.surface import gather_surface
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.identification import Observation
 from hpcinv.job.job import Job
@@ -24,6 +23,7 @@ from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.location import Location, locate, position
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
+from hpcinv.mesh.surface import gather_surface
 from hpcinv.model.surface_distance import barycentric, read_points
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import on_root

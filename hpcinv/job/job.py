@@ -20,7 +20,7 @@ from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.rules import unknown_families, unsuited, unsuited_effects, unsuited_supports, wants_pressure
-from hpcinv.job.sections import COORDINATES, MeshFile, QuantityOfInterest, Support, directory_of
+from hpcinv.job.sections import COORDINATES, ExpectedShape, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
@@ -127,8 +127,9 @@ class Job(Spec):
     change together are one entry, such as {"effects[0].density": {sd: 10 kg/m^3, also: ["effects[1].density"]}}"""
     identify: Identification | None = Field(default=None, exclude_if=lambda section: section is None)
     """parameters that 'hpcinv identify' finds together with the rest shape, and observations of other states"""
-    expected_shape: MeshFile | None = None
-    """a mesh with the same nodes, whose distance from the recovered shape is reported"""
+    expected_shape: ExpectedShape | None = None
+    """a mesh with the same nodes, a closed surface or a segmented image, whose distance from the recovered shape is
+    reported"""
     accuracy: Mapping[Name, AnyQuantity] = {}
     """largest errors of quantities by name, such as {tip: 0.1 mm}; degree and mesh are then chosen accordingly"""
 
@@ -454,9 +455,14 @@ class Job(Spec):
 
     @field_validator("expected_shape")
     @classmethod
-    def _check_expected_shape(cls, expected: MeshFile | None, info: ValidationInfo) -> MeshFile | None:
+    def _check_expected_shape(cls, expected: ExpectedShape | None, info: ValidationInfo) -> ExpectedShape | None:
         mesh = info.data.get("mesh")
-        if expected is not None and mesh is not None and expected.is_partitioned != mesh.is_partitioned:
+        if (
+            expected is not None
+            and expected.has_nodes
+            and mesh is not None
+            and expected.is_partitioned != mesh.is_partitioned
+        ):
             text = "must be a partitioned mesh (.bp) if and only if the mesh of the job is"
             raise Problems((("file",), f"{text}: 'hpcinv mesh partition' makes one, with the same --parts"))
         return expected

@@ -83,6 +83,30 @@ class MeshFile(Spec):
         """True if each rank reads some parts of the mesh, and none reads all of it."""
         return Path(self.file).suffix == SUFFIX
 
+    @property
+    def is_image(self) -> bool:
+        """True if the mesh is made from a segmented image."""
+        return Path(self.file).suffix in IMAGES
+
+    @property
+    def is_surface(self) -> bool:
+        """True if the mesh is made from a closed surface."""
+        return Path(self.file).suffix in SURFACES
+
+    @model_validator(mode="before")
+    @classmethod
+    def _source_is_a_file(cls, data: Any) -> Any:
+        sources = [key for key in ("image", "surface") if isinstance(data, Mapping) and key in data]
+        if len(sources) > 1 or (sources and "file" in data):
+            other = "file" if "file" in data else sources[0]
+            raise Problems(((sources[-1],), f"is given beside '{other}': a mesh is made from one of them"))
+        return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
+
+    @property
+    def has_unit(self) -> bool:
+        """True if the unit was given."""
+        return "unit" in self.model_fields_set
+
     @field_validator("file")
     @classmethod
     def _check_file(cls, file: str, info: ValidationInfo) -> str:
@@ -135,6 +159,33 @@ class MeshFile(Spec):
         return self
 
 
+class ExpectedShape(MeshFile):
+    """The body that a run should find: a mesh with the nodes of the given one, a closed surface (written as 'surface'
+    in place of 'file'), or a segmented image ('image')."""
+
+    labels: ListOf[Annotated[int, Field(strict=True)]] = ()
+    """numbers of the body's voxels in an image; by default all but 0"""
+    align: bool = False
+    """whether the body that was found is moved rigidly to a surface or image before it is compared"""
+
+    formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES
+
+    @property
+    def has_nodes(self) -> bool:
+        """True for a mesh."""
+        return not self.is_image and not self.is_surface
+
+    @model_validator(mode="after")
+    def _check_source(self) -> Self:
+        if self.labels and not self.is_image:
+            raise Problems((("labels",), "is for segmented images only, and 'file' is none"))
+        if self.align and self.has_nodes:
+            raise Problems((("align",), "is for surfaces and images only: nodes are compared where they are"))
+        if self.is_surface and "unit" not in self.model_fields_set:
+            raise Problems((("unit",), "is needed: files of surfaces do not have one"))
+        return self
+
+
 class SurfaceError(Spec):
     """Error of the given surface along its normal: random, with a standard deviation, and smooth."""
 
@@ -164,25 +215,6 @@ class MeshSpec(MeshFile):
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
 
     formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES
-
-    @property
-    def is_image(self) -> bool:
-        """True if the mesh is made from a segmented image."""
-        return Path(self.file).suffix in IMAGES
-
-    @property
-    def is_surface(self) -> bool:
-        """True if the mesh is made from a closed surface."""
-        return Path(self.file).suffix in SURFACES
-
-    @model_validator(mode="before")
-    @classmethod
-    def _source_is_a_file(cls, data: Any) -> Any:
-        sources = [key for key in ("image", "surface") if isinstance(data, Mapping) and key in data]
-        if len(sources) > 1 or (sources and "file" in data):
-            other = "file" if "file" in data else sources[0]
-            raise Problems(((sources[-1],), f"is given beside '{other}': a mesh is made from one of them"))
-        return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
 
     @model_validator(mode="after")
     def _check_geometry_degree(self) -> Self:

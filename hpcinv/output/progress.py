@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 _ERRORS = {
     "round_trip": "round trip: closes to {max:.3g} m ({relative:.1g} of the body's length)",
     "expected_shape": "recovered shape: {max:.3g} m from the expected one ({relative:.1g} of its length)",
+    "expected_surface": "recovered surface: up to {max:.3g} m from the expected one, rms {rms:.3g} m, 95 % within"
+    " {quantile_95:.3g} m, overlap (Dice) {dice:.3f}",
 }
 
 
@@ -362,7 +364,9 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         )
     lines += _sensitivities(statistics["sensitivities"])
     lines += [
-        text.format(**statistics["errors"][name]) for name, text in _ERRORS.items() if name in statistics["errors"]
+        _ERRORS["expected_surface" if "dice" in found else name].format(**found)
+        for name in ("round_trip", "expected_shape")
+        if (found := statistics["errors"].get(name))
     ]
     return lines
 

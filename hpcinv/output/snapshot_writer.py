@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from hpcinv.certificate.surface import gather_surface
 from hpcinv.effects import Direction
 from hpcinv.errors import OutputError
+from hpcinv.mesh.surface import gather_surface
 from hpcinv.output.checkpoint import Restart
 from hpcinv.output.run_store import RunStore
 from hpcinv.parallel.runtime import on_root

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.certificate.overlap import find_overlap
-from hpcinv.certificate.surface import Surface, Triangles, gather_surface
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.source import Floats
+from hpcinv.mesh.surface import Surface, Triangles, gather_surface
 from hpcinv.pictures.boundary import Boundary, BoundaryResult
 from hpcinv.results.cell_middles import deformation_gradients, fibres
 

@@ -1,38 +1,120 @@
 """Distances between shapes: recovered and expected, beginning and end of a round trip.
 
 Every distance is a dict of ``max`` and ``rms`` over the geometry nodes (m), and ``relative``, the first divided by the
-diagonal of the body's bounding box.
+diagonal of the body's bounding box. From a surface they are those of points of the recovered surface, and ``max`` is
+the largest distance of either surface from the other one.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.sections import ExpectedShape, MeshSpec
 from hpcinv.mesh import Body, at_local_nodes
 from hpcinv.mesh.body import read_anywhere
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats, MeshSource
-from hpcinv.parallel.runtime import MPI
+from hpcinv.mesh.surface import gather_surface
+from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.solution import Solution
 
+if TYPE_CHECKING:
+    import pyvista
 
-def read_expected(job: Job, body: Body) -> Floats | None:
-    """Read the local geometry nodes (n, 3) m of the job's expected shape; ``None`` if it names none; collective.
+_SIDES = 4  # parts of each side of a curved facet
+
+
+@dataclass(frozen=True)
+class ExpectedNodes:
+    """Local geometry nodes (n, 3) m that a run should find."""
+
+    nodes: Floats
+
+    def distance(self, body: Body, solution: Solution) -> dict[str, float]:
+        """Return the distance of the recovered shape; collective."""
+        return distance(body, solution, self.nodes)
+
+
+@dataclass(frozen=True)
+class ExpectedSurface:
+    """Closed surface (m) that a run should find, on rank 0; ``None`` on others."""
+
+    surface: pyvista.PolyData | None
+    align: bool
+
+    def distance(self, body: Body, solution: Solution) -> dict[str, float]:
+        """Return the distance of the recovered surface; collective."""
+        comm, found = body.mesh.comm, gather_surface(body, solution.other_nodes)
+
+        def on_rank_0() -> dict[str, float]:
+            import pyvista  # takes a second
+
+            from hpcinv.results.surface_comparison import compare
+
+            assert found is not None
+            assert self.surface is not None
+            cut = found.cut(1 if found.degree == 1 else _SIDES, np.arange(len(found.nodes)))
+            one = pyvista.PolyData.from_regular_faces(cut.points, cut.corners)
+            compared = compare(one, self.surface, (one, self.surface) if self.align else None)
+            largest = max(compared.one.largest, compared.other.largest)
+            return {
+                "max": largest,
+                "rms": compared.one.rms,
+                "relative": largest / float(np.linalg.norm(np.ptp(cut.points, axis=0))),
+                "mean": compared.one.mean,
+                "quantile_95": compared.one.quantile_95,
+                "dice": compared.dice,
+            }
+
+        return on_root(comm, on_rank_0)
+
+
+type Expected = ExpectedNodes | ExpectedSurface
+
+
+def read_expected(job: Job, body: Body) -> Expected | None:
+    """Read the job's expected shape; ``None`` if it names none; collective.
 
     Raises:
         MeshError: on every rank, if it cannot be read or is not the body's mesh at other coordinates.
+        SystemPartMissing: on every rank, if the packages for images are not installed.
     """
     expected = job.expected_shape
     if expected is None:
         return None
+    if not expected.has_nodes:
+        return ExpectedSurface(_read_surface(job, expected, body.mesh.comm), expected.align)
     # Straight or curved as the body is, whatever the file is; it was checked to exist when the job was read.
-    spec = MeshSpec.model_construct(**(dict(expected) | {"geometry_degree": body.source.degree}))
-    return at_local_nodes(body, read_same_cells(spec, job, body, "expected_shape").points)
+    values = {name: value for name, value in dict(expected).items() if name in MeshSpec.model_fields}
+    spec = MeshSpec.model_construct(**(values | {"labels": {}, "geometry_degree": body.source.degree}))
+    return ExpectedNodes(at_local_nodes(body, read_same_cells(spec, job, body, "expected_shape").points))
+
+
+def _read_surface(job: Job, expected: ExpectedShape, comm: MPI.Intracomm) -> pyvista.PolyData | None:
+    found: list[pyvista.PolyData] = []
+
+    def on_rank_0() -> None:
+        from hpcinv.mesh.imaging.closed_surface import read_closed  # loads VTK
+        from hpcinv.mesh.imaging.image_surface import image_surface
+
+        path = job.resolve(expected.file)
+        if expected.is_image:
+            found.append(image_surface(path, expected.labels, expected.unit if expected.has_unit else 1e-3))
+        else:
+            surface = read_closed(path)
+            surface.points = np.asarray(surface.points, dtype=np.float64) * expected.unit
+            found.append(surface)
+
+    on_root(comm, on_rank_0)
+    return found[0] if found else None
 
 
 def read_same_cells(spec: MeshSpec, job: Job, body: Body, name: str) -> MeshSource:
@@ -55,11 +137,11 @@ def read_same_cells(spec: MeshSpec, job: Job, body: Body, name: str) -> MeshSour
     return source
 
 
-def differences(body: Body, solutions: Sequence[Solution], expected: Floats | None) -> dict[str, dict[str, float]]:
-    """Return the distance of the first solution's shape from ``expected`` nodes, and the round trip's closure error."""
+def differences(body: Body, solutions: Sequence[Solution], expected: Expected | None) -> dict[str, dict[str, float]]:
+    """Return the distance of the first solution's shape from the ``expected`` one, and a round trip's closure error."""
     found = {}
     if expected is not None:
-        found["expected_shape"] = distance(body, solutions[0], expected)
+        found["expected_shape"] = expected.distance(body, solutions[0])
     if len(solutions) == 2 and not solutions[0].state:
         found["round_trip"] = closure(*solutions)
     return found

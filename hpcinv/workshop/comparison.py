@@ -1,168 +1,95 @@
-"""Comparison of two bodies: distances of their surfaces, volumes, and overlap.
-
-Distances are those of points of one surface from the other one, positive outside of it, weighted by area.
-Source of the alignment: Besl & McKay, "A method for registration of 3-D shapes" (1992), doi:10.1109/34.121791; of
-the overlap: Dice, "Measures of the amount of ecologic association between species" (1945), doi:10.2307/1932409.
-"""
+"""Surfaces of bodies to compare, of meshes, runs, triangles and segmented images, with regions to align by."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyvista
-import vtk
 
 from hpcinv.errors import OutputError
-from hpcinv.job.sections import FORMATS, SURFACES, MeshSpec
+from hpcinv.job.sections import FORMATS, IMAGES, SURFACES, MeshSpec
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.imaging.closed_surface import read_closed
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.imaging.image_surface import image_surface
+from hpcinv.mesh.source import MeshSource
 from hpcinv.output.run_directory import RunDirectory
+from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.workshop.run_shapes import UNDEFORMED, read_shape
 from hpcinv.workshop.solid import solid_of
 
-_SAMPLES = 64  # voxels along the longest side of both bodies, by which the overlap is found
-_STEPS, _LANDMARKS = 200, 5000
+
+@dataclass(frozen=True)
+class BodySurface:
+    """Closed surface of a body in m.
+
+    Attributes:
+        regions: parts of it by name; empty for images and files of triangles.
+    """
+
+    path: Path
+    surface: pyvista.PolyData
+    regions: Mapping[str, pyvista.PolyData] = field(default_factory=dict)
+
+    def part(self, names: Sequence[str]) -> pyvista.PolyData:
+        """Return some regions together; all of the surface if the body has no regions, or none is named.
+
+        Raises:
+            OutputError: the body has other regions.
+        """
+        if not names or not self.regions:
+            return self.surface
+        for name in names:
+            if name not in self.regions:
+                raise OutputError(
+                    f"{self.path}: there is no region of the surface '{name}'", did_you_mean(name, self.regions).strip()
+                )
+        return pyvista.merge([self.regions[name] for name in names], merge_points=True)
 
 
-def surface_in(path: Path, unit: float, shape: str = UNDEFORMED) -> pyvista.PolyData:
-    """Closed surface (m) of the body in a mesh, a file of triangles, or the directory of a run.
+def surface_in(path: Path, unit: float | None, shape: str = UNDEFORMED, labels: Sequence[int] = ()) -> BodySurface:
+    """Surface of the body in a mesh, a segmented image, a file of triangles, or the directory of a run.
 
     Args:
-        unit: length unit (m) of a file.
+        unit: length unit (m) of a file; by default mm of an image, and m of other files.
         shape: of a run: `UNDEFORMED`, deformed, or the name of a state.
+        labels: numbers of the body's voxels in an image; by default all but 0.
 
     Raises:
         OutputError, MeshError: there is none.
     """
     if path.suffix in SURFACES:
         surface = read_closed(path)
-        surface.points = surface.points.astype(np.float64) * unit
-        return surface
+        surface.points = surface.points.astype(np.float64) * (unit or 1.0)
+        return BodySurface(path, surface)
+    if path.suffix in IMAGES and path.exists():
+        return BodySurface(path, image_surface(path, labels, unit or 1e-3))
     if path.is_dir() and RunDirectory(path).summary() is not None:
         source = read_shape(path, shape)
     elif path.exists() and path.suffix in FORMATS:
-        spec = MeshSpec.model_validate({"file": path.name, "unit": unit}, context={"directory": path.parent})
+        spec = MeshSpec.model_validate({"file": path.name, "unit": unit or 1.0}, context={"directory": path.parent})
         source = read_source(spec, path)
     else:
         raise OutputError(
-            f"{path}: is no mesh, surface or run",
-            f"Meshes end in {', '.join(FORMATS)}, surfaces in {', '.join(SURFACES)}; a run is a directory.",
+            f"{path}: is no mesh, surface, image or run",
+            f"Meshes end in {', '.join(FORMATS)}, surfaces in {', '.join(SURFACES)}, images in {', '.join(IMAGES)};"
+            " a run is a directory.",
         )
     solid = solid_of(source, None)
-    return pyvista.PolyData.from_regular_faces(solid.points, solid.triangles)
+    return BodySurface(path, pyvista.PolyData.from_regular_faces(solid.points, solid.triangles), _regions(source))
 
 
-@dataclass(frozen=True)
-class Side:
-    """One body beside the other one; lengths in m.
-
-    Attributes:
-        volume: in m³.
-        centre: of the volume.
-        distances: of the surface's points, signed: mean, root mean square, 95 % quantile and largest of the sizes.
-    """
-
-    volume: float
-    centre: list[float]
-    mean: float
-    rms: float
-    quantile_95: float
-    largest: float
-
-    def as_data(self) -> dict[str, Any]:
-        return self.__dict__ | {}
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Two bodies, of which the first one may have been moved to the second.
-
-    Attributes:
-        dice: twice the volume in both over the sum of both volumes.
-        surface: the first one as it was compared, with ``distance`` (m) at its points.
-    """
-
-    one: Side
-    other: Side
-    dice: float
-    rotation: float
-    translation: float
-    surface: pyvista.PolyData
-
-    def as_data(self) -> dict[str, Any]:
-        """JSON data, in SI."""
-        moved = {"rotation": self.rotation, "translation": self.translation}
-        return {"one": self.one.as_data(), "other": self.other.as_data(), "dice": self.dice, "moved": moved}
-
-
-def compare(one: pyvista.PolyData, other: pyvista.PolyData, *, align: bool) -> Comparison:
-    """Compare two closed surfaces; with ``align`` the first one is moved rigidly to the second one before."""
-    rotation, translation = 0.0, 0.0
-    if align:
-        one, rotation, translation = _aligned(one, other)
-    there, back = _distances(one, other), _distances(other, one)
-    one = one.copy()
-    one.point_data["distance"] = there
-    return Comparison(_side(one, there), _side(other, back), _dice(one, other), rotation, translation, one)
-
-
-def _distances(of: pyvista.PolyData, to: pyvista.PolyData) -> Floats:
-    return np.asarray(of.compute_implicit_distance(to)["implicit_distance"], dtype=np.float64)
-
-
-def _side(surface: pyvista.PolyData, distances: Floats) -> Side:
-    corners = np.asarray(surface.points, dtype=np.float64)[surface.regular_faces]
-    twice = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    middle = corners[:, 0].mean(axis=0)  # near the body, for the digits of the volume
-    a, b, c = (corners[:, i] - middle for i in range(3))
-    volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
-    centre = middle + ((a + b + c) / 4 * volumes[:, None]).sum(axis=0) / volumes.sum()
-    weights = np.zeros(surface.n_points)
-    np.add.at(weights, surface.regular_faces.ravel(), np.repeat(np.linalg.norm(twice, axis=1) / 6, 3))
-    weights /= weights.sum()
-    sizes = np.abs(distances)
-    order = np.argsort(sizes)
-    at = min(int(np.searchsorted(np.cumsum(weights[order]), 0.95)), len(order) - 1)
-    return Side(
-        volume=float(abs(volumes.sum())),
-        centre=[float(c) for c in centre],
-        mean=float(weights @ distances),
-        rms=float(np.sqrt(weights @ distances**2)),
-        quantile_95=float(sizes[order][at]),
-        largest=float(sizes.max()),
-    )
-
-
-def _aligned(one: pyvista.PolyData, other: pyvista.PolyData) -> tuple[pyvista.PolyData, float, float]:
-    """Move a surface rigidly to another; also the angle (rad), and the distance (m) by which its middle moves."""
-    icp = vtk.vtkIterativeClosestPointTransform()
-    icp.SetSource(one)
-    icp.SetTarget(other)
-    icp.GetLandmarkTransform().SetModeToRigidBody()
-    icp.SetMaximumNumberOfIterations(_STEPS)
-    icp.SetMaximumNumberOfLandmarks(_LANDMARKS)
-    icp.SetCheckMeanDistance(1)
-    icp.SetMaximumMeanDistance(1e-7 * one.length)
-    icp.StartByMatchingCentroidsOn()
-    icp.Update()
-    matrix = pyvista.array_from_vtkmatrix(icp.GetMatrix())
-    cosine = (np.trace(matrix[:3, :3]) - 1) / 2
-    middle = np.array(one.center)
-    moved = one.copy()
-    moved.points = one.points @ matrix[:3, :3].T + matrix[:3, 3]
-    shift = matrix[:3, :3] @ middle + matrix[:3, 3] - middle
-    return moved, float(np.arccos(np.clip(cosine, -1, 1))), float(np.linalg.norm(shift))
-
-
-def _dice(one: pyvista.PolyData, other: pyvista.PolyData) -> float:
-    low = np.minimum(one.bounds[::2], other.bounds[::2])
-    high = np.maximum(one.bounds[1::2], other.bounds[1::2])
-    spacing = (high - low).max() / _SAMPLES
-    counts = np.ceil((high - low) / spacing).astype(int) + 2
-    grid = pyvista.ImageData(dimensions=counts, spacing=[spacing] * 3, origin=low - 0.5 * spacing)
-    a, b = (np.asarray(s.voxelize_binary_mask(reference_volume=grid)["mask"]) > 0 for s in (one, other))
-    return float(2 * (a & b).sum() / max(a.sum() + b.sum(), 1))
+def _regions(source: MeshSource) -> dict[str, pyvista.PolyData]:
+    found = {}
+    for group in source.groups:
+        if group.dim == 2 and len(group.members):
+            nodes = source.facets[group.members]
+            if source.kind == "tetrahedron":
+                triangles = nodes[:, :3]
+            else:  # 0 and 3 are opposite corners
+                triangles = np.concatenate([nodes[:, [0, 1, 3]], nodes[:, [0, 3, 2]]])
+            used, rows = np.unique(triangles, return_inverse=True)
+            found[group.name] = pyvista.PolyData.from_regular_faces(source.points[used], rows.reshape(-1, 3))
+    return found

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 
-from hpcinv.certificate.surface import Surface, surface_of
 from hpcinv.errors import MeshError, OutputError
 from hpcinv.mesh.cells import jacobians
 from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.mesh.surface import Surface, surface_of
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import readable
 

@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
+import SimpleITK
 
 from hpcinv.__main__ import main
-from hpcinv.workshop.comparison import compare, surface_in
+from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh import read_source
+from hpcinv.results.surface_comparison import compare
+from hpcinv.workshop.comparison import surface_in
 
 
 def ball(path: Path, radius: float = 10.0, centre: tuple[float, float, float] = (0, 0, 0)) -> Path:
@@ -42,19 +46,19 @@ def test_balls_of_two_sizes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 def test_a_body_that_was_moved_is_moved_back() -> None:
     turned = egg().rotate_z(12).rotate_x(5).translate([0.004, -0.001, 0.002])
-    found = compare(turned, egg(), align=True)
+    found = compare(turned, egg(), (turned, egg()))
     print(f"{found.one.largest:.1e} m left, turned by {np.degrees(found.rotation):.2f} degrees")
     assert found.one.largest < 2e-5
     assert found.rotation == pytest.approx(np.radians(np.hypot(12, 5)), rel=0.05)
     assert found.dice > 0.99
-    left = compare(turned, egg(), align=False)
+    left = compare(turned, egg())
     assert left.one.largest > 3e-3
     assert (left.rotation, left.translation) == (0, 0)
 
 
 def test_a_mesh_beside_a_surface(meshes: Path, tmp_path: Path) -> None:
     pyvista.Cube(center=(0.5, 0.5, 0.5)).triangulate().save(tmp_path / "cube.stl")
-    found = compare(surface_in(meshes / "box.py", 1.0), surface_in(tmp_path / "cube.stl", 1.0), align=False)
+    found = compare(surface_in(meshes / "box.py", 1.0).surface, surface_in(tmp_path / "cube.stl", 1.0).surface)
     assert found.one.largest < 1e-7
     assert found.one.centre == pytest.approx([0.5, 0.5, 0.5])
     assert found.one.volume == pytest.approx(found.other.volume, rel=1e-6)
@@ -65,7 +69,7 @@ def test_a_mesh_beside_a_surface(meshes: Path, tmp_path: Path) -> None:
     ("arguments", "fault"),
     [
         (["missing.stl", "ball.stl"], "missing.stl: "),
-        (["ball.stl", "notes.txt"], "notes.txt: is no mesh, surface or run"),
+        (["ball.stl", "notes.txt"], "notes.txt: is no mesh, surface, image or run"),
         (["ball.stl", "ball.stl", "--unit", "kg"], "--unit kg: is no unit of length"),
         (["ball.stl", "ball.stl", "--to", "far.stl"], "far.stl: a surface with distances ends in .vtp"),
     ],
@@ -82,3 +86,57 @@ def test_bad_input_is_told(
     (tmp_path / "notes.txt").write_text("no body")
     assert main(["compare", *arguments]) == 2
     assert fault in capsys.readouterr().err
+
+
+def written(path: Path, direction: tuple[float, ...] = (1, 0, 0, 0, 1, 0, 0, 0, 1)) -> Path:
+    """Image of a ball of 10 mm about (50, 0, 0) mm as labels 3 and 4, in voxels of 1 mm along turned axes."""
+    axis = np.arange(28) - 13.5
+    voxels = (np.linalg.norm(np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1), axis=-1) < 10).astype(int)
+    voxels[14:] *= 2
+    image = SimpleITK.GetImageFromArray((voxels + 2 * (voxels > 0)).astype(np.uint8).transpose())
+    image.SetDirection(direction)
+    matrix = np.array(direction).reshape(3, 3)
+    image.SetOrigin((np.array([50, 0, 0]) - matrix @ np.full(3, 13.5)).tolist())
+    SimpleITK.WriteImage(image, str(path))
+    return path
+
+
+@pytest.mark.parametrize(
+    "direction", [(1, 0, 0, 0, 1, 0, 0, 0, 1), (-1, 0, 0, 0, 0, 1, 0, 1, 0), (0, 1, 0, 1, 0, 0, 0, 0, 1)]
+)
+def test_an_image_beside_a_surface(direction: tuple[float, ...], tmp_path: Path) -> None:
+    """Volume, place and distances of a ball, also with axes that are turned and mirrored."""
+    image = surface_in(written(tmp_path / "ball.nii.gz", direction), None)
+    found = compare(image.surface, surface_in(ball(tmp_path / "ball.stl", centre=(50, 0, 0)), 1e-3).surface)
+    print(f"rms {found.one.rms:.1e}, largest {found.one.largest:.1e} m, Dice {found.dice:.4f}")
+    assert image.surface.volume == pytest.approx(4224e-9, rel=2e-3)  # that of its voxels
+    assert found.one.centre == pytest.approx([0.05, 0, 0], abs=2e-5)
+    assert found.one.largest < 0.5e-3
+    assert found.one.rms < 0.25e-3
+    half = surface_in(tmp_path / "ball.nii.gz", None, labels=[3])
+    assert half.surface.volume == pytest.approx(2112e-9, rel=2e-3)
+
+
+def test_principal_axes_of_an_ellipsoid() -> None:
+    turned = egg().rotate_z(30)
+    found = compare(turned, turned).one
+    assert np.abs(found.axes[0]) == pytest.approx([0, 0, 1], abs=1e-6)
+    assert np.abs(found.axes[1]) == pytest.approx([0.5, 3**0.5 / 2, 0], abs=2e-3)
+
+
+def test_alignment_by_regions(meshes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A block that has grown at its top is laid on its base, not on its middle."""
+    from hpcinv.mesh.export import save
+
+    source = read_source(MeshSpec.model_validate({"file": str(meshes / "box.py")}), meshes / "box.py")
+    grown = source.points * [1, 1, 1.2] + [0.3, 0, 0.1]
+    save(tmp_path / "one.msh", source, grown)
+    save(tmp_path / "other.msh", source, source.points)
+    out = tmp_path / "figures.json"
+    command = ["compare", str(tmp_path / "one.msh"), str(tmp_path / "other.msh"), "--json", str(out)]
+    assert main([*command, "--align", "z0"]) == 0
+    found = json.loads(out.read_text())
+    assert found["one"]["largest"] == pytest.approx(0.2, abs=1e-3)
+    assert found["moved"]["translation"] == pytest.approx(np.hypot(0.3, 0.1), rel=1e-2)
+    assert main([*command, "--align", "z9"]) == 2
+    assert "one.msh: there is no region of the surface 'z9'" in capsys.readouterr().err

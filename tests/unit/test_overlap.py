@@ -13,9 +13,9 @@ from helpers.mesh_cases import spec
 
 from hpcinv.certificate.aabb_tree import BoxTrees
 from hpcinv.certificate.overlap import Overlap, find_overlap, overlap
-from hpcinv.certificate.surface import Surface, gather_surface
 from hpcinv.certificate.triangles import crossing
 from hpcinv.mesh import Body, build_body, read_source
+from hpcinv.mesh.surface import Surface, gather_surface
 from hpcinv.parallel.runtime import MPI
 
 type Move = Callable[[np.ndarray], np.ndarray]

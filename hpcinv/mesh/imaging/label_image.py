@@ -73,6 +73,11 @@ def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float) ->
     return LabelImage(path, tuple(labels), voxels, spacing, origin, axes)
 
 
+def read_numbers(path: Path) -> Floats:
+    """Return the numbers (nx, ny, nz) of an image; errors are those of `read_labels`."""
+    return np.asarray(_read(path)[0])
+
+
 def _read(path: Path) -> tuple[Any, Any]:
     """The numbers (nx, ny, nz) of an image, and the image of SimpleITK."""
     try:
