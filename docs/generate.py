@@ -22,6 +22,7 @@ from hpcinv import __main__ as command_line
 from hpcinv import errors
 from hpcinv.cli.formula_guide import OPERATORS, PLACES, varying
 from hpcinv.effects import effects
+from hpcinv.job.fibre_rules import FibreRule
 from hpcinv.job.job import json_schema
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.isochoric import DILATATIONS
@@ -30,7 +31,7 @@ from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.docstrings import meanings
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.quantity import Quantity
-from hpcinv.quantity.schema import metadata_in
+from hpcinv.quantity.schema import members_of, metadata_in
 from hpcinv.quantity.spatial_fields import VaryingQuantity
 
 DOCS = Path(__file__).parent
@@ -179,6 +180,18 @@ def _job_keys() -> Iterator[str]:
         yield _linked(" ".join(part.get("description", "").split())).replace("``", "`")
         yield ""
         yield from _table(("key", "value", "default", "meaning"), _rows(part, definitions))
+        if section == "fibres":
+            yield from _fibre_rules()
+
+
+def _fibre_rules() -> Iterator[str]:
+    for name, rule in members_of(FibreRule, "kind").items():
+        schema = rule.model_json_schema()
+        yield ""
+        yield f"### rule: {name}"
+        yield ""
+        yield from _docstring(rule)
+        yield from _table(("key", "value", "default", "meaning"), _rows(schema, schema.get("$defs", {})))
 
 
 def _sections(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> dict[str, str]:

@@ -561,6 +561,12 @@ class Job(Spec):
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
                 raise Problems(((key,), "is not valid with 'states', which tell what is given; remove it"))
+        given_rest = any(state.given and state.is_rest for state in self.states)
+        is_reference = given_rest if self.states else self.directions[0] == "forward"
+        mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")
+        text = f"must be '{mesh}' for a rule, which is evaluated on the mesh of the job, the {shape} body"
+        rules = ((name, family) for name, family in self.fibres.items() if family.rule is not None)
+        raise_if_any((("fibres", name, "given_on"), text) for name, family in rules if family.given_on != mesh)
         return self
 
 
@@ -708,6 +714,9 @@ def _named_regions(job: Job) -> Iterator[tuple[Location, str]]:
             yield ("material", region), region
         for field in type(law).model_fields:
             yield from _in_values(getattr(law, field), (*where.split(".", 1), field))
+    for name, family in job.fibres.items():
+        for field, region in family.rule.surfaces.items() if family.rule is not None else ():
+            yield ("fibres", name, "rule", field), region
     for i, quantity in enumerate(job.quantities):
         if quantity.on is not None:
             yield ("quantities", i, "on"), quantity.on

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import dolfinx
 import numpy as np
@@ -67,6 +68,11 @@ class Body:
         source = found[0].source if found else header
         assert source is not None
         return with_geometry(self, source), ""
+
+    @cached_property
+    def computed(self) -> dict[str, Any]:
+        """What was computed from the shape of the mesh as its source has it, such as fibres by a rule; by key."""
+        return {}
 
     def facets(self, name: str) -> LocalIndices:
         """Local facets of a region; raises ``MeshError`` on all ranks if the region does not exist or has no facets."""

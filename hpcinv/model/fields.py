@@ -13,8 +13,9 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.mesh import Body
 from hpcinv.mesh.data import as_function, distribute
 from hpcinv.mesh.source import DataArray, Floats
+from hpcinv.model.fibre_rules import in_cells, rule_directions
 from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion, Varying
+from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRegion, ByRule, Varying
 
 _KINDS = {"physical": "groups of the mesh", "geometric": "regions of the job"}
 _INWARDS = 0.8  # position of samples from a cell's midpoint to its nodes; formulas may be singular on the surface
@@ -35,12 +36,15 @@ class BodyFields:
             self._updated[name] = fem.Function(fem.functionspace(self.body.mesh, element), name=name)
         return self._updated[name]
 
-    def function(self, value: ByRegion | ByData, scale: float, where: str) -> fem.Function:
+    def function(self, value: ByRegion | ByData | ByRule, scale: float, where: str) -> fem.Function:
         """Return values in units of ``scale`` (SI), constant in each cell or nodal; collective.
 
         Raises:
-            MeshError: on all ranks, if regions leave gaps or overlap, or if there is no such array.
+            MeshError: on all ranks, if regions leave gaps or overlap, if there is no such array, or if a rule has no
+                direction.
         """
+        if isinstance(value, ByRule):
+            return rule_directions(self.body, value.rule, where).function
         if isinstance(value, ByData):
             function = as_function(self.body, self._array(value))
             function.x.array[:] *= value.factor / scale
@@ -66,8 +70,10 @@ class BodyFields:
             case _:
                 return np.full((1, 1), float(value))
 
-    def vector_samples(self, value: ByData | tuple[ByFormula, ...], where: str) -> Floats:
+    def vector_samples(self, value: ByData | ByRule | tuple[ByFormula, ...], where: str) -> Floats:
         """Return vectors as `samples`, (cells, points, 3) after broadcasting; collective."""
+        if isinstance(value, ByRule):
+            return _inwards(in_cells(rule_directions(self.body, value.rule, where).function))
         if isinstance(value, ByData):
             return self._data(value)
         stacked: Floats = np.stack(np.broadcast_arrays(*(self.samples(v, where) for v in value)), axis=2)

@@ -30,7 +30,7 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import Scales
-from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion
+from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion, ByRule
 from hpcinv.quantity.units import Dimension
 
 
@@ -167,7 +167,7 @@ class Parameters:
                 self._metre = self._append(self._scales.length)
             constants = {name: self._append(constant) for name, constant in value.constants.items()}
             return _Formula(value.formula, self._append(1 / scale), constants)
-        if isinstance(value, ByRegion | ByData):
+        if isinstance(value, ByRegion | ByData | ByRule):
             if where not in self._functions:
                 self._functions[where] = self._fields.function(value, scale, where), dimension
             return self._functions[where][0]

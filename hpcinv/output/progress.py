@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from hpcinv.errors import HpcinvError
 from hpcinv.job.sections import REACTIONS
+from hpcinv.model.fibre_rules import notes_on_rules
 from hpcinv.output.run_log import RunLog
 from hpcinv.quantity.units import readable
 from hpcinv.solver.observer import Observer
@@ -201,6 +202,8 @@ class Progress(Observer):
         self._directory = str(directory)
         kind = job.kind.removesuffix(" analysis")
         self.note(f"{job.job}: {kind}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
+        for line in notes_on_rules(body):
+            self.note(f"  {line}")
         if restart is not None:
             for complaint in restart.complaints:
                 self.note(f"  not used: {complaint}")

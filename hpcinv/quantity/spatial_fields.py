@@ -68,8 +68,19 @@ class ByData:
         return {"data": self.array} | ({"unit": self.unit} if self.unit else {})
 
 
+@dataclass(frozen=True)
+class ByRule:
+    """Unit vectors that follow from the shape of the body by a rule, a part of the job."""
+
+    rule: Any
+
+    def plain(self) -> dict[str, Any]:
+        plain: dict[str, Any] = self.rule.model_dump(mode="json")
+        return plain
+
+
 type Varying = ByRegion | ByFormula | ByData
-VARYING = (ByRegion, ByFormula, ByData)
+VARYING = (ByRegion, ByFormula, ByData, ByRule)
 
 
 @dataclass(frozen=True)
@@ -82,7 +93,7 @@ class VaryingQuantity(Quantity):
         Args:
             definitions: formulas of the names in a formula.
         """
-        if isinstance(value, VARYING):
+        if isinstance(value, ByRegion | ByFormula | ByData):
             return value
         if isinstance(value, Mapping):
             return self._data(value) if "data" in value else self._by_region(value)

@@ -12,7 +12,8 @@ from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.data import distribute
 from hpcinv.mesh.source import Floats
-from hpcinv.quantity.spatial_fields import ByData
+from hpcinv.model.fibre_rules import in_middles, rule_directions
+from hpcinv.quantity.spatial_fields import ByData, ByRule
 from hpcinv.results.solution import Solution
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def fibres(
     """
     found = dict[str, Floats]()
     for name, family in families.items():
-        direction: Floats = _given(body, family, given, cells)
+        direction: Floats = _given(body, name, family, given, cells)
         if family.given_on == "current":
             direction = np.asarray(np.linalg.solve(gradients, direction[:, :, None])[:, :, 0], dtype=float)
         length = np.linalg.norm(direction, axis=1, keepdims=True)
@@ -54,9 +55,11 @@ def fibres(
     return found
 
 
-def _given(body: Body, family: FibreFamily, solution: Solution, cells: Cells) -> Floats:
+def _given(body: Body, name: str, family: FibreFamily, solution: Solution, cells: Cells) -> Floats:
     """Return the directions as they are given, of any length."""
     (value, _) = family.quantities()["direction"]
+    if isinstance(value, ByRule):
+        return in_middles(rule_directions(body, value.rule, f"fibres.{name}").function, cells)
     dofs = body.mesh.geometry.dofmaps[0]
     shapes = scalar_element(body.source.kind, body.source.degree).tabulate(0, _middle(body.source.kind))[0, 0, :, 0]
     if isinstance(value, ByData):

@@ -58,7 +58,7 @@ def without(*keys: str, **changes: Any) -> dict[str, Any]:
     return {key: value for key, value in FIBRE.items() if key not in keys} | changes
 
 
-NEEDS_ONE = "fibres.fibre: needs exactly one of 'direction' (three formulas) and 'data' (an array of the mesh file)"
+NEEDS_ONE = "fibres.fibre: needs exactly one of 'direction' (three formulas), 'data' (an array of the mesh file) and 'r"
 
 
 @pytest.mark.parametrize(

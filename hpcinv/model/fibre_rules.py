@@ -1,0 +1,317 @@
+"""Directions of fibres by a rule on a body: frames from Laplace solutions across and along its wall.
+
+With the unit vector ``e1`` along the wall (from apex to base, or from inlet to outlet), ``e2`` across it (outwards,
+normal to e1) and ``e0 = e1 × e2`` around it, the fibre at the helix angle α is ``cos α e0 + sin α e1``. The sheet is
+``e2``, rotated about the fibre by the sheet angle β. Both angles are linear in the Laplace solution across the wall.
+
+Source: Bayer, Blake, Plank & Trayanova, Ann. Biomed. Eng. 40, 2243–2254, 2012, doi:10.1007/s10439-012-0593-5. Unlike
+there, angles of both ventricles change linearly through free walls too (the paper interpolates twice, so that the
+change is quadratic in the left one).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from hpcinv.errors import MeshError, naming_field
+from hpcinv.job.fibre_rules import FibreRule, TubeRule, VentricleRule
+from hpcinv.mesh.cells import jacobians
+from hpcinv.mesh.source import Floats
+from hpcinv.model.laplace import Dofs, Laplace
+from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.mesh import Body
+
+type Bools = npt.NDArray[np.bool_]
+
+_COLUMN = {"fibre": 0, "normal": 1, "sheet": 2}
+_CHUNK = 10_000  # cells at a time, to limit memory
+_FLAT = 1e-7  # change of a Laplace solution over a cell that is not distinguished from none
+_PARALLEL = 1e-3  # sine of the angle between the directions along and across the wall that is not either
+_TURN = 0.5  # cosine of the largest turn of the wall between the middle and other points of a cell
+_OPPOSED = 0.1  # the same of a direction in it, whose sign is not certain at right angles
+_DEGREE = 2  # of the directions in a cell, since a helix may turn by 120° through one layer of cells
+_MOST_UNDEFINED = 0.05  # share of the cells
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Unit vectors of one axis of a rule's frames.
+
+    Attributes:
+        function: the vectors, of degree 2 in each cell and discontinuous between cells, of length 1 at its points.
+        undefined: number of cells, on all ranks, without a direction along the wall, as at an apex.
+        turning: number of cells in which the wall turns so much that they have the direction of their middle.
+    """
+
+    function: fem.Function
+    undefined: int
+    turning: int
+
+    @property
+    def text(self) -> str:
+        """What a report says about them; empty if there is nothing to say."""
+        turning = f"the direction is constant in {self.turning} cells in which the wall turns by more than 60°"
+        undefined = f"{self.undefined} cells have no direction along the wall, and an arbitrary one in it"
+        parts = [turning * bool(self.turning), undefined * bool(self.undefined)]
+        return "; ".join(part for part in parts if part)
+
+
+def rule_directions(body: Body, rule: FibreRule, where: str) -> Directions:
+    """Return the directions of a rule on a body; computed once for a body; collective.
+
+    Args:
+        where: place of the family in the job, for messages.
+
+    Raises:
+        MeshError: on all ranks, if a region is missing or empty, if two touch that must not, or if the directions are
+            not defined in more than a few cells.
+    """
+    key = f"fibres {rule.model_dump_json()}"
+    if key not in body.computed:
+        body.computed[key] = _computed(body, rule, where)
+    found: Directions = body.computed[key]
+    return found
+
+
+def notes_on_rules(body: Body) -> Iterator[str]:
+    """Yield what a report says about the directions that rules have found on a body so far."""
+    for found in body.computed.values():
+        if isinstance(found, Directions) and found.text:
+            yield f"{found.function.name}: {found.text}"
+
+
+def in_cells(function: fem.Function) -> Floats:
+    """Return the vectors at the points of each local cell, ghosts included, (cells, points, 3)."""
+    return np.asarray(function.x.array.reshape(-1, 3)[function.function_space.dofmap.list])
+
+
+def in_middles(function: fem.Function, cells: npt.NDArray[np.integer]) -> Floats:
+    """Return the vectors in the middle of local cells, (cells, 3)."""
+    element = function.function_space.element.basix_element
+    shapes = element.tabulate(0, element.points.mean(axis=0)[None])[0, 0, :, 0]
+    return np.asarray(np.einsum("n,cni->ci", shapes, in_cells(function)[cells]))
+
+
+def _computed(body: Body, rule: FibreRule, where: str) -> Directions:
+    mesh, comm = body.mesh, body.mesh.comm
+    potentials = _potentials(body, rule, where)
+    function = fem.Function(fem.functionspace(mesh, ("DG", _DEGREE, (3,))), name=where)
+    dofs, points = function.function_space.dofmap.list, function.function_space.element.basix_element.points
+    at = np.vstack([points, points.mean(axis=0)])
+    values = function.x.array.reshape(-1, 3)
+    owned = mesh.topology.index_map(3).size_local
+    counts = np.zeros(3, dtype=np.int64)
+    for cells in _chunks(len(dofs)):
+        frames, wall, across, along = _frames(body, rule, potentials, cells, at)
+        axes = frames[..., _COLUMN[rule.gives]]
+        others, middle = axes[:, :-1], axes[:, -1]
+        defined = (across & along)[:, :-1] | ~along[:, -1:]
+        others = np.where(defined[..., None], others, middle[:, None])
+        turn = np.where(defined, np.einsum("cpi,ci->cp", wall[:, :-1], wall[:, -1]), 1.0)
+        turns = turn.min(axis=1) < _TURN
+        if "right" in potentials:  # then signs are arbitrary
+            cosine = np.einsum("cpi,ci->cp", others, middle)
+            others = np.where(cosine < 0, -1.0, 1.0)[..., None] * others
+            turns |= np.abs(cosine).min(axis=1) < _OPPOSED
+        values[dofs[cells]] = np.where(turns[:, None, None], middle[:, None], others)
+        mine = cells < owned
+        counts += [np.count_nonzero(flags[mine]) for flags in (~across[:, -1], ~along[:, -1], turns)]
+    lost, undefined, turning = (int(n) for n in comm.allreduce(counts, op=MPI.SUM))
+    cells_of_all = mesh.topology.index_map(3).size_global
+    for count, most, text in (
+        (lost, 0.0, "across the wall is not defined: the Laplace solution between its surfaces is constant"),
+        (undefined, _MOST_UNDEFINED * cells_of_all, "along the wall is not defined"),
+    ):
+        if count > most:
+            raise MeshError(
+                f"{body.source.path}: {where}.rule: in {count} of {cells_of_all} cells the direction {text}",
+                "A rule is for a wall in one piece that lies between the surfaces that it names.",
+            )
+    return Directions(function, undefined, turning)
+
+
+# Laplace solutions
+
+
+def _potentials(body: Body, rule: FibreRule, where: str) -> Mapping[str, fem.Function]:
+    """Return the Laplace solutions that a rule needs by name; those of the same surfaces are solved for once."""
+    laplace = list[Laplace]()  # made only if something is not known yet
+    surfaces = dict[str, Dofs]()
+
+    def dofs(field: str) -> Dofs:
+        if field not in surfaces:
+            if field == "apex" and "apex" not in rule.surfaces:
+                surfaces[field] = _farthest(body, laplace[0], dofs("epi"), dofs("base"))
+            else:
+                with naming_field(f"{where}.rule.{field}"):
+                    surfaces[field] = laplace[0].dofs(rule.surfaces[field])
+        return surfaces[field]
+
+    def solved(zero: tuple[str, ...], one: str) -> fem.Function:
+        names = [*zero, one]
+        key = "laplace " + " ".join(f"{name}={rule.surfaces.get(name)}" for name in (*sorted(zero), "to", one))
+        if "apex" in names:
+            key += f" of {rule.surfaces['epi']} {rule.surfaces['base']}"
+        if key not in body.computed:
+            if not laplace:
+                laplace.append(Laplace(body))
+            for a, b in combinations(names, 2):
+                _check_apart(body, laplace[0], rule, (a, b), (dofs(a), dofs(b)), where)
+            body.computed[key] = laplace[0].solve([*((dofs(name), 0.0) for name in zero), (dofs(one), 1.0)])
+        found: fem.Function = body.computed[key]
+        return found
+
+    try:
+        match rule:
+            case VentricleRule(rv=None):
+                return {"outside": solved(("endo",), "epi"), "along": solved(("apex",), "base")}
+            case VentricleRule():
+                return {
+                    "outside": solved(("endo", "rv"), "epi"),
+                    "left": solved(("epi", "rv"), "endo"),
+                    "right": solved(("endo", "epi"), "rv"),
+                    "along": solved(("apex",), "base"),
+                }
+            case TubeRule(axis=None):
+                return {"outside": solved(("inner",), "outer"), "along": solved(("inlet",), "outlet")}
+            case _:
+                return {"outside": solved(("inner",), "outer")}
+    finally:
+        for one in laplace:
+            one.destroy()
+
+
+def _farthest(body: Body, laplace: Laplace, epi: Dofs, base: Dofs) -> Dofs:
+    """Return the unknown on one region that is farthest from the middle of another, on the rank that owns it."""
+    comm, owned = body.mesh.comm, laplace.space.dofmap.index_map.size_local
+    x = laplace.space.tabulate_dof_coordinates()
+    epi, base = (dofs[dofs < owned] for dofs in (epi, base))
+    middle = comm.allreduce(x[base].sum(axis=0), op=MPI.SUM) / comm.allreduce(len(base), op=MPI.SUM)
+    distances = np.linalg.norm(x[epi] - middle, axis=1)
+    most = comm.allreduce(float(distances.max(initial=0.0)), op=MPI.MAX)
+    nearly = epi[distances > (1 - 1e-9) * most]  # of several, the same one on any number of ranks
+    chosen = min(comm.allreduce([tuple(point) for point in x[nearly].tolist()], op=MPI.SUM))
+    return np.asarray(nearly[(x[nearly] == chosen).all(axis=1)])
+
+
+def _check_apart(
+    body: Body, laplace: Laplace, rule: FibreRule, names: tuple[str, str], dofs: tuple[Dofs, Dofs], where: str
+) -> None:
+    comm, owned = body.mesh.comm, laplace.space.dofmap.index_map.size_local
+    both = np.intersect1d(*dofs)
+    if count := comm.allreduce(int(np.count_nonzero(both < owned)), op=MPI.SUM):
+        first, second = (f"'{rule.surfaces[name]}' ({name})" if name in rule.surfaces else name for name in names)
+        raise MeshError(
+            f"{body.source.path}: {where}.rule: {first} and {second} touch, at {count} points of the mesh",
+            "They are the ends of a Laplace solution: leave a strip between them that belongs to neither.",
+        )
+
+
+# frames
+
+
+def _frames(
+    body: Body, rule: FibreRule, potentials: Mapping[str, fem.Function], cells: npt.NDArray[np.int64], at: Floats
+) -> tuple[Floats, Floats, Bools, Bools]:
+    """Return frames at reference points of cells, (cells, points, 3, 3) with axes as columns.
+
+    Also returns the unit vectors along the wall, and where the directions across and along it are defined; elsewhere
+    they are arbitrary.
+    """
+    kind, geometry = body.source.kind, body.mesh.geometry
+    nodes = geometry.x[geometry.dofmaps[0][cells]]
+    inverse = np.linalg.inv(jacobians(kind, body.source.degree, nodes, at))
+    size = np.linalg.norm(nodes.max(axis=1) - nodes.min(axis=1), axis=1)[:, None]
+
+    values, slopes = dict[str, Floats](), dict[str, Floats]()
+    for name, function in potentials.items():
+        space = function.function_space
+        table: Floats = space.element.basix_element.tabulate(1, at)[..., 0]  # (1 + 3, points, shape functions)
+        coefficients = function.x.array[space.dofmap.list[cells]]
+        values[name] = coefficients @ table[0].T
+        of_reference = np.einsum("cn,dpn->cpd", coefficients, table[1:])
+        slopes[name] = np.einsum("cpd,cpdi->cpi", of_reference, inverse) * size[..., None]
+
+    depth = np.clip(values["outside"], 0.0, 1.0)
+    if isinstance(rule, TubeRule) and rule.axis is not None:
+        longitudinal = np.broadcast_to(np.array(rule.axis), slopes["outside"].shape)
+    else:
+        longitudinal = slopes["along"]
+    across = np.linalg.norm(slopes["outside"], axis=2) > _FLAT
+    helix = _between(rule.helix, depth)
+    sheet = _between(rule.sheet, depth) if isinstance(rule, VentricleRule) else np.zeros_like(depth)
+    axes, along = _axes(longitudinal, slopes["outside"])
+    frames = _turned(axes, helix, sheet)
+    if "right" in potentials:
+        of_right = np.clip(values["right"], 0.0, 1.0)
+        of_both = of_right + np.clip(values["left"], 0.0, 1.0)
+        share = np.divide(of_right, of_both, out=np.zeros_like(of_both), where=of_both > 1e-12)
+        left, has_left = _axes(longitudinal, -slopes["left"])
+        right, has_right = _axes(longitudinal, slopes["right"])
+        sign = 1 - 2 * share  # across the wall of the right ventricle is from outside to inside
+        left, right = (_turned(one, sign * helix, sign * sheet) for one in (left, right))
+        left = np.where(has_left[..., None, None], left, np.where(has_right[..., None, None], right, frames))
+        right = np.where(has_right[..., None, None], right, left)
+        inside = _interpolated(left, right, share)
+        frames = np.where(along[..., None, None], _interpolated(inside, frames, depth), inside)
+        across, along = across | has_left | has_right, along | has_left | has_right
+    return frames, axes[..., 1], across, along
+
+
+def _between(angles: tuple[float, float], depth: Floats) -> Floats:
+    return np.asarray(angles[0] + depth * (angles[1] - angles[0]))
+
+
+def _axes(longitudinal: Floats, transmural: Floats) -> tuple[Floats, Bools]:
+    """Return ``[e0 e1 e2]``, and where they are defined; elsewhere e2 is transmural, if that is, and e1 arbitrary."""
+    long, size = np.linalg.norm(longitudinal, axis=-1), np.linalg.norm(transmural, axis=-1)
+    e2 = _unit(transmural, size > _FLAT, np.array([0.0, 0.0, 1.0]))
+    e1 = _unit(longitudinal, long > _FLAT, e2)
+    rest = e2 - np.einsum("cpi,cpi->cp", e1, e2)[..., None] * e1
+    sine = np.linalg.norm(rest, axis=-1)
+    defined = (sine > _PARALLEL) & (size > _FLAT) & (long > _FLAT)
+    other = np.eye(3)[np.abs(e2).argmin(axis=-1)]  # the axis that is farthest from e2
+    other -= np.einsum("cpi,cpi->cp", other, e2)[..., None] * e2
+    e1 = np.where(defined[..., None], e1, other / np.linalg.norm(other, axis=-1, keepdims=True))
+    e2 = np.where(defined[..., None], rest / np.where(defined, sine, 1.0)[..., None], e2)
+    return np.stack([np.cross(e1, e2), e1, e2], axis=-1), defined
+
+
+def _unit(vectors: Floats, defined: Bools, otherwise: Floats) -> Floats:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(defined[..., None], vectors / np.where(defined[..., None], length, 1.0), otherwise)
+
+
+def _turned(axes: Floats, helix: Floats, sheet: Floats) -> Floats:
+    """Return the frames fibre, normal, sheet as columns from the axes around, along and across the wall."""
+    around, along, across = (axes[..., i] for i in range(3))
+    c, s = np.cos(helix)[..., None], np.sin(helix)[..., None]
+    fibre, normal = c * around + s * along, c * along - s * around
+    c, s = np.cos(sheet)[..., None], np.sin(sheet)[..., None]
+    return np.stack([fibre, c * normal - s * across, s * normal + c * across], axis=-1)
+
+
+def _interpolated(first: Floats, second: Floats, share: Floats) -> Floats:
+    """Return frames on the shortest rotation from one to another, where axes of opposite sign are the same."""
+    from scipy.spatial.transform import Rotation
+
+    signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
+    between = np.einsum("cpki,cpkj->cpij", first, second)
+    best = (np.einsum("cpii->cpi", between) @ signs.T).argmax(axis=-1)
+    between = between * signs[best][..., None, :]
+    rotation = Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec() * share.reshape(-1, 1)
+    return np.asarray(first @ Rotation.from_rotvec(rotation).as_matrix().reshape(first.shape))
+
+
+def _chunks(count: int) -> Iterator[npt.NDArray[np.int64]]:
+    for start in range(0, count, _CHUNK):
+        yield np.arange(start, min(start + _CHUNK, count))
