@@ -1,8 +1,8 @@
-"""Commands of the tutorials, typed in a directory with the project's jobs and meshes."""
+"""Commands of the tutorials, typed in a directory with the project's jobs and meshes, and the files that a page has."""
 
 import os
 import re
-import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ from helpers.command_line import MPIRUN, environment
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-WITHOUT_SOLVE = re.compile(r" hpcinv (validate|sweep (plan|submit)) ")
+WITHOUT_SOLVE = re.compile(r"^sed | segmentation.py$| hpcinv (validate|sweep (plan|submit)) ")
 of_every_tutorial = pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 
 
@@ -21,31 +21,41 @@ def commands(page: Path) -> list[str]:
     return [line for block in blocks for line in block.splitlines() if line and not line.startswith("#")]
 
 
+def files(page: Path) -> dict[str, str]:
+    """The files that the reader saves, by name."""
+    marked = r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```"
+    return dict(re.findall(marked, page.read_text(), flags=re.MULTILINE | re.DOTALL))
+
+
 @pytest.fixture
 def directory(tmp_path: Path) -> Path:
-    for name in ("jobs", "meshes"):
-        (tmp_path / name).symlink_to(ROOT / name)
+    shutil.copytree(ROOT / "jobs", tmp_path / "jobs")
+    (tmp_path / "meshes").symlink_to(ROOT / "meshes")
     return tmp_path
 
 
 def type_in(line: str, directory: Path) -> None:
-    programs = {"python": sys.executable, "mpirun": str(MPIRUN)}
-    words = [programs.get(word, word) for word in shlex.split(line)]
-    settings = environment() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
-    found = subprocess.run(words, cwd=directory, env=settings, capture_output=True, text=True, timeout=900)
+    programs = os.pathsep.join([str(Path(sys.executable).parent), str(MPIRUN.parent), os.environ["PATH"]])
+    settings = environment() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1"), "PATH": programs}
+    found = subprocess.run(line, shell=True, cwd=directory, env=settings, capture_output=True, text=True, timeout=900)
     assert found.returncode == 0, f"{line}\n{found.stdout[-2000:]}\n{found.stderr[-2000:]}"
+
+
+def type_all(page: Path, directory: Path, those: re.Pattern[str]) -> None:
+    for name, text in files(page).items():
+        (directory / name).write_text(text)
+    for line in commands(page):
+        if those.search(line):
+            type_in(line, directory)
 
 
 @of_every_tutorial
 def test_commands_without_a_solve(page: Path, directory: Path) -> None:
-    for line in commands(page):
-        if WITHOUT_SOLVE.search(line):
-            type_in(line, directory)
+    type_all(page, directory, WITHOUT_SOLVE)
 
 
 @pytest.mark.release
 @of_every_tutorial
 def test_whole_tutorials(page: Path, directory: Path) -> None:
     assert commands(page)
-    for line in commands(page):
-        type_in(line, directory)
+    type_all(page, directory, re.compile(""))
