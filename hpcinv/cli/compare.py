@@ -56,7 +56,10 @@ def add_compare(commands: Any) -> None:
 
 
 def _labels(text: str) -> list[int]:
-    return [int(number) for number in text.split(",")]
+    try:
+        return [int(number) for number in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is not a list of whole numbers such as 5 or 5,6") from None
 
 
 def _compare(options: argparse.Namespace) -> int:

@@ -65,7 +65,7 @@ def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float) ->
             known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
             raise MeshError(
                 f"{path}: no voxel has the label {missing[0]} ('{name}'); the labels in it are {known}",
-                "Correct 'labels' in the job's section 'mesh'.",
+                "Name labels that are in it.",
             )
         voxels[np.isin(numbers, list(of))] = index
     axes = np.array(image.GetDirection()).reshape(3, 3)
