@@ -29,8 +29,8 @@ from hpcinv.job.sections import AXES
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import diagonal
-from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
+from hpcinv.mesh.surface import facet_areas
 from hpcinv.quantity.units import Dimension, readable
 from hpcinv.results.solution import Solution
 from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
@@ -218,7 +218,7 @@ def surface_normals(job: Job, body: Body) -> Floats:
     sums = la.vector(mesh.geometry.index_map(), 3)
     if len(facets):
         nodes = entities_to_geometry(mesh, 2, facets)
-        np.add.at(sums.array.reshape(-1, 3), nodes.ravel(), np.repeat(_areas(body, facets, nodes), nodes.shape[1], 0))
+        np.add.at(sums.array.reshape(-1, 3), nodes.ravel(), np.repeat(facet_areas(mesh, facets), nodes.shape[1], 0))
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
     normals = sums.array.reshape(-1, 3).copy()
@@ -228,20 +228,3 @@ def surface_normals(job: Job, body: Body) -> Floats:
         normals[np.abs(given[:, i] - plane.position) <= near, i] = 0.0
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0))
-
-
-def _areas(body: Body, facets: LocalIndices, nodes: LocalIndices) -> Floats:
-    """Return area vectors (f, 3) of facets, out of the body."""
-    mesh = body.mesh
-    links = mesh.topology.connectivity(2, 3)
-    cells = links.array[links.offsets[facets]]
-    x = mesh.geometry.x
-    inner = x[mesh.geometry.dofmaps[0][cells]].mean(axis=1)
-    corners = x[nodes]
-    # Vertices come first: three of a triangle; of a quadrilateral 0, 1, 2, 3 with 0 and 3 opposite.
-    if mesh.topology.cell_type.name == "tetrahedron":
-        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-    else:
-        areas = np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
-    outward = np.einsum("ij,ij->i", areas, corners[:, 0] - inner) > 0
-    return np.asarray(np.where(outward[:, None], areas, -areas))

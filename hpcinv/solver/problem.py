@@ -26,6 +26,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.nondimensional import Scales, power_of_two
 from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.solver.enclosure_check import check_not_enclosed
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.linear.selection import Chooser
 from hpcinv.solver.linear_solver import LinearSolver
@@ -73,6 +74,7 @@ class Model:
             self._is_held = not any(effect.holds for effect in job.effects)
             if self._is_held:
                 check_held(body, self.supports)
+            check_not_enclosed(job, body)
         self.quadrature_degree = job.discretisation.quadrature or default_quadrature(
             body.source.kind, job.discretisation.displacement
         )

@@ -211,3 +211,19 @@ def test_without_a_load_the_body_stays_as_it_is(
     verdicts = {line["name"]: line["verdict"] for line in result.statistics["certificate"]["lines"]}
     print(verdicts)
     assert result.certificate.verdict is Verdict.PASS
+
+
+# Enclosed bodies
+
+INCOMPRESSIBLE = {"law": "neo-hookean", "mu": "1 MPa", "lam": "incompressible"}
+ROLLERS = [{"region": f"{axis}{end}", "fix": [axis]} for axis in "xyz" for end in (0, 1)]
+
+
+@pytest.mark.parallel(2)
+def test_an_incompressible_body_needs_a_free_surface(comm: MPI.Intracomm) -> None:
+    clamped = [{"region": "boundary", "fix": ["x", "y", "z"]}]
+    for supports in (clamped, ROLLERS):
+        told = refusal(comm, supports=supports, material=INCOMPRESSIBLE)
+        assert told.startswith("supports: prescribe the motion of the whole surface of an incompressible body")
+    model(comm, supports=ROLLERS[:-1], material=INCOMPRESSIBLE)
+    model(comm, supports=clamped, material=INCOMPRESSIBLE | {"lam": "1 GPa"})
