@@ -17,7 +17,7 @@ position map        ``x = X + u``          ``X = x - u``
 ==================  =====================  ==========================
 
 Invariants are computed from ``H``, never from ``F``, which avoids cancellation at small strain (Shakeri et al., "Stable
-numerics for finite-strain elasticity", 2024, doi:10.1002/nme.7563).
+numerics for finite-strain elasticity", 2024, arXiv:2401.13196).
 """
 
 from __future__ import annotations
