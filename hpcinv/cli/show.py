@@ -69,7 +69,14 @@ def _of_run(directory: Path, colour: Colour) -> Picture:
         raise OutputError(
             f"{directory}: has no summary of a run", "Give the directory that 'run' printed at its beginning."
         )
-    return draw_result(summary, read_boundary(directory / NAME), colour)
+    boundary = read_boundary(directory / NAME)
+    try:
+        return draw_result(summary, boundary, colour)
+    except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
+        raise OutputError(
+            f"{directory}: its summary does not have what a picture needs ({type(error).__name__}: {error})",
+            "Was it written by another version of hpcinv? Run the job again.",
+        ) from error
 
 
 def _of_body(path: Path, unit: str | None) -> Picture:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import zlib
+from collections.abc import Collection, Mapping
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,9 @@ if TYPE_CHECKING:  # importing the mesh takes seconds
 
 NAME = "surface.npz"
 _REGION, _RESULT, _FIBRES = "region:", "result:", "fibres:"
+# What reading a damaged .npz raises.
+DAMAGE = (OSError, ValueError, TypeError, KeyError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+_AGAIN = "Run the job again."
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,7 @@ def read_boundary(path: Path) -> Boundary:
     """Read what `write_boundary` wrote.
 
     Raises:
-        OutputError: it is missing, or damaged.
+        OutputError: it is missing, damaged, or of another version of hpcinv.
     """
     try:
         with np.load(path) as found:
@@ -122,11 +126,46 @@ def read_boundary(path: Path) -> Boundary:
                     result["fibres"][name.removeprefix(_FIBRES)] = value
                 else:
                     result[name] = value if value.ndim else str(value)
+        for kind, given in ((Boundary, arrays), *((BoundaryResult, result) for result in results.values())):
+            _check_arrays(path, kind, given.keys())
         each = tuple(BoundaryResult(**result) for result in results.values())
-        return Boundary(regions=regions, results=each, fibres=directions, **arrays)
+        boundary = Boundary(regions=regions, results=each, fibres=directions, **arrays)
     except FileNotFoundError:
         raise OutputError(
             f"{path}: no such file", "A run that finds a shape writes it, unless its job has output.fields: false."
         ) from None
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise OutputError(f"{path}: cannot be read: {error}", "Run the job again.") from error
+    except DAMAGE as error:
+        raise OutputError(f"{path}: cannot be read: {error}", _AGAIN) from error
+    _check_sizes(path, boundary)
+    return boundary
+
+
+def _check_arrays(path: Path, kind: type[Boundary | BoundaryResult], given: Collection[str]) -> None:
+    """Raise ``OutputError`` unless these are the arrays that ``kind`` has now."""
+    known = {one.name: one.default is MISSING and one.default_factory is MISSING for one in fields(kind)}
+    missing = ", ".join(name for name, needed in known.items() if needed and name not in given)
+    unknown = ", ".join(name for name in given if name not in known)
+    faults = [f"has no {missing}"] * bool(missing) + [f"has {unknown}, which this version does not know"] * bool(
+        unknown
+    )
+    if faults:
+        raise OutputError(f"{path}: {' and '.join(faults)}: another version of hpcinv wrote it", _AGAIN)
+
+
+def _check_sizes(path: Path, boundary: Boundary) -> None:
+    """Raise ``OutputError`` unless each array has a row for each point or triangle."""
+    points, triangles = boundary.points.shape, boundary.triangles.shape
+    count = triangles[0] if triangles else 0
+    per_triangle: list[tuple[npt.NDArray[Any], tuple[int, ...]]] = [(one, ()) for one in boundary.regions.values()]
+    per_triangle += [(one, (3,)) for one in boundary.fibres.values()]
+    per_triangle += [(boundary.error, ())] if boundary.error is not None else []
+    fits = points[1:] == triangles[1:] == (3,)
+    for result in boundary.results:
+        fits &= result.mesh.shape == result.others.shape == points
+        per_triangle += [(result.stress, (9,)), (result.J, ()), (result.stretches, (3,)), (result.crossing, ())]
+        per_triangle += [(one, (3,)) for one in result.fibres.values()]
+    fits = fits and all(array.shape == (count, *row) for array, row in per_triangle)
+    if not fits or not (
+        0 <= boundary.triangles.min(initial=0) <= boundary.triangles.max(initial=0) < max(points[0], 1)
+    ):
+        raise OutputError(f"{path}: is damaged: its arrays do not fit together", _AGAIN)

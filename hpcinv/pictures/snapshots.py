@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hpcinv.errors import OutputError
-from hpcinv.pictures.boundary import write_arrays
+from hpcinv.pictures.boundary import DAMAGE, write_arrays
 
 if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats, Ints
@@ -101,7 +100,7 @@ def read_snapshots(directory: Path) -> list[Snapshot]:
             values = one["low"] + one["levels"].T / _LEVELS * one["range"]
             state, load, residual = str(one["state"]), float(one["load"]), float(one["residual"])
             found.append(Snapshot(solution, solves, state, load, residual, one["points"].astype(np.int64), values))
-        except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except DAMAGE as error:
             raise OutputError(f"{path}: cannot be read: {error}", "Remove it, or run the job again.") from error
     return found
 

@@ -10,11 +10,16 @@ import pytest
 from helpers.browser import Page, needs_browser, opened
 from helpers.command_line import write_job
 from helpers.run_directories import run_directory, summary
+from test_study_plan import plan as study_plan
 
 from hpcinv.__main__ import main
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.study.directory import StudyDirectory, store_in
+from hpcinv.study.execution import StudySchedule, StudyTask
+from hpcinv.study.executions import Executions
+from hpcinv.study.page import write_study_report
 from hpcinv.sweep.page import write_sweep_report
 from hpcinv.sweep.plan import SweepPlan, load_sweep
 
@@ -130,6 +135,47 @@ def test_the_mean_shape_and_cases_are_drawn(page: Page) -> None:
     assert page.run("return document.getElementById('state').options[0].text").startswith("mean of ")
     assert page.run("return [...document.querySelectorAll('.gallery img')].every((i) => i.naturalWidth > 100)")
     assert 2 <= page.run("return document.querySelectorAll('.gallery img').length") <= 5
+    assert page.complaints() == []
+    assert page.requests() == []
+
+
+@pytest.fixture(scope="module")
+def study_page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """The report of a study whose records are made up: the second run has failed, errors fall by 4 from run to run."""
+    directory = tmp_path_factory.mktemp("study")
+    plan = study_plan(directory, repeat=1)
+    store = store_in(StudyDirectory(directory / "out", plan.study.study).path)
+    with Holder(store) as holder:
+        schedule = StudySchedule(Executions(plan, Ledger(store, holder), 1))
+        for number in range(5):
+            task = schedule.next()
+            assert isinstance(task, StudyTask)
+            made = summary()
+            made["quantities"] = {"length": 1.0802799 + 0.1 / 4**number}
+            made["timings"]["total"] = 2.0**number
+            failed = CaseRecord(FAILED, "Refine the mesh.", {}, 1.0, 1)
+            record = failed if number == 1 else CaseRecord("converged", "", made, 1.0, 1)
+            assert schedule.executions.ledger.commit(task.claim, record)
+        assert schedule.next() is None
+        path = write_study_report(schedule.executions, directory / "report.html")
+    assert path.stat().st_size < 5_000_000
+    with opened(path, tmp_path_factory.mktemp("profile")) as page:
+        yield page
+
+
+@needs_browser
+def test_a_study_has_its_diagrams_its_fronts_and_a_table(study_page: Page) -> None:
+    page = study_page
+    assert "4 of 5 runs converged" in page.text("main")
+    assert "Pareto front of length, from fast to accurate: P2, 1; P2, 4; P3, 1; P3, 2." in page.text("main")
+    assert page.run("return [...document.querySelectorAll('figure img')].every((i) => i.naturalWidth > 100)")
+    assert page.run("return document.querySelectorAll('figure img').length") >= 1
+    visible = "return [...document.querySelectorAll('#table tbody tr:not([hidden])')].length"
+    assert page.run(visible) == 5
+    page.set("filter", "status = converged")
+    assert page.run(visible) == 4
+    assert page.run("return document.querySelectorAll('#map path.case').length") == 0
+    page.set("filter", "")
     assert page.complaints() == []
     assert page.requests() == []
 

@@ -6,6 +6,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from helpers.command_line import BLOCK, NO_CERTIFICATE, hpcinv, write_job
+from helpers.run_directories import run_directory
 
 MESHES = Path(__file__).parents[2] / "meshes"
 BLUE, ORANGE = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)
@@ -66,10 +67,14 @@ def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
         ([MESHES / "box.py", "--colour", "J"], "--colour is for results"),
         (["wrong.yaml"], "no region 'bottom'"),
         (["wrong.yaml", "--unit", "mm"], "--unit is for meshes"),
+        (["damaged"], "surface.npz: cannot be read"),
+        (["older"], "older: its summary does not have what a picture needs"),
     ],
 )
 def test_what_cannot_be_drawn_gets_one_message(arguments: list[object], message: str, tmp_path: Path) -> None:
     write_job(tmp_path / "wrong.yaml", BLOCK, supports=[{"region": "bottom", "fix": ["x", "y", "z"]}])
+    (run_directory(tmp_path / "damaged", 2) / "surface.npz").write_bytes(b"PK\x03\x04")
+    run_directory(tmp_path / "older", 2, job={"supports": []})
     done = hpcinv(1, "show", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert message in done.stderr

@@ -14,7 +14,7 @@ import pytest
 from helpers.run_directories import SIZE, boundary, cube, run_directory, summary
 
 from hpcinv.errors import OutputError
-from hpcinv.pictures.boundary import NAME
+from hpcinv.pictures.boundary import NAME, read_boundary
 from hpcinv.pictures.decimation import decimated
 from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
@@ -112,6 +112,14 @@ def test_the_page_names_no_other_file() -> None:
     assert "Permission is hereby granted" in page
 
 
+def changed(run: Path, change: Any) -> None:
+    """Write the boundary of a run again, with other arrays."""
+    with np.load(run / NAME) as file:
+        arrays = dict(file)
+    change(arrays)
+    np.savez_compressed(run / NAME, **arrays)
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -119,6 +127,15 @@ def test_the_page_names_no_other_file() -> None:
         (lambda run: (run / "summary.json").write_text("{"), "has no summary of a run"),
         (lambda run: (run / "summary.json").write_text('{"status": 1}'), "has no summary of a run"),
         (lambda run: (run / NAME).write_bytes(b"PK\x03\x04"), r"surface\.npz: cannot be read"),
+        (
+            lambda run: changed(run, lambda arrays: arrays.pop("result:0:stretches")),
+            "has no stretches: another version",
+        ),
+        (
+            lambda run: changed(run, lambda arrays: arrays.update(pores=arrays["points"])),
+            "has pores, which this version",
+        ),
+        (lambda run: changed(run, lambda arrays: arrays.update(points=arrays["points"][:9])), "do not fit together"),
         (lambda run: (run / SNAPSHOTS / "000-000001.npz").write_bytes(b""), r"000-000001\.npz: cannot be read"),
     ],
 )
@@ -132,6 +149,19 @@ def test_damaged_directories_get_a_message(damage: Any, message: str, tmp_path: 
     with pytest.raises(OutputError, match=message):
         write_run_report(run, found)
     assert not (run / "report.html").exists()
+
+
+def test_a_file_with_changed_bytes_gets_a_message_or_is_read(tmp_path: Path) -> None:
+    path = run_directory(tmp_path / "run", 2) / NAME
+    content, numbers = path.read_bytes(), np.random.default_rng(1)
+    refused = 0
+    for place in numbers.integers(len(content), size=100):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 0x5A]) + content[place + 1 :])
+        try:
+            read_boundary(path)
+        except OutputError:
+            refused += 1
+    assert refused > 20
 
 
 def test_a_summary_without_a_part_gets_a_message(tmp_path: Path) -> None:
