@@ -15,6 +15,7 @@ from hpcinv.job.sections import AXES
 from hpcinv.mesh import Body
 from hpcinv.mesh.surface import facet_areas
 from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.rigid_motion_check import parts_of
 
 _FLAT = 1e-9  # component of a facet's normal that counts as zero
 
@@ -31,15 +32,23 @@ def check_not_enclosed(job: Job, body: Body) -> None:
     facets = exterior_facet_indices(topology)
     facets = facets[facets < topology.index_map(2).size_local]
     areas = facet_areas(body.mesh, facets)
+    topology.create_connectivity(2, 3)
+    links = topology.connectivity(2, 3)
+    count, labels = parts_of(body)
+    of_part = labels[links.array[links.offsets[facets]]]
     faces = np.abs(areas) > _FLAT * np.linalg.norm(areas, axis=1, keepdims=True)
     if body.source.degree > 1:  # facets may be curved
         faces[:] = True
     for i, axis in enumerate(AXES):
         held = [body.facets(support.region) for support in job.supports if axis in support.held]
         faces[np.isin(facets, np.concatenate(held)) if held else slice(0), i] = False
-    if not body.mesh.comm.allreduce(bool(faces.any()), op=MPI.LOR):
+    free = np.zeros(count, dtype=np.int64)
+    free[of_part[faces.any(axis=1)]] = 1
+    body.mesh.comm.Allreduce(MPI.IN_PLACE, free, MPI.MAX)
+    if not free.all():
+        what = "an incompressible body" if count == 1 else f"a part of an incompressible body (of {count} parts)"
         raise MeshError(
-            "supports: prescribe the motion of the whole surface of an incompressible body, whose volume cannot change:"
-            " its pressure is known up to a constant only",
+            f"supports: prescribe the motion of the whole surface of {what}, whose volume cannot change: its"
+            " pressure is known up to a constant only",
             "Leave a part of the surface free, or give the law a bulk modulus.",
         )

@@ -90,7 +90,7 @@ def check_held(body: Body, supports: Supports, system: System | None = None) -> 
         MeshError: on all ranks, with the rigid motions that are left.
     """
     comm = body.mesh.comm
-    count, labels = _labels(body)
+    count, labels = parts_of(body)
     parts = [_part(body, supports, labels, label, system is not None) for label in range(count)]
     stiffness = _stiffness(system, labels, parts) if system is not None else [None] * count
     faults = []
@@ -111,7 +111,7 @@ def check_held(body: Body, supports: Supports, system: System | None = None) -> 
         )
 
 
-def _labels(body: Body) -> tuple[int, Ints]:
+def parts_of(body: Body) -> tuple[int, Ints]:
     """Return the number of parts of the body, which share no node, and the part of each local cell; collective.
 
     Connected cells of one rank are a piece; pieces of different ranks that share a node belong to one part.

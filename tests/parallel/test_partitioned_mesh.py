@@ -32,7 +32,7 @@ from hpcinv.mesh.io.gmsh_model import metis
 from hpcinv.mesh.source import DataArray, Group
 from hpcinv.output.checkpoint import Checkpoints, Position
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.solver.rigid_motion_check import _labels
+from hpcinv.solver.rigid_motion_check import parts_of
 
 CLOSE = 1e-12
 MOVE = np.array([3.0, 2.0, 1.0])
@@ -234,7 +234,7 @@ def test_parts_that_share_no_node_are_told_apart_on_any_ranks(comm: MPI.Intracom
     on_root(comm, lambda: write_msh22(path, nodes, elements) and None)
     for method in ("metis", "scotch"):
         body = build_body(spec(path, partition=method), {}, comm)
-        count, label = _labels(body)
+        count, label = parts_of(body)
         assert count == 7
         assert np.array_equal(label, np.array(row_of)[body.mesh.topology.original_cell_index])
 
@@ -247,7 +247,7 @@ def test_no_rank_holds_the_whole(comm: MPI.Intracomm, meshes: Path, run_director
         """Peak of what Python and NumPy allocate on this rank, from reading the mesh to writing another shape of it."""
         tracemalloc.start()
         body = build_body(spec(path), conditions(half="x < 0.5"), ranks)
-        _labels(body)
+        parts_of(body)
         write_mesh(run_directory / name, body, body.mesh.geometry.x * 2.0)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()

@@ -13,7 +13,6 @@ import pytest
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, ROOT, write_job
 from helpers.command_line import hpcinv as command
-from helpers.solutions import made_up
 from helpers.verification import box, job
 from petsc4py import PETSc
 
@@ -272,25 +271,6 @@ def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.In
     )
     line = line_of(one, comm)
     assert (line.value, line.verdict) == (unstable, Verdict.FAIL if unstable else Verdict.PASS)
-
-
-def test_a_pressure_that_nothing_determines_hides_no_instability(comm: MPI.Intracomm) -> None:
-    """Held all around, an incompressible body has one pressure too many, which is no negative eigenvalue but a zero."""
-    sheared = job(
-        analysis="forward",
-        mesh=box((2, 2, 2), hexahedra=True),
-        material=NEO_HOOKEAN,
-        supports=[{"region": "boundary", "displacement": ["0.1*y", 0, 0]}],
-        certificate=STABILITY,
-    )
-    # A solve would divide by that zero: the state is homogeneous, and known.
-    body = build_body(sheared.mesh, sheared.regions, comm, resolve=sheared.resolve)
-    model = Model(sheared, body, Timings())
-    state = made_up(body, "forward", lambda x: 0.1 * x[:, [1, 0, 0]] * [1, 0, 0], pressure=lambda x: 0 * x[:, 0])
-    factors = ForwardFactors(model, state)
-    (line,) = stability(model, state, factors)
-    factors.destroy()
-    assert (line.value, line.verdict) == (0.0, Verdict.PASS)
 
 
 # What cannot be decided, and what it does
