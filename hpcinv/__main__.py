@@ -19,6 +19,7 @@ from hpcinv.cli.fit import add_fit
 from hpcinv.cli.identify import add_identify
 from hpcinv.cli.laws import add_laws
 from hpcinv.cli.mesh import add_mesh
+from hpcinv.cli.new import add_new
 from hpcinv.cli.report import add_report
 from hpcinv.cli.run import add_run
 from hpcinv.cli.show import add_show
@@ -75,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="command")
     for add in (
+        add_new,
         add_run,
         add_study,
         add_sweep,

@@ -101,7 +101,7 @@ def add_mesh(commands: Any) -> None:
 
 
 def _from_image(options: argparse.Namespace) -> int:
-    labels = dict(_label(text) for text in options.label)
+    labels = dict(label_of(text) for text in options.label)
     return _meshed(options, IMAGES, "image", {"labels": labels})
 
 
@@ -130,8 +130,8 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
     return 0
 
 
-def _label(text: str) -> tuple[str, list[int]]:
-    """Parse ``tumour=6,7``."""
+def label_of(text: str) -> tuple[str, list[int]]:
+    """Return name and numbers of ``tumour=6,7``; raises ``JobError`` if it is written otherwise."""
     name, equals, numbers = text.partition("=")
     try:
         return name, [int(number) for number in numbers.split(",")] if equals else []

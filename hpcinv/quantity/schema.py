@@ -40,7 +40,8 @@ def _is_identifier(name: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_is_identifier)]
-FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,99}$")]
+NAME_OF_FILE = r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,99}$"
+FileName = Annotated[str, Field(pattern=NAME_OF_FILE)]
 """Name of results and of their directory; it cannot lead to another place ('..', slashes)."""
 
 

@@ -1,0 +1,305 @@
+"""``hpcinv new``: a commented job from a template, for an image, a surface, or an example's mesh that is generated."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from hpcinv.cli.help import add_command
+from hpcinv.cli.mesh import label_of
+from hpcinv.errors import JobError, OutputError
+from hpcinv.files.atomic import output_errors, replace
+from hpcinv.job.job import parse
+from hpcinv.job.sections import IMAGES, SURFACES
+from hpcinv.job.yaml_reader import read_text
+from hpcinv.materials import laws
+from hpcinv.quantity.quantity import QUANTITIES
+from hpcinv.quantity.schema import NAME_OF_FILE
+
+_HERE = Path(__file__).resolve().parent
+_TEMPLATES = _HERE / "templates"
+_GENERATORS = _HERE / "meshes" if (_HERE / "meshes").is_dir() else _HERE.parents[1] / "meshes"
+"""The copy in an installed package, or the directory ``meshes`` of a clone."""
+_CELLS = 8000
+_CELL = 0.03  # volume of a tetrahedron, relative to the cube of its size
+_HELD = 0.25  # share of the body's length within which it is held
+_GENERATED: Mapping[str, tuple[str, str]] = {
+    "liver": ("ellipsoid.py", "parameters: {size: 12 mm}, geometry_degree: 2"),
+    "breast": ("breast.py", "parameters: {size: 12 mm}, geometry_degree: 2"),
+    "artery": (
+        "thick_cylinder.py",
+        "parameters: {inner: 1 mm, outer: 1.25 mm, length: 1 mm, radial: 3, around: 8, along: 3,\n"
+        "    hexahedra: true}, geometry_degree: 2",
+    ),
+    "ventricle": ("ventricle.py", "parameters: {size: 8 mm}, geometry_degree: 2"),
+    "part": ("pdms_beam.py", "parameters: {length: 80 mm, size: 4 mm}, geometry_degree: 2"),
+}
+"""Generator and its parameters of the example of each kind of body."""
+_WALLS = ("artery", "ventricle")
+_LPS = " (in the frame of images y points to the back)"
+_UNKNOWN = " (if y points to the back, as in the frame of images; else change it)"
+
+
+@dataclass(frozen=True)
+class _Source:
+    """The section 'mesh' of a job, and the box (m) around the body; ``None`` for an example with named regions."""
+
+    mesh: str
+    box: tuple[np.ndarray, np.ndarray] | None
+    frame: str = ""
+
+
+def add_new(commands: Any) -> None:
+    new = add_command(
+        commands,
+        "new",
+        "Write a commented job for a kind of body: from an image, a surface, or an example's mesh.",
+        examples=(
+            "hpcinv new liver --image scan.nii.gz --label liver=5 liver.yaml\n"
+            "hpcinv new part --surface part.stl --unit mm part.yaml\n"
+            "hpcinv new ventricle ventricle.yaml"
+        ),
+        page="how-to/new.md",
+    )
+    new.add_argument("kind", choices=sorted(_GENERATED), help="kind of body")
+    new.add_argument("output", type=Path, help="job file (.yaml) that is written")
+    new.add_argument("--image", type=Path, help="image of labels (.nii, .nii.gz, .nrrd, .mha, .mhd)")
+    new.add_argument(
+        "--label", action="append", default=[], metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
+    )
+    new.add_argument("--surface", type=Path, help="closed surface of triangles (.stl, .ply, .obj, .vtp)")
+    new.add_argument("--unit", help="length unit of the image (by default mm) or of the surface")
+    new.add_argument("--size", help="largest length of edges; by default for about 8000 cells")
+    new.add_argument("--force", action="store_true", help="replace files that exist")
+    new.set_defaults(command=_new)
+
+
+def _new(options: argparse.Namespace) -> int:
+    kind, output = options.kind, options.output
+    _check(options)
+    if options.image is not None:
+        source = _of_image(options)
+    elif options.surface is not None:
+        source = _of_surface(options)
+    else:
+        source = _Source(_section([f"file: {_generator(output).name}, unit: mm", _GENERATED[kind][1]]), None)
+    values = {
+        "command": " ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))]),
+        "file": shlex.quote(str(output)),
+        "name": output.stem,
+        "mesh": source.mesh,
+        "frame": source.frame,
+    }
+    text = Template((_TEMPLATES / f"{kind}.yaml").read_text()).substitute(values | _of_kind(kind, source))
+    files = {output: text}
+    if source.box is None:
+        files = {_generator(output): (_GENERATORS / _GENERATED[kind][0]).read_text()} | files
+    existing = [path for path in files if path.exists()]
+    if existing and not options.force:
+        raise OutputError(f"{existing[0]}: exists", "Choose another name, or replace it by --force.")
+    written = list[Path]()
+    try:
+        for path, content in files.items():
+            if path == output:
+                parse(read_text(content, str(path)), path)  # before it is written, but beside its mesh
+            with output_errors(path):
+                replace(path, content.encode())
+            written.append(path)
+    except Exception:
+        for path in written if not existing else ():
+            path.unlink(missing_ok=True)
+        raise
+    print(f"{output}: a job for {'an' if kind[0] in 'aeiou' else 'a'} {kind}; read what it says, and change it. Then:")
+    for line in ("validate", "show", "run"):
+        print(f"  python -m hpcinv {line} {values['file']}")
+    return 0
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Raise an error if options do not fit each other."""
+    if options.output.suffix not in (".yaml", ".yml"):
+        raise OutputError(f"{options.output}: is no name of a job", "Name it *.yaml.")
+    if not re.fullmatch(NAME_OF_FILE, options.output.stem):
+        raise OutputError(
+            f"{options.output}: cannot be the name of a job", "Use letters, digits, _, - and dots, a letter first."
+        )
+    if not options.output.parent.is_dir():
+        raise OutputError(f"{options.output.parent}: is no directory", "Make it first.")
+    if options.image is not None and options.surface is not None:
+        raise JobError(["--surface: a job has one mesh, and --image gives it, too"])
+    given = options.image or options.surface
+    if given is not None and options.kind in _WALLS:
+        raise JobError(
+            [
+                f"--{'image' if options.image else 'surface'}: {options.kind}s have a wall whose surfaces need names"
+                " (cavity, outside, ends), which neither an image nor a surface gives. Write the example without it,"
+                " and name a mesh of your own with such groups as mesh.file"
+            ]
+        )
+    if options.image is None and options.label:
+        raise JobError(["--label: is for an image, and there is no --image"])
+    if given is None and (options.unit or options.size):
+        raise JobError([f"--{'unit' if options.unit else 'size'}: is for an --image or a --surface, and there is none"])
+    if options.surface is not None and options.unit is None:
+        raise JobError(["--unit: is needed with --surface, since its formats have no unit: such as --unit mm"])
+    for name, endings in (("image", IMAGES), ("surface", SURFACES)):
+        path = getattr(options, name)
+        if path is not None and path.suffix not in endings:
+            raise JobError([f"--{name} {path}: is no {name}; the endings are {', '.join(endings)}"])
+        if path is not None and not path.is_file():
+            raise JobError([f"--{name} {path}: no such file"])
+
+
+def _of_image(options: argparse.Namespace) -> _Source:
+    from hpcinv.mesh.imaging.label_image import read_labels, read_numbers
+
+    path, unit = options.image, _unit(options, "mm")
+    if not options.label:
+        found = np.unique(read_numbers(path))
+        known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
+        raise JobError([f"--label: is needed with --image, such as --label {options.kind}=1; in {path} are {known}"])
+    labels = dict(label_of(text) for text in options.label)
+    image = read_labels(path, labels, unit)
+    places = np.argwhere(image.voxels > 0)
+    positions = image.positions(places * image.spacing)
+    half = np.abs(image.axes) @ image.spacing / 2
+    size = _size(options, sum(image.volume(label) for label in range(1, len(labels) + 1)))
+    named = ", ".join(
+        f"{_yaml(name)}: {numbers if len(numbers) > 1 else numbers[0]}" for name, numbers in labels.items()
+    )
+    entries = [f"image: {_relative(path, options)}", f"labels: {{{named}}}", f"size: {size}", "geometry_degree: 2"]
+    entries += [f"unit: {options.unit}"] if options.unit else []
+    box = positions.min(axis=0) - half, positions.max(axis=0) + half
+    return _Source(_section(entries), box, _LPS)
+
+
+def _of_surface(options: argparse.Namespace) -> _Source:
+    from hpcinv.mesh.imaging.closed_surface import read_closed
+
+    path, unit = options.surface, _unit(options, options.unit)
+    surface = read_closed(path)
+    bounds = np.array(surface.bounds).reshape(3, 2).T * unit
+    size = _size(options, abs(float(surface.volume)) * unit**3)
+    entries = [f"surface: {_relative(path, options)}", f"unit: {options.unit}", f"size: {size}", "geometry_degree: 2"]
+    return _Source(_section(entries), (bounds[0], bounds[1]), _UNKNOWN)
+
+
+def _of_kind(kind: str, source: _Source) -> dict[str, str]:
+    """What the template of a kind needs further."""
+    match kind:
+        case "liver":
+            if source.box is None:
+                gravity, held, frame = "[0, 0, -9.81 m/s^2]", "z < -20 mm", " (the example lies on z = -40 mm)"
+                return {"gravity": gravity, "held": held, "frame": frame}
+            return {"gravity": "[0, 9.81 m/s^2, 0]", "held": _end(source.box, 1, -1)}
+        case "breast":
+            fat = laws()["neo-hookean"].starting_values["tissue"]
+            found = {
+                "of": fat.of,
+                "source": fat.source.removesuffix(", at small strain"),
+                "young": fat.parameters["young"],
+            }
+            if source.box is None:
+                gravity, wall, regions = (
+                    "[0, 0, {}9.81 m/s^2]",
+                    "wall",
+                    "# regions of the mesh: wall (on the chest), skin, gland, fat",
+                )
+                frame = " (the chest of the example is z = 0)"
+                found |= {"frame": frame}
+            else:
+                gravity, wall = "[0, {}9.81 m/s^2, 0]", "chest"
+                regions = f"regions:\n  chest: {_end(source.box, 1, -1)} # what lies on the chest, by its position"
+            sign, other = ("", "-") if source.box is None else ("-", "")
+            return found | {
+                "gravity": gravity.format(sign),
+                "reverse": gravity.format(other),
+                "wall": wall,
+                "regions": regions,
+            }
+        case "artery":
+            planes = {"x0": "x", "y0": "y", "z0": "z", "z1": "z"}
+            lines = [f"  - {{region: {name}, fix: [{axis}]}}" for name, axis in planes.items()]
+            comment = "  # A quarter by symmetry, between two planes: the artery is as long with pressure as without."
+            return _starting("holzapfel-gasser-ogden") | {
+                "inlet": "z0",
+                "outlet": "z1",
+                "supports": "\n".join([comment, *lines]),
+            }
+        case "ventricle":
+            return _starting("guccione")
+        case _:
+            if source.box is None:
+                return {"regions": "# regions of the mesh: clamp, tip, side", "clamp": "clamp"}
+            axis = int(np.argmax(source.box[1] - source.box[0]))
+            held = _end(source.box, axis, 1)
+            return {"regions": f"regions:\n  clamp: {held} # the end that is held, by its position", "clamp": "clamp"}
+
+
+def _section(entries: list[str]) -> str:
+    return (
+        "# For figures that count, take smaller cells until the certificate passes.\nmesh: {" + ", ".join(entries) + "}"
+    )
+
+
+def _starting(law: str) -> dict[str, str]:
+    """Published values of a law, as lines of a job, and their source."""
+    found = laws()[law].starting_values["tissue"]
+    lines = "\n".join(f"  {name}: {value}" for name, value in found.parameters.items())
+    return {"values": lines, "of": found.of, "source": found.source}
+
+
+def _end(box: tuple[np.ndarray, np.ndarray], axis: int, side: int) -> str:
+    """The condition for one end of a body: at its low coordinates (1) or at its high ones (-1)."""
+    low, high = (float(corner[axis]) for corner in box)
+    at = low + _HELD * (high - low) if side > 0 else high - _HELD * (high - low)
+    return f"{'xyz'[axis]} {'<' if side > 0 else '>'} {at * 1e3:.4g} mm"
+
+
+def _size(options: argparse.Namespace, volume: float) -> str:
+    """The size of cells, as it stands in a job."""
+    if options.size is not None:
+        try:
+            QUANTITIES["Size"].parse(options.size)
+        except ValueError as error:
+            raise JobError([f"--size {options.size}: {error}"]) from None
+        return str(options.size)
+    return f"{(volume / (_CELL * _CELLS)) ** (1 / 3) * 1e3:.2g} mm"
+
+
+def _unit(options: argparse.Namespace, name: str) -> float:
+    try:
+        return QUANTITIES["Length"].parse(f"1 {options.unit or name}")
+    except ValueError as error:
+        raise JobError([f"--unit {options.unit}: {error}"]) from None
+
+
+def _relative(path: Path, options: argparse.Namespace) -> str:
+    """A path as it stands in the job, which is relative to the job's directory."""
+    return _yaml(os.path.relpath(path.resolve(), options.output.resolve().parent))
+
+
+def _yaml(text: str) -> str:
+    return text if re.fullmatch(r"[\w./-]+", text) else json.dumps(text)
+
+
+def _generator(output: Path) -> Path:
+    return output.with_name(f"{output.stem}_mesh.py")
+
+
+def _typed(options: argparse.Namespace) -> list[str]:
+    """The options as they were typed."""
+    names = ("image", "surface", "unit", "size")
+    given = [(f"--{name}", str(value)) for name in names if (value := getattr(options, name)) is not None]
+    given += [("--label", text) for text in options.label]
+    return [f"{name} {shlex.quote(value)}" for name, value in given]

@@ -1,0 +1,139 @@
+"""``hpcinv new``: its jobs are valid and run; what does not fit is refused, and nothing is overwritten or left."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista
+
+import hpcinv as package
+from hpcinv.__main__ import main
+from hpcinv.parallel.runtime import MPI
+
+KINDS = ("artery", "breast", "liver", "part", "ventricle")
+SPACING = 5.0  # mm
+
+
+def scan(path: Path) -> Path:
+    """A segmented image: an ellipsoid with the label 5, in it a ball with the label 7."""
+    sitk = pytest.importorskip("SimpleITK")
+    grid = np.stack(np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in (44, 34, 26)), indexing="ij"), axis=-1)
+    voxels = np.where(((grid / [18, 13, 10]) ** 2).sum(-1) < 1, 5, 0)
+    voxels[(grid**2).sum(-1) < 5**2] = 7
+    image = sitk.GetImageFromArray(voxels.astype(np.uint8).transpose())
+    image.SetSpacing((SPACING,) * 3)
+    image.SetOrigin((-100, -60, 30))
+    sitk.WriteImage(image, str(path))
+    return path
+
+
+def surface(path: Path) -> Path:
+    pyvista.Cylinder(radius=10, height=60, direction=(1, 0, 0), resolution=40).triangulate().save(path)
+    return path
+
+
+def typed(*arguments: object) -> int:
+    return main(["new", *map(str, arguments)])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_examples_are_valid_jobs_beside_their_mesh(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    file = tmp_path / f"my-{kind}.yaml"
+    assert typed(kind, file) == 0
+    assert f"python -m hpcinv run {file}" in capsys.readouterr().out
+    assert sorted(p.name for p in tmp_path.iterdir()) == [file.name, f"my-{kind}_mesh.py"]
+    assert main(["validate", str(file)]) == 0
+    text = file.read_text()
+    assert "$" not in text
+    assert "doi:10." in text
+    assert "typical order of magnitude" in text or kind == "part"
+
+
+@pytest.mark.parametrize("kind", ["liver", "breast", "part"])
+def test_jobs_of_images_and_surfaces_are_valid_and_hold_the_right_end(kind: str, tmp_path: Path) -> None:
+    (tmp_path / "jobs").mkdir()
+    of_image, of_surface = (tmp_path / "jobs" / name for name in ("image.yaml", "surface.yaml"))
+    assert typed(kind, "--image", scan(tmp_path / "a scan.nii.gz"), "--label", "organ=5,7", of_image) == 0
+    job = package.load(of_image)
+    assert job.resolve(job.mesh.file).samefile(tmp_path / "a scan.nii.gz")
+    assert job.mesh.size == pytest.approx((4 / 3 * np.pi * 18 * 13 * 10 * 125e-9 / 240) ** (1 / 3), rel=0.1)
+    (held,) = job.regions.values()
+    # The ellipsoid lies at y from -40 to 90 mm, x from -82.5 to 97.5 mm, by its voxels' middles.
+    axis, end, inner = ("x", -0.06, 0.0) if kind == "part" else ("y", 0.08, 0.03)
+    assert held.evaluate(**{axis: end})
+    assert not held.evaluate(**{axis: inner})
+    assert typed(kind, "--surface", surface(tmp_path / "it.stl"), "--unit", "mm", "--size", "5 mm", of_surface) == 0
+    assert package.load(of_surface).mesh.size == pytest.approx(5e-3)
+
+
+def test_a_liver_from_a_scan_runs(tmp_path: Path) -> None:
+    file = tmp_path / "liver.yaml"
+    given = ("--label", "liver=5", "--label", "tumour=7", "--size", "25 mm")
+    assert typed("liver", "--image", scan(tmp_path / "scan.nii.gz"), *given, file) == 0
+    job = package.load(file).with_({"certificate": "quick"})
+    found = package.run(job, MPI.COMM_SELF)
+    assert found.certificate.verdict.value in ("pass", "warning")
+    assert 1e-3 < float(found.quantities["largest-displacement"]) < 0.05
+
+
+@pytest.mark.release
+@pytest.mark.parametrize("kind", KINDS)
+def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
+    assert typed(kind, tmp_path / "job.yaml") == 0
+    found = package.run(package.load(tmp_path / "job.yaml"), MPI.COMM_SELF)
+    assert found.certificate.verdict.value in ("pass", "warning")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            "liver --image scan.nii.gz job.yaml",
+            "--label: is needed with --image, such as --label liver=1; in .* are 5, 7",
+        ),
+        (
+            "liver --image scan.nii.gz --label liver=4 job.yaml",
+            r"no voxel has the label 4 \('liver'\); the labels in it",
+        ),
+        ("liver --image scan.nii.gz --label liver job.yaml", "the region 'liver' has no label"),
+        ("liver --image scan.nii.gz --label liver=x job.yaml", "--label liver=x: is written NAME=NUMBER"),
+        ("liver --image it.stl --label liver=5 job.yaml", "--image it.stl: is no image; the endings are .nii"),
+        ("liver --image no.nii.gz --label liver=5 job.yaml", "--image no.nii.gz: no such file"),
+        ("liver --label liver=5 job.yaml", "--label: is for an image, and there is no --image"),
+        ("part --surface it.stl job.yaml", "--unit: is needed with --surface"),
+        ("part --surface it.stl --unit kg job.yaml", "--unit kg: must be a length"),
+        ("part --surface it.stl --unit mm --size 3_kg job.yaml", "--size 3_kg: "),
+        ("part --size 3 job.yaml", "--size: is for an --image or a --surface"),
+        ("part --surface it.stl --image scan.nii.gz job.yaml", "--surface: a job has one mesh"),
+        ("part job.txt", "job.txt: is no name of a job"),
+        ("part no/job.yaml", "no: is no directory"),
+        ("part '.yaml", "'.yaml: cannot be the name of a job"),
+        ("liver --image scan.nii.gz --label a:b=5 job.yaml", "mesh.labels"),
+    ],
+)
+def test_what_does_not_fit_is_refused_and_leaves_nothing(
+    arguments: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scan(tmp_path / "scan.nii.gz")
+    surface(tmp_path / "it.stl")
+    before = sorted(tmp_path.iterdir())
+    assert typed(*arguments.split()) == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_files_are_replaced_only_by_force(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    file, mesh = tmp_path / "part.yaml", tmp_path / "part_mesh.py"
+    for existing in (file, mesh):
+        existing.write_text("mine")
+        assert typed("part", file) == 2
+        assert f"{existing}: exists" in capsys.readouterr().err
+        assert [p.read_text() for p in tmp_path.iterdir()] == ["mine"]
+        existing.unlink()
+    file.write_text("mine")
+    assert typed("part", "--force", file) == 0
+    assert main(["validate", str(file)]) == 0
