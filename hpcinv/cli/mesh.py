@@ -18,7 +18,7 @@ from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.quantity.schema import job_error
-from hpcinv.quantity.units import length_symbol
+from hpcinv.quantity.units import length_symbol, readable
 
 if TYPE_CHECKING:
     from hpcinv.mesh import MeshSource
@@ -124,7 +124,10 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
     source = read_source(spec, options.input, lambda text: print(f"{options.input}: {text}", flush=True))
     check(source)
     save(options.output, source, source.points)
-    print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, in m; regions:")
+    print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, in m")
+    for axis, low, high in zip("xyz", source.points.min(axis=0), source.points.max(axis=0), strict=True):
+        print(f"  {axis} from {readable(low, 'm')} to {readable(high, 'm')}")
+    print("regions:")
     for group in source.groups:
         print(f"  {group.name}: {len(group.members)} {'cells' if group.dim == 3 else 'facets'}")
     return 0
@@ -221,7 +224,7 @@ def _parameter(text: str) -> tuple[str, Any]:
 
 def on_one_process(command: str) -> None:
     """Raise ``OutputError`` if a command was started with several ranks."""
-    from hpcinv.parallel.runtime import MPI
+    from hpcinv.parallel.ranks import MPI
 
     if MPI.COMM_WORLD.size > 1:
         raise OutputError(f"'hpcinv {command}' works on one process", "Start it without mpirun, or with 'mpirun -n 1'.")
