@@ -51,6 +51,7 @@ def add_mesh(commands: Any) -> None:
     )
     image.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
     image.add_argument("--unit", help="length unit of the image, as mesh.unit of a job; by default mm")
+    image.add_argument("--orientation", help="frame of the mesh, as mesh.orientation of a job; by default LPS")
     image.set_defaults(command=_from_image)
 
     surface = add_command(
@@ -101,8 +102,11 @@ def add_mesh(commands: Any) -> None:
 
 
 def _from_image(options: argparse.Namespace) -> int:
-    labels = dict(label_of(text) for text in options.label)
-    return _meshed(options, IMAGES, "image", {"labels": labels})
+    labels = dict[str, list[int]]()
+    for name, numbers in map(label_of, options.label):  # a region may be given in several options
+        labels[name] = labels.get(name, []) + numbers
+    given = {"orientation": options.orientation} if options.orientation else {}
+    return _meshed(options, IMAGES, "image", {"labels": labels} | given)
 
 
 def _from_surface(options: argparse.Namespace) -> int:

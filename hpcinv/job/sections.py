@@ -1,10 +1,11 @@
 """Sections of a job file that describe the body: mesh, supports, and quantities of interest."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Field,
     ValidationInfo,
@@ -42,6 +43,21 @@ FIELDS: dict[str, Dimension | None] = {
 }
 
 Labels = Annotated[ListOf[Annotated[int, Field(ge=1)]], BeforeValidator(lambda v: [v] if isinstance(v, int) else v)]
+RESERVED = ("boundary", "outside", "cut")
+"""names that regions of images and surfaces have by themselves"""
+
+
+def _right_handed(orientation: str) -> str:
+    """Check that letters are of three axes at right angles, in the order of a right-handed frame."""
+    axes = ["LPSRAI".find(letter) % 3 if letter in "LPSRAI" else -1 for letter in orientation]
+    is_even = axes in ([0, 1, 2], [1, 2, 0], [2, 0, 1])
+    mirrored = sum(letter in "RAI" for letter in orientation) % 2 == 1
+    if sorted(axes) != [0, 1, 2] or is_even == mirrored:
+        raise ValueError(f"{shown(orientation)} is no right-handed frame of three letters, such as LPS or RAS")
+    return orientation
+
+
+Orientation = Annotated[str, AfterValidator(_right_handed)]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
@@ -208,6 +224,9 @@ class MeshSpec(MeshFile):
     """partitioner of the cells; a partitioned mesh (.bp) keeps its partition, unless scotch partitions it again"""
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region"""
+    orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
+    """of a segmented image: sides of the patient to which x, y and z of the mesh point, such as RAS: letters of left or
+    right, posterior or anterior, superior or inferior"""
     size: Annotated[Size | None, Field(exclude_if=lambda size: size is None)] = None
     """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' in place of 'file')"""
     surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
@@ -227,6 +246,9 @@ class MeshSpec(MeshFile):
     def _check_source(self) -> Self:
         if self.labels and not self.is_image:
             raise Problems((("labels",), "is for segmented images only, and 'file' is none"))
+        if "orientation" in self.model_fields_set and not self.is_image:
+            raise Problems((("orientation",), "is for segmented images only: other files are in the frame of the job"))
+        raise_if_any(self._faults_of_labels())
         if self.is_image and not self.labels:
             raise Problems((("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"))
         if self.is_surface and "unit" not in self.model_fields_set:
@@ -237,6 +259,15 @@ class MeshSpec(MeshFile):
         if self.size is not None and not is_meshed:
             raise Problems((("size",), "is for images and surfaces only; give a generator's among its 'parameters'"))
         return self
+
+    def _faults_of_labels(self) -> Iterator[tuple[Location, str]]:
+        names: dict[int, str] = {}
+        for name, numbers in self.labels.items():
+            if name in RESERVED:
+                yield ("labels", name), "is the name of another region; choose another"
+            for number in numbers:
+                if (other := names.setdefault(number, name)) != name:
+                    yield ("labels", name), f"has the number {number}, which '{other}' has too"
 
 
 class Support(Spec):

@@ -125,14 +125,14 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
             monitor = MeshingMonitor(spec.maximum_cells, report)
             source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree, monitor).in_metres(spec.unit)
         elif spec.size is not None and spec.is_surface:
-            from hpcinv.mesh.imaging import surface_mesh  # loads VTK
+            from hpcinv.mesh.imaging import BODY, surface_mesh  # loads VTK
 
-            source = surface_mesh(path, spec.size, spec.unit, spec.maximum_cells, report)
+            source = surface_mesh({BODY: [path]}, spec.size, spec.unit, spec.maximum_cells, report)
         elif spec.size is not None:
             from hpcinv.mesh.imaging import image_mesh
 
             unit = spec.unit if "unit" in spec.model_fields_set else 1e-3  # what the formats of images define
-            source = image_mesh(path, spec.labels, spec.size, unit, spec.maximum_cells, report)
+            source = image_mesh(path, spec.labels, spec.size, unit, spec.orientation, spec.maximum_cells, report)
         else:
             source = FILES[path.suffix](path)
             if path.suffix != SUFFIX:  # partitioned meshes are in metres

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -97,6 +99,40 @@ def test_it_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:
     assert volumes(source)["block"] == pytest.approx(12 * 16 * 18e-9, rel=0.01)
 
 
+def test_other_frames(tmp_path: Path) -> None:
+    image, said = written(tmp_path / "ball.nii.gz", ball(), origin=(100, 10, 1)), list[str]()
+    source = meshed(image, said, orientation="SRA")
+    middle = (source.points.min(axis=0) + source.points.max(axis=0)) / 2 * 1e3
+    assert middle == pytest.approx([12.5, -111.5, -21.5], abs=0.5)
+    assert "in SRA (x, y, z to head, right, front)" in "".join(said)
+    with pytest.raises(JobError, match="no right-handed frame"):
+        meshed(image, orientation="LAS")
+
+
+def test_small_holes_and_parts_are_told(tmp_path: Path) -> None:
+    voxels, said = ball(), list[str]()
+    voxels[8, 8, 8] = 0  # a hole
+    voxels[12:17, 12:17, 12:17] = 2  # a nodule, and one that is too small for cells
+    voxels[6:8, 12, 12] = 2
+    image = written(tmp_path / "nodules.nii.gz", voxels)
+    source = meshed(image, said, labels={"ball": 1, "nodule": 2})
+    assert volumes(source)["nodule"] == pytest.approx(125e-9, rel=0.02)
+    assert "1 hole of 1 mm^3 in all, smaller than a cell, filled" in said
+    assert "nodule: 1 parts of 2 mm^3 in all, too small for cells" in said
+    assert any(line.startswith("scaled Jacobian of cells: 0.") for line in said)
+
+
+def test_two_cells_in_thin_walls_and_separate_parts(tmp_path: Path) -> None:
+    """Cells of more than twice the thickness of plates near to the border of the image."""
+    voxels, said = np.zeros((24, 24, 24), dtype=np.uint8), list[str]()
+    voxels[2:22, 2:22, 2:5] = voxels[2:22, 2:22, 14:17] = 1
+    source = meshed(written(tmp_path / "plates.nii.gz", voxels), said, size="7 mm")
+    assert {g.name for g in source.groups if g.dim == 2} == {"ball|outside"}
+    on_boundary = np.isin(np.arange(len(source.points)), source.facets)
+    assert not on_boundary[source.cells].all(axis=1).any()
+    assert "the body has 2 parts that share no facet: each needs supports" in said
+
+
 def test_other_units(tmp_path: Path) -> None:
     image = written(tmp_path / "cells.nii.gz", ball())
     assert volumes(meshed(image, unit="um", size="4 um"))["ball"] == pytest.approx(ball().sum() * 1e-18, rel=0.01)
@@ -135,12 +171,23 @@ def thin_wall() -> np.ndarray:
     return voxels
 
 
+def many_islands() -> np.ndarray:
+    """A block of 1000 voxels and eight ones of 8."""
+    voxels = ball() * 0
+    voxels[:10, :10, :10] = 1
+    for i, j, k in np.ndindex(2, 2, 2):
+        voxels[14 + 4 * i : 16 + 4 * i, 14 + 4 * j : 16 + 4 * j, 14 + 4 * k : 16 + 4 * k] = 1
+    return voxels
+
+
 @pytest.mark.parametrize(
     ("voxels", "fault"),
     [
         (lambda: ball() * 2, "no voxel has the label 1 ('ball'); the labels in it are 2"),
         (one_voxel, "too small or thin for cells of 4 mm"),
-        (thin_wall, "too small or thin for cells of 4 mm"),
+        (thin_wall, "100% of the label 'ball' is in walls of less than two voxels"),
+        (lambda: ball() * (np.indices((24, 24, 24)).sum(axis=0) % 2), "in walls of less than two voxels"),
+        (many_islands, "of the label 'ball' is in islands, 8 in all"),
         (lambda: ball() * np.float32(0.5), "its values are not whole numbers"),
     ],
 )
@@ -148,6 +195,41 @@ def test_what_cannot_be_meshed_is_told(voxels: Callable[[], np.ndarray], fault: 
     with pytest.raises(MeshError) as told:
         meshed(written(tmp_path / "image.nii.gz", voxels()))
     assert fault in str(told.value)
+
+
+def with_header(path: Path, *changes: tuple[str, int, tuple[float, ...]]) -> Path:
+    """The ball cut in half as a NIfTI file, with values of its header in other places."""
+    raw = bytearray(gzip.decompress(written(path, ball()[:, :, 12:]).read_bytes()))
+    for kind, place, values in changes:
+        struct.pack_into(f"<{len(values)}{kind}", raw, place, *values)
+    path.write_bytes(gzip.compress(bytes(raw)))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ([("f", 280, (2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0))], r"two places of the voxels \(qform and sform\)"),
+        ([("f", 280, (0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0))], r"two places of the voxels \(qform and sform\)"),
+        ([("f", 280, (1, 0.5, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0))], "not at right angles"),
+        ([("f", 80, (0,))], "voxels of 0 x 1 x 1"),
+        ([("f", 80, (float("nan"),))], "voxels of nan x 1 x 1"),
+        ([("h", 42, (48,))], "voxels are missing"),
+        ([("B", 123, (1,))], "too large for cells of 4 mm"),  # spacing in metres
+        ([("B", 123, (3,))], "too small or thin for cells of 4 mm"),  # in micrometres
+    ],
+)
+def test_contradictory_headers_are_told(changes: list[Any], fault: str, tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=fault):
+        meshed(with_header(tmp_path / "image.nii.gz", ("h", 252, (1, 1)), *changes))
+
+
+def test_sheared_axes_are_told(tmp_path: Path) -> None:
+    head = "type: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: 24 24 24\nspace origin: (0,0,0)\n"
+    axes = "space directions: (1,0,0) (0.5,1,0) (0,0,1)\nencoding: raw\n\n"
+    (tmp_path / "image.nrrd").write_bytes(f"NRRD0004\n{head}{axes}".encode() + ball().tobytes())
+    with pytest.raises(MeshError, match="not at right angles"):
+        meshed(tmp_path / "image.nrrd")
 
 
 def test_files_that_are_no_images_are_told(tmp_path: Path) -> None:
@@ -164,6 +246,8 @@ def test_files_that_are_no_images_are_told(tmp_path: Path) -> None:
         ({"labels": {"ball": 0}}, "mesh.labels"),
         ({"file": "ball.msh"}, "mesh.image: is given beside 'file'"),
         ({"maximum_cells": 10}, "more than 10"),
+        ({"labels": {"cut": 1}}, "mesh.labels.cut: is the name of another region"),
+        ({"labels": {"ball": 1, "core": [2, 1]}}, "mesh.labels.core: has the number 1, which 'ball' has too"),
     ],
 )
 def test_bad_sections_are_told(changes: dict[str, Any], fault: str, tmp_path: Path) -> None:
@@ -191,6 +275,29 @@ def test_a_surface_keeps_its_place_and_volume(ending: str, tmp_path: Path) -> No
     assert [g.name for g in source.groups] == ["body", "body|outside"]
     radii = np.linalg.norm(source.points - np.array([100, -20, 3]) * 1e-3, axis=1)
     assert radii.max() == pytest.approx(10e-3, rel=0.05)
+
+
+def cubes() -> pyvista.PolyData:
+    """Two that touch, with their walls between them."""
+    return cube(0).append_polydata(cube(10))
+
+
+def cube(left: float) -> pyvista.PolyData:
+    return pyvista.Cube(bounds=(left, left + 10, 0, 10, 0, 10)).triangulate()
+
+
+def twice() -> pyvista.PolyData:
+    return cube(0).append_polydata(cube(0))
+
+
+def inside_each_other() -> pyvista.PolyData:
+    return pyvista.Sphere(radius=10).append_polydata(pyvista.Sphere(radius=5))
+
+
+@pytest.mark.parametrize(("surface", "volume"), [(cubes, 2000), (twice, 1000), (inside_each_other, 3600)])
+def test_surfaces_of_several_shells(surface: Callable[[], pyvista.PolyData], volume: float, tmp_path: Path) -> None:
+    surface().save(tmp_path / "body.stl")
+    assert volumes(inside(tmp_path / "body.stl"))["body"] == pytest.approx(volume * 1e-9, rel=0.02)
 
 
 def half() -> pyvista.PolyData:

@@ -7,4 +7,7 @@ extracted first, tetrahedra that are moved cannot cut each other, however thin t
 
 from hpcinv.mesh.imaging.image_mesh import image_mesh, surface_mesh
 
-__all__ = ["image_mesh", "surface_mesh"]
+BODY = "body"
+"""name of the region inside of one surface"""
+
+__all__ = ["BODY", "image_mesh", "surface_mesh"]

@@ -37,6 +37,11 @@ class Memberships:
         places = (points / self.spacing).T
         return np.array([ndimage.map_coordinates(f, places, order=1, mode="nearest") for f in self._fields])
 
+    def likeliest(self, x: float, y: Floats, z: Floats) -> Ints:
+        """The label (ny, nz) of the largest membership in the plane ``x``, at coordinates ``y`` and ``z``."""
+        points = np.stack(np.meshgrid([x], y, z, indexing="ij"), axis=-1)
+        return np.asarray(self.at(points.reshape(-1, 3)).argmax(axis=0).reshape(len(y), len(z)))
+
     def difference(self, points: Floats, one: Ints, other: Ints) -> Floats:
         """Membership of label ``one`` less that of ``other``, for each point."""
         found, rows = self.at(points), np.arange(len(points))

@@ -6,87 +6,262 @@ surfaces of scans; cells cannot be worse for it.
 
 from __future__ import annotations
 
+import contextlib
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pyvista
+import vtk
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.imaging.label_image import LabelImage
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.parallel.available_memory import available
+from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.units import readable
 
-BODY = "body"
-"""name of the region inside a surface"""
 _VOXELS = 8  # along the size of a cell
 _MARGIN = 3  # voxels around the body, which is not cut by the border of an image
 _MOST = 200e6  # bytes, one for each voxel
 _SAME = 0.01  # relative difference of the volumes of triangles and voxels from which on the surface cuts itself
+_MOST_SHELLS = 1000
+_MEMORY = 8  # bytes of memory for each byte of a binary file
 
 
-def fill(path: Path, size: float, unit: float) -> tuple[LabelImage, float]:
-    """Fill the closed surface in a file (STL, PLY, OBJ, VTP) with voxels; return them and its volume (m³).
+def fill(parts: Mapping[str, Sequence[Path]], size: float, unit: float) -> tuple[LabelImage, list[float]]:
+    """Fill closed surfaces in files (STL, PLY, OBJ, VTP) with voxels; return them and the volumes (m³) of the regions.
+
+    A region is what an odd number of its surfaces encloses. Where regions overlap, one must lie in the other, from
+    which it is cut out.
 
     Args:
+        parts: files of the surfaces of each region.
         size: of the cells (m).
-        unit: length unit (m) of the file.
+        unit: length unit (m) of the files.
 
     Raises:
-        MeshError: it cannot be read, is open, or cuts itself.
+        MeshError: one cannot be read, is open, or cuts itself or another.
     """
-    surface = read_closed(path)
-    volume = abs(_signed_volume(surface)) * unit**3
-    extent = np.array(surface.bounds_size) * unit
-    if not volume > 0 or not np.isfinite(volume):
-        raise MeshError(f"{path}: encloses no volume", "Is it the surface of a body?")
+    surfaces = [_together(paths) for paths in parts.values()]
+    first = next(iter(parts.values()))[0]
+    bounds = np.array([surface.bounds for surface in surfaces])
+    low, high = bounds[:, ::2].min(axis=0), bounds[:, 1::2].max(axis=0)
+    extent = (high - low) * unit
+    told = " x ".join(readable(float(length), "m") for length in extent)
     voxel = size / _VOXELS
     counts = np.ceil(extent / voxel).astype(int) + 2 * _MARGIN
     if np.prod(counts, dtype=float) > _MOST:
         raise MeshError(
-            f"{path}: the body of {' x '.join(readable(float(length), 'm') for length in extent)} is too large for"
-            f" cells of {readable(size, 'm')}",
+            f"{first}: the body of {told} is too large for cells of {readable(size, 'm')}",
             "Make mesh.size larger. Is mesh.unit right?",
         )
-    grid = pyvista.ImageData(
-        dimensions=counts,
-        spacing=[voxel / unit] * 3,
-        origin=np.array(surface.bounds[::2]) - (_MARGIN - 0.5) * voxel / unit,
-    )
-    inside = np.asarray(surface.voxelize_binary_mask(reference_volume=grid)["mask"])
-    voxels = (inside > 0).astype(np.int64).reshape(counts, order="F")
-    if abs(voxels.sum() * voxel**3 / volume - 1) > _SAME + 2 * voxel * surface.area * unit**2 / volume * 0.05:
+    if extent.max() < size:
         raise MeshError(
-            f"{path}: the triangles enclose {readable(volume, 'm^3')}, but the points inside are"
-            f" {readable(float(voxels.sum()) * voxel**3, 'm^3')}: the surface cuts itself, or the body is thin for"
+            f"{first}: the body of {told} is smaller than cells of {readable(size, 'm')}",
+            "Make mesh.size smaller. Is mesh.unit right?",
+        )
+    grid = pyvista.ImageData(dimensions=counts, spacing=[voxel / unit] * 3, origin=low - (_MARGIN - 0.5) * voxel / unit)
+    inside = [_voxels(paths[0], of, grid, unit) for paths, of in zip(parts.values(), surfaces, strict=True)]
+    order = sorted(range(len(inside)), key=lambda i: -int(inside[i].sum()))
+    _check_nested([list(parts)[i] for i in order], [inside[i] for i in order], first)
+    voxels = np.zeros(counts, dtype=np.int64)
+    for i in order:  # the smaller one is cut out of the larger one
+        voxels[inside[i] > 0] = i + 1
+    volumes = []
+    for i, (mask, surface) in enumerate(zip(inside, surfaces, strict=True), start=1):
+        kept = np.count_nonzero(voxels == i) / np.count_nonzero(mask)
+        volumes.append(float(signed_volume(surface) * unit**3 * kept))
+    origin = np.array(grid.origin) * unit
+    return LabelImage(first, tuple(parts), voxels, np.full(3, voxel), origin, np.eye(3)), volumes
+
+
+def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Ints:
+    """1 for voxels inside of a surface; ``MeshError`` if their volume is not that of the triangles."""
+    voxel = float(grid.spacing[0])
+    volume = signed_volume(surface)
+    if not volume > 0 or not np.isfinite(volume):
+        raise MeshError(f"{path}: encloses no volume", "Is it the surface of a body?")
+    inside = np.asarray(surface.voxelize_binary_mask(reference_volume=grid)["mask"])
+    found = np.count_nonzero(inside) * voxel**3
+    if abs(found / volume - 1) > _SAME + 2 * voxel * surface.area / volume * 0.05:
+        raise MeshError(
+            f"{path}: the triangles enclose {readable(volume * unit**3, 'm^3')}, but the points inside are"
+            f" {readable(found * unit**3, 'm^3')}: the surface cuts itself, or the body is thin for"
             " these cells",
             "Repair the surface (Blender, MeshLab), or make mesh.size smaller.",
         )
-    origin = np.array(grid.origin) * unit
-    return LabelImage(path, (BODY,), voxels, np.full(3, voxel), origin, np.eye(3)), volume
+    return (inside > 0).astype(np.int64).reshape(grid.dimensions, order="F")
+
+
+def _check_nested(names: Sequence[str], inside: Sequence[Ints], path: Path) -> None:
+    """Check that of two regions, the larger one first, the smaller is in the other or apart from it."""
+    for i, one in enumerate(inside):
+        for j in range(i + 1, len(inside)):
+            both, whole = np.count_nonzero(one & inside[j]), np.count_nonzero(inside[j])
+            if _SAME * whole < both < (1 - _SAME) * whole:
+                raise MeshError(
+                    f"{path}: the surfaces of '{names[i]}' and '{names[j]}' cut each other: {both / whole:.0%} of"
+                    f" '{names[j]}' is in '{names[i]}'",
+                    "One must lie in the other, or beside it.",
+                )
 
 
 def read_closed(path: Path) -> pyvista.PolyData:
-    """Read a surface of triangles, whose coinciding nodes are one, and check that it is closed."""
-    try:
-        surface = pyvista.read(path)
-    except Exception as error:  # readers of VTK raise various errors
+    """Read a surface of triangles, check that it is closed, and turn its normals out of the body.
+
+    Coinciding nodes become one, triangles that occur twice are kept once, and double walls, as where two bodies touch,
+    are removed. The body is between a shell and those in it.
+
+    Raises:
+        MeshError: it cannot be read, is open, or has too many shells.
+    """
+    surface = _read(path)
+    count = 0
+    for facets in _without_repeated(surface.regular_faces.astype(np.int64)):
+        edges, shared = _edges(facets)
+        count = max(count, int(np.count_nonzero(shared % 2)))
+        if len(facets) and not (shared % 2).any():
+            break
+    else:
         raise MeshError(
-            f"{path}: cannot be read as a surface: {error}", "Formats are STL, PLY, OBJ and VTP."
-        ) from error
+            f"{path}: the surface is open: {count} edges have one triangle, or an odd number", "Close its holes."
+        )
+    pairs = edges[np.repeat(shared == 2, shared)].reshape(-1, 2) // 3  # triangles that share a manifold edge
+    graph = coo_array((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(len(facets),) * 2)
+    count, shell = connected_components(graph, directed=False)
+    if count > _MOST_SHELLS:
+        raise MeshError(f"{path}: has {count:,} separate shells", "Is it the surface of a body?")
+    return _turned(np.asarray(surface.points, dtype=np.float64), facets, shell, pairs, count)
+
+
+def _together(paths: Sequence[Path]) -> pyvista.PolyData:
+    """The surfaces in some files as one, of which the body is between a shell and those in it."""
+    surfaces = [read_closed(path) for path in paths]
+    if len(surfaces) == 1:
+        return surfaces[0]
+    begins = np.cumsum([0, *(surface.n_points for surface in surfaces)])
+    facets = np.concatenate([s.regular_faces + b for s, b in zip(surfaces, begins[:-1], strict=True)]).astype(np.int64)
+    shell = np.repeat(np.arange(len(surfaces)), [s.n_cells for s in surfaces])
+    points = np.concatenate([np.asarray(s.points) for s in surfaces])
+    return _nested(points, facets, shell, len(surfaces))
+
+
+def signed_volume(surface: pyvista.PolyData) -> float:
+    """Volume in a closed surface of triangles, negative with normals inwards."""
+    return float(_moments(np.asarray(surface.points, dtype=np.float64), surface.regular_faces).sum())
+
+
+def _moments(points: Floats, facets: Ints) -> Floats:
+    """Volumes between triangles and the middle of the points, where differences of large coordinates are exact."""
+    a, b, c = (points[facets[:, i]] - points.mean(axis=0) for i in range(3))
+    return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
+
+
+def _read(path: Path) -> pyvista.PolyData:
+    """The triangles in a file, with coinciding nodes as one."""
+    if path.is_file() and (needed := _MEMORY * path.stat().st_size) > (free := available(MPI.COMM_SELF)):
+        raise MeshError(
+            f"{path}: reading it takes about {needed / 1e9:.1f} GB of memory, but {free / 1e9:.1f} GB are available",
+            "Coarsen the surface: triangles below an eighth of the cells' size are not seen.",
+        )
+    with _without_messages_of_vtk():
+        try:
+            surface = pyvista.read(path)
+        except Exception as error:  # readers of VTK raise various errors
+            raise MeshError(
+                f"{path}: cannot be read as a surface: {error}", "Formats are STL, PLY, OBJ and VTP."
+            ) from error
     if not isinstance(surface, pyvista.PolyData) or not surface.n_cells:
         raise MeshError(f"{path}: has no triangles", "Formats are STL, PLY, OBJ and VTP.")
-    surface = surface.triangulate().clean(tolerance=1e-9)
     if not np.isfinite(surface.points).all():
         raise MeshError(f"{path}: has coordinates that are not finite numbers")
-    facets = surface.regular_faces
-    edges = np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1)
-    _, shared = np.unique(edges, axis=0, return_counts=True)
-    if (count := int(np.count_nonzero(shared == 1))) or not len(facets):
-        raise MeshError(f"{path}: the surface is open: {count} edges have one triangle", "Close its holes.")
-    return surface.compute_normals(
-        cell_normals=True, point_normals=False, consistent_normals=True, auto_orient_normals=True, split_vertices=False
-    )
+    if not surface.is_all_triangles:
+        surface = surface.triangulate()
+    surface = surface.clean(tolerance=1e-9)
+    if not surface.is_all_triangles:  # triangles without an area have become lines and points
+        surface = pyvista.PolyData(surface.points, faces=surface.faces)
+    return surface
 
 
-def _signed_volume(surface: pyvista.PolyData) -> float:
-    a, b, c = (np.asarray(surface.points, dtype=np.float64)[surface.regular_faces[:, i]] for i in range(3))
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+@contextlib.contextmanager
+def _without_messages_of_vtk() -> Iterator[None]:
+    """VTK's readers print their errors; what is wrong is told by an exception."""
+    before = vtk.vtkObject.GetGlobalWarningDisplay()
+    vtk.vtkObject.GlobalWarningDisplayOff()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        vtk.vtkObject.SetGlobalWarningDisplay(before)
+
+
+def _without_repeated(facets: Ints) -> Iterator[Ints]:
+    """Triangles with those that occur twice kept once, and without them: then they were walls between two bodies."""
+    ordered = np.sort(facets, axis=1)
+    order = np.lexsort(ordered.T[::-1])
+    begins = np.concatenate([[True], (ordered[order][1:] != ordered[order][:-1]).any(axis=1)])
+    if begins.all():
+        yield facets
+        return
+    starts = np.flatnonzero(begins)
+    yield facets[np.sort(order[starts])]
+    yield facets[np.sort(order[starts[np.diff(np.append(starts, len(facets))) == 1]])]
+
+
+def _edges(facets: Ints) -> tuple[Ints, Ints]:
+    """Places in ``facets.ravel()`` at which edges begin, those of one edge together, and the number of each edge."""
+    one, other = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
+    key = np.minimum(one, other) * (int(facets.max(initial=0)) + 1) + np.maximum(one, other)
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    starts = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else np.zeros(0, dtype=np.int64)
+    return order, np.diff(np.append(starts, len(key)))
+
+
+def _turned(points: Floats, facets: Ints, shell: Ints, pairs: Ints, count: int) -> pyvista.PolyData:
+    """The surface with normals out of the body."""
+    if len(pairs) and not _agree(facets, pairs):
+        surface = pyvista.PolyData.from_regular_faces(points, facets)
+        surface.cell_data["row"] = np.arange(len(facets))
+        surface = surface.compute_normals(
+            cell_normals=True, point_normals=False, consistent_normals=True, split_vertices=False
+        )
+        shell, facets = shell[surface.cell_data["row"]], surface.regular_faces.astype(np.int64)
+    return _nested(points, facets, shell, count)
+
+
+def _agree(facets: Ints, pairs: Ints) -> bool:
+    """Whether neighbours pass their common edge in opposite directions."""
+    one, other = facets[pairs[:, 0]], facets[pairs[:, 1]]
+    same = np.zeros(len(pairs), dtype=bool)
+    for i in range(3):
+        for j in range(3):
+            same |= (one[:, i] == other[:, j]) & (one[:, (i + 1) % 3] == other[:, (j + 1) % 3])
+    return not same.any()
+
+
+def _nested(points: Floats, facets: Ints, shell: Ints, count: int) -> pyvista.PolyData:
+    """Shells of consistent triangles, turned so that normals point out of the body between a shell and those in it."""
+    volumes = np.bincount(shell, weights=_moments(points, facets), minlength=count)
+    depth = np.zeros(count, dtype=np.int64)
+    if count > 1:
+        first = np.unique(shell, return_index=True)[1]
+        inner = points[facets[first, 0]]
+        low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+        for corner in range(3):
+            np.minimum.at(low, shell, points[facets[:, corner]])
+            np.maximum.at(high, shell, points[facets[:, corner]])
+        for outer in range(count):
+            may = ((low > low[outer]) & (high < high[outer])).all(axis=1)
+            if may.any():
+                around = pyvista.PolyData.from_regular_faces(points, facets[shell == outer]).clean()
+                found = pyvista.PolyData(inner[may]).select_interior_points(around)
+                depth[np.flatnonzero(may)] += np.asarray(found["selected_points"], dtype=np.int64)
+    turn = ((volumes < 0) ^ (depth % 2 == 1))[shell]
+    facets = np.where(turn[:, None], facets[:, ::-1], facets)
+    return pyvista.PolyData.from_regular_faces(points, facets)

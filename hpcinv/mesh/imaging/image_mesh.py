@@ -16,6 +16,8 @@ from hpcinv.mesh.imaging.boundary import Memberships, smoothed
 from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
+from hpcinv.mesh.imaging.mesh_report import report_mesh
+from hpcinv.mesh.imaging.specks import check_thickness, without_lost_parts, without_specks
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.quantity.units import readable
 
@@ -24,7 +26,7 @@ type Bools = npt.NDArray[np.bool_]
 OUTSIDE, CUT = "outside", "cut"
 _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
-_ISLAND = 0.01  # share of a body's volume up to which a part that touches no other is left out
+_MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory
 _RIGHT = 0.01  # relative error of a volume that is not worth a word
 _PASSES = 2  # of MMG, each with nodes moved to the boundary after it
 _WRONG = 0.1  # and from which on there is no mesh
@@ -38,6 +40,7 @@ def image_mesh(
     labels: Mapping[str, Sequence[int]],
     size: float,
     unit: float,
+    orientation: str,
     most: int,
     report: Callable[[str], None],
 ) -> MeshSource:
@@ -50,6 +53,7 @@ def image_mesh(
         labels: numbers of voxels by the name of their region.
         size: largest length of edges (m).
         unit: length unit (m) of spacing and origin in the file.
+        orientation: frame of the positions, such as LPS.
         most: largest number of cells.
         report: called with what a user should know.
 
@@ -57,19 +61,25 @@ def image_mesh(
         MeshError: the image cannot be read, lacks a label, or its labels are too thin for cells.
         SystemPartMissing: the packages for images are not installed.
     """
-    image = _without_islands(read_labels(path, labels, unit), report)
+    image = read_labels(path, labels, unit, orientation)
+    _check_extent(image, size)
+    check_thickness(image, report)
+    image = without_specks(image, size, report)
     volumes = [image.volume(label) for label in range(1, len(labels) + 1)]
     mesh = _meshed(image, size, volumes, _WITHIN * float(image.spacing.min()), most, report)
     return replace(mesh, voxel=float(image.spacing.prod() ** (1 / 3)))
 
 
-def surface_mesh(path: Path, size: float, unit: float, most: int, report: Callable[[str], None]) -> MeshSource:
-    """Mesh the body in a closed surface (STL, PLY, OBJ, VTP) on this process, in metres.
+def surface_mesh(
+    parts: Mapping[str, Sequence[Path]], size: float, unit: float, most: int, report: Callable[[str], None]
+) -> MeshSource:
+    """Mesh the body in closed surfaces (STL, PLY, OBJ, VTP) on this process, in metres.
 
-    Regions are `BODY`, and its surface. Arguments and errors are those of `image_mesh`.
+    Regions are ``parts``, by the files of their surfaces, and their surfaces. Other arguments and errors are those of
+    `image_mesh`.
     """
-    image, volume = fill(path, size, unit)
-    return _meshed(image, size, [volume], _WITHIN_SIZE * size, most, report)
+    image, volumes = fill(parts, size, unit)
+    return _meshed(image, size, volumes, _WITHIN_SIZE * size, most, report)
 
 
 def _meshed(
@@ -95,13 +105,16 @@ def _meshed(
             "Make mesh.size larger, or mesh.maximum_cells.",
         )
     memberships = Memberships(voxels, len(labels), image.spacing, 0.5 * spacing)
-    middles, begin = _middles(voxels.shape, image.spacing, spacing)
-    found = memberships.at(middles.reshape(-1, 3)).argmax(axis=0).reshape(middles.shape[:-1])
+    axes, begin = _middles(voxels.shape, image.spacing, spacing)
+    found = np.stack([memberships.likeliest(x, *axes[1:]) for x in axes[0]])
     if lost := [name for i, name in enumerate(labels, start=1) if not (found == i).any()]:
         raise MeshError(
             f"{path}: the label '{lost[0]}' is too small or thin for cells of {readable(size, 'm')}",
             "Use smaller ones.",
         )
+    volumes = without_lost_parts(
+        image, found, (begin + 0.5 * spacing) / image.spacing + first, spacing, volumes, report
+    )
     lattice = lattice_of(found, spacing)
     lattice = replace(lattice, points=lattice.points + begin)
     points = smoothed(lattice, memberships, spacing, volumes)
@@ -116,7 +129,7 @@ def _meshed(
     groups = _groups(image.names, of, pairs, is_cut)
     if np.linalg.det(image.axes) < 0:  # mirrored
         cells = cells[:, [0, 2, 1, 3]]
-    return MeshSource(
+    mesh = MeshSource(
         path=path,
         kind="tetrahedron",
         degree=1,
@@ -127,38 +140,48 @@ def _meshed(
         facets=facets,
         groups=groups,
     )
+    report_mesh(mesh, image.frame, report)
+    return mesh
 
 
-def _without_islands(image: LabelImage, report: Callable[[str], None]) -> LabelImage:
-    """The image without small parts that touch no other; their number and volume are reported."""
-    parts, count = ndimage.label(image.voxels > 0)
-    if count < 2:
-        return image
-    sizes = np.bincount(parts.ravel())[1:]
-    small = np.flatnonzero(sizes < _ISLAND * sizes.sum()) + 1
-    if len(small):
-        volume = readable(float(sizes[small - 1].sum() * image.spacing.prod()), "m^3")
-        report(f"{len(small)} island{'s' if len(small) > 1 else ''} of {volume} in all left out")
-    voxels = np.where(np.isin(parts, small), 0, image.voxels)
-    return LabelImage(image.path, image.names, voxels, image.spacing, image.origin, image.axes)
+def _check_extent(image: LabelImage, size: float) -> None:
+    """Check that the body is larger than a cell, and not so large that the unit must be wrong."""
+    low, high = _box(image)
+    extent = (high - low) * image.spacing
+    told = " x ".join(readable(float(length), "m") for length in extent)
+    if extent.max() < size:
+        raise MeshError(
+            f"{image.path}: the body of {told} is too small or thin for cells of {readable(size, 'm')}",
+            "Make mesh.size smaller. Is mesh.unit right?",
+        )
+    if (fit := float(np.prod(extent / size))) > _MOST_FIT:
+        raise MeshError(
+            f"{image.path}: the body of {told} is too large for cells of {readable(size, 'm')}, of which {fit:.2g} are"
+            " in a box around it",
+            "Make mesh.size larger. Is mesh.unit right?",
+        )
+
+
+def _box(image: LabelImage) -> tuple[Ints, Ints]:
+    """First voxels of the labels along each axis, and those after the last."""
+    (box,) = ndimage.find_objects((image.voxels > 0).astype(np.int8))
+    return np.array([side.start for side in box]), np.array([side.stop for side in box])
 
 
 def _cropped(image: LabelImage) -> tuple[Ints, Ints]:
     """Voxels of the labels with a margin of three of the outside, and the place of the first of them in the image."""
     margin = 3
-    places = np.argwhere(image.voxels)
-    low, high = places.min(axis=0), places.max(axis=0) + 1
+    low, high = _box(image)
     inside = image.voxels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
     return np.pad(inside, margin), low - margin
 
 
-def _middles(shape: tuple[int, ...], voxel: Floats, spacing: float) -> tuple[Floats, Floats]:
-    """Middles (…, 3) of the lattice's cells in the image (m from its first voxel), and where the lattice begins."""
+def _middles(shape: tuple[int, ...], voxel: Floats, spacing: float) -> tuple[list[Floats], Floats]:
+    """Coordinates of the middles of the lattice's cells (m from the image's first voxel), and where it begins."""
     extent = (np.array(shape) - 1) * voxel
     counts = np.maximum(np.floor(extent / spacing).astype(int), 1)
     begin = (extent - counts * spacing) / 2
-    axes = [b + (np.arange(n) + 0.5) * spacing for b, n in zip(begin, counts, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1), begin
+    return [b + (np.arange(n) + 0.5) * spacing for b, n in zip(begin, counts, strict=True)], begin
 
 
 def _remeshed(lattice: Lattice, size: float, tolerance: float, path: Path) -> tuple[Floats, Ints, Ints]:
@@ -212,8 +235,11 @@ def _at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> 
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300
     middles = corners.mean(axis=1) / image.spacing + first  # in voxels
     last = np.array(image.voxels.shape) - 1
-    near, beyond = (middles < 1) | (middles > last - 1), (middles < -0.2) | (middles > last + 0.2)
-    return np.asarray((beyond | (near & (np.abs(normals) > 0.5))).any(axis=1))
+    found = np.zeros((len(facets), 3), dtype=bool)
+    low, high = _box(image)
+    for is_cut, depth in ((low == 0, middles), (high == last + 1, last - middles)):
+        found |= is_cut & ((depth < -0.2) | ((depth < 1) & (np.abs(normals) > 0.5)))
+    return np.asarray(found.any(axis=1))
 
 
 def _groups(names: Sequence[str], of: Ints, pairs: Ints, is_cut: Bools) -> tuple[Group, ...]:

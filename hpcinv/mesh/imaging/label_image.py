@@ -10,7 +10,11 @@ from typing import Any
 import numpy as np
 
 from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.mesh.imaging.headers import check_nifti, sheared
 from hpcinv.mesh.source import Floats, Ints
+
+LPS = "LPS"
+_ENDS = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
 
 
 @dataclass(frozen=True)
@@ -20,8 +24,9 @@ class LabelImage:
     Attributes:
         voxels: labels, (nx, ny, nz).
         spacing: of the voxels' middles, in m.
-        origin: position of the first voxel's middle in m, in the frame of the image (LPS: to the left, back and head).
+        origin: position of the first voxel's middle in m.
         axes: directions of the image's axes as columns.
+        frame: what to tell of the frame of positions.
     """
 
     path: Path
@@ -30,6 +35,7 @@ class LabelImage:
     spacing: Floats
     origin: Floats
     axes: Floats
+    frame: str = ""
 
     def volume(self, label: int) -> float:
         """Volume (m³) of a label's voxels."""
@@ -40,12 +46,14 @@ class LabelImage:
         return self.origin + points @ self.axes.T
 
 
-def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float) -> LabelImage:
+def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float, orientation: str = LPS) -> LabelImage:
     """Read a segmented image on this process.
 
     Args:
         labels: numbers of voxels by the name of their region.
         unit: length unit (m) of spacing and origin in the file.
+        orientation: of the positions' x, y and z, in letters of left or right, posterior or anterior, superior or
+            inferior.
 
     Raises:
         MeshError: it cannot be read, is not one of labels in three dimensions, or lacks a label.
@@ -54,8 +62,14 @@ def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float) ->
     numbers, image = _read(path)
     if none := [name for name, of in labels.items() if not of]:
         raise MeshError(f"{path}: the region '{none[0]}' has no label", "Name the numbers of its voxels.")
+    if (colours := image.GetNumberOfComponentsPerPixel()) > 1:
+        raise MeshError(
+            f"{path}: has {colours} numbers in each voxel", "Give a segmentation, with one number in each voxel."
+        )
     if numbers.ndim != 3:
-        raise MeshError(f"{path}: has {numbers.ndim} dimensions", "Give an image of three dimensions, without colours.")
+        raise MeshError(
+            f"{path}: has {numbers.ndim} dimensions", "Give an image of three dimensions, such as one time of a series."
+        )
     found = np.unique(numbers)
     if not np.array_equal(found, np.rint(found)):
         raise MeshError(f"{path}: its values are not whole numbers", "Give a segmentation, not the scan itself.")
@@ -69,8 +83,20 @@ def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float) ->
             )
         voxels[np.isin(numbers, list(of))] = index
     axes = np.array(image.GetDirection()).reshape(3, 3)
+    if sheared(axes):
+        raise MeshError(f"{path}: the axes of its voxels are not at right angles", "Resample it to a straight grid.")
     spacing, origin = (np.array(values) * unit for values in (image.GetSpacing(), image.GetOrigin()))
-    return LabelImage(path, tuple(labels), voxels, spacing, origin, axes)
+    turn = frame_of(orientation)
+    told = f" in {orientation} (x, y, z to {', '.join(_ENDS[letter] for letter in orientation)})"
+    return LabelImage(path, tuple(labels), voxels, spacing, turn @ origin, turn @ axes, told)
+
+
+def frame_of(orientation: str) -> Floats:
+    """Rotation (3, 3) from LPS, the frame of DICOM, to another frame, such as RAS."""
+    turn = np.zeros((3, 3))
+    for row, letter in enumerate(orientation):
+        turn[row, "LPSRAI".index(letter) % 3] = 1.0 if letter in LPS else -1.0
+    return turn
 
 
 def read_numbers(path: Path) -> Floats:
@@ -87,6 +113,8 @@ def _read(path: Path) -> tuple[Any, Any]:
             "images are read by SimpleITK, which is not installed", "Install it by: pip install simpleitk mmgpy"
         ) from None
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
+    if path.suffix in (".nii", ".gz"):
+        check_nifti(path)
     try:
         image = SimpleITK.ReadImage(str(path))
     except RuntimeError as error:

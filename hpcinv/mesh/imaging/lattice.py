@@ -52,12 +52,13 @@ def lattice_of(labels: Ints, spacing: float) -> Lattice:
     return Lattice(points, compact.reshape(-1, 4).astype(np.int64), np.tile(of, 6))
 
 
-_OUTWARD = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
+OUTWARD = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
+"""nodes of the facets of a tetrahedron"""
 
 
 def interfaces(cells: Ints, labels: Ints) -> tuple[Ints, Ints]:
     """Facets (n, 3) between different labels, and the two labels of each (n, 2), the smaller one first."""
-    facets = np.concatenate([cells[:, side] for side in _OUTWARD])
+    facets = np.concatenate([cells[:, side] for side in OUTWARD])
     of = np.tile(labels, 4)
     key = np.sort(facets, axis=1)
     order = np.lexsort(key.T[::-1])
