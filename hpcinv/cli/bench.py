@@ -60,7 +60,7 @@ def add_bench(commands: Any) -> None:
         "--ranks", type=_whole, nargs="+", metavar="N", help="ranks that are compared (1, 2, 4 … up to the cores)"
     )
     bench.add_argument("--repeat", type=_whole, default=3, metavar="N", help="rounds, for medians (3)")
-    bench.add_argument("--out", type=Path, metavar="FILE", help="all figures as JSON")
+    bench.add_argument("--out", type=Path, metavar="FILE", help="write all figures as JSON")
     bench.set_defaults(command=_bench)
 
 

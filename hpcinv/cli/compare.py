@@ -32,7 +32,7 @@ def add_compare(commands: Any) -> None:
     parser.add_argument(
         "one", type=Path, help="a mesh, a closed surface (.stl, .ply, .obj, .vtp), a segmented image, or a run"
     )
-    parser.add_argument("other", type=Path, help="the same, to compare with")
+    parser.add_argument("other", type=Path, help="the body to compare with, given likewise")
     parser.add_argument("--unit", help="length unit of the files that are no runs (default: mm of images, else m)")
     parser.add_argument(
         "--label",
@@ -49,8 +49,10 @@ def add_compare(commands: Any) -> None:
         metavar="REGION[,REGION]",
         help="move the first rigidly to the second before, by all of their surfaces or by regions of them",
     )
-    parser.add_argument("--to", type=Path, metavar="FILE", help="the first surface with distances in m (.vtp)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="the figures, in SI")
+    parser.add_argument(
+        "--to", type=Path, metavar="FILE", help="write the first surface with its distances in m (.vtp)"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures, in SI units")
     add_option(parser)
     parser.set_defaults(command=_compare)
 

@@ -20,7 +20,7 @@ def add_explain(commands: Any) -> None:
     explain = add_command(
         commands,
         "explain",
-        "Show the parts of a job's scene, and measure their costs.",
+        "Show the terms of a job's equations, and measure what each costs.",
         examples="hpcinv explain jobs/muscle.yaml",
         page="how-to/scenes.md",
     )

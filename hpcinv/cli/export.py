@@ -35,7 +35,9 @@ def add_export(commands: Any) -> None:
         page="how-to/export.md",
     )
     export.add_argument("run", type=Path, help="directory of the run")
-    export.add_argument("--to", type=Path, required=True, metavar="FILE", help="surface (.stl, .ply, .3mf), replaced")
+    export.add_argument(
+        "--to", type=Path, required=True, metavar="FILE", help="surface to write or replace (.stl, .ply, .3mf)"
+    )
     export.add_argument(
         "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"
     )
@@ -48,7 +50,12 @@ def add_export(commands: Any) -> None:
         "--tolerance",
         help="largest distance of the triangles from curved cells (default: so small that the volume is right to 1e-5)",
     )
-    export.add_argument("--mould", type=Path, metavar="FILE", help="a block without the shape (.stl, .ply, .3mf)")
+    export.add_argument(
+        "--mould",
+        type=Path,
+        metavar="FILE",
+        help="also write a mould: a block with the shape cut out of it (.stl, .ply, .3mf)",
+    )
     export.add_argument("--wall", default="10 mm", help="thickness of the mould around the shape (default: 10 mm)")
     export.add_argument(
         "--split", metavar="AXIS[=POSITION]", help="split the mould, such as z (in the middle) or 'z=12 mm'"

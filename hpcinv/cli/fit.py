@@ -33,7 +33,7 @@ def add_fit(commands: Any) -> None:
     fit = add_command(
         commands, "fit", "Fit parameters of material laws to tests.", examples=_EXAMPLES, page="how-to/fit.md"
     )
-    fit.add_argument("tests", type=Path, nargs="+", metavar="FILE", help="tests (CSV)")
+    fit.add_argument("tests", type=Path, nargs="+", metavar="FILE", help="file of measured points (CSV)")
     fit.add_argument(
         "--law",
         action="append",
@@ -41,7 +41,7 @@ def add_fit(commands: Any) -> None:
         help="law to fit, NAME, NAME:TERMS or a mapping as in a job, or 'all' isotropic ones; several are compared",
     )
     fit.add_argument("--mode", help="kind of test of files that do not state it")
-    fit.add_argument("--fix", action="append", default=[], metavar="NAME=VALUE", help="a parameter that is not fitted")
+    fit.add_argument("--fix", action="append", default=[], metavar="NAME=VALUE", help="keep a parameter at this value")
     fit.add_argument(
         "--compressible", action="store_true", help="fit the bulk modulus, too; otherwise it is infinite, unless fixed"
     )
@@ -51,10 +51,10 @@ def add_fit(commands: Any) -> None:
         default=[],
         help="standard deviation of the measured stress, such as '2 kPa' or '3 %%'; both are added as squares",
     )
-    fit.add_argument("--largest-stretch", type=float, metavar="STRETCH", help="leave out points beyond it")
+    fit.add_argument("--largest-stretch", type=float, metavar="STRETCH", help="leave out points of larger stretch")
     fit.add_argument("--plot", type=Path, metavar="FILE", help="plot of tests and laws (.png, .pdf, .svg)")
     fit.add_argument("--material", type=Path, metavar="FILE", help="sections of a job for the best law (.yaml)")
-    fit.add_argument("--output", type=Path, metavar="FILE", help="all figures (.json, .yaml)")
+    fit.add_argument("--output", type=Path, metavar="FILE", help="write all figures (.json, .yaml)")
     fit.set_defaults(command=_fit)
 
 

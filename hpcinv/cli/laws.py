@@ -9,15 +9,18 @@ from hpcinv.quantity.component import Ingredient
 
 
 def add_laws(commands: Any) -> None:
-    for name, example, command in (("laws", "yeoh", _laws), ("effects", "gravity", _effects)):
+    for name, said, example, command in (
+        ("laws", "material laws", "yeoh", _laws),
+        ("effects", "loads and inelastic strains", "gravity", _effects),
+    ):
         catalogue = add_command(
             commands,
             name,
-            f"List the {name}, or show all about one.",
+            f"List the {said}, or show formula, parameters, units, sources and an example of one.",
             examples=f"hpcinv {name}\nhpcinv {name} {example}",
             page=f"reference/{name}.md",
         )
-        catalogue.add_argument("name", nargs="?", help="its name in job files")
+        catalogue.add_argument("name", nargs="?", help="name, as in job files")
         catalogue.set_defaults(command=command)
     formulas = add_command(
         commands,

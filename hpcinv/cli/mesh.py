@@ -45,7 +45,7 @@ def add_mesh(commands: Any) -> None:
         page="how-to/images.md",
     )
     image.add_argument("input", type=Path, help="image of labels (.nii, .nii.gz, .nrrd, .mha, .mhd)")
-    image.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
+    image.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
     image.add_argument(
         "--label", action="append", required=True, metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
     )
@@ -62,7 +62,7 @@ def add_mesh(commands: Any) -> None:
         page="how-to/images.md",
     )
     surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp)")
-    surface.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
+    surface.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
     surface.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
     surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
     surface.set_defaults(command=_from_surface)
@@ -78,8 +78,10 @@ def add_mesh(commands: Any) -> None:
         page="how-to/large-meshes.md",
     )
     partition.add_argument("input", type=Path, help="a mesh, a generator of one, or a job, whose mesh is taken")
-    partition.add_argument("output", type=Path, help="partitioned mesh (.bp) that is written, or replaced")
-    partition.add_argument("--parts", type=int, required=True, help="best a multiple of the ranks that will read it")
+    partition.add_argument("output", type=Path, help="partitioned mesh to write or replace (.bp)")
+    partition.add_argument(
+        "--parts", type=int, required=True, help="number of parts, best a multiple of the ranks that will read it"
+    )
     partition.add_argument(
         "--parameter", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the generator"
     )
@@ -96,7 +98,7 @@ def add_mesh(commands: Any) -> None:
         page="how-to/large-meshes.md",
     )
     gather.add_argument("input", type=Path, help="partitioned mesh (.bp)")
-    gather.add_argument("output", type=Path, help="mesh (.msh, .vtu) that is written, or replaced")
+    gather.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
     add_option(gather)
     gather.set_defaults(command=_gather)
 

@@ -31,7 +31,7 @@ def add_show(commands: Any) -> None:
         page="start/results.md",
     )
     show.add_argument("input", type=Path, help="job file, mesh or generator of one, or directory of a run")
-    show.add_argument("--output", type=Path, help="the PNG; by default NAME.png in the working directory")
+    show.add_argument("--output", type=Path, help="picture to write (default: NAME.png in the working directory)")
     show.add_argument("--colour", choices=COLOURS, help="field on the bodies of a run; by default displacement")
     show.add_argument("--unit", help="length unit of a mesh, as mesh.unit of a job")
     add_option(show)

@@ -32,7 +32,7 @@ def add_study(commands: Any) -> None:
     run = add_command(
         actions,
         "run",
-        "Execute the runs of a study that are open (under mpirun; several may run at once).",
+        "Solve those runs of a study that are not done yet (under mpirun; several may run at once).",
         examples="mpirun -n 2 hpcinv study run jobs/study-sphere.yaml --output results/sphere",
         page="how-to/study.md",
     )

@@ -41,10 +41,12 @@ def add_sweep(commands: Any) -> None:
         parser.set_defaults(command=command)
         return parser
 
-    plan = action("plan", _plan, "Show number and size of the cases, and a forecast of their time.", "--groups 4")
+    plan = action("plan", _plan, "Show the number and size of the cases, and a forecast of their time.", "--groups 4")
     plan.add_argument("--groups", type=_positive, default=1, metavar="N", help="groups of ranks for the forecast")
 
-    run = action("run", _run, "Solve the cases that are open (under mpirun; several may run at once).", "--first 100")
+    run = action(
+        "run", _run, "Solve those cases that are not done yet (under mpirun; several may run at once).", "--first 100"
+    )
     run.add_argument(
         "--ranks-per-case", type=_positive, default=1, metavar="K", help="ranks that solve a case together"
     )
@@ -70,8 +72,8 @@ def add_sweep(commands: Any) -> None:
         "--strict", action="store_true", help="end with exit code 7 if certificates have warnings or are not decided"
     )
 
-    retry = action("retry", _retry, "Open cases again.", "--failed")
-    retry.add_argument("--failed", action="store_true", required=True, help="those that have failed")
+    retry = action("retry", _retry, "Mark cases as open, so that the next start solves them again.", "--failed")
+    retry.add_argument("--failed", action="store_true", required=True, help="all cases that have failed")
 
     add_reports(action)
     add_submit(action)

@@ -21,7 +21,10 @@ from hpcinv.sweep.results import provenance, results, status_of
 def add_reports(action: Callable[..., argparse.ArgumentParser]) -> None:
     """Add the commands; ``action`` makes a parser from name, function, sentence and options of an example."""
     status = action(
-        "status", _status, "Show numbers of finished, running, failed and open cases, and the time left.", "--follow"
+        "status",
+        _status,
+        "Show the numbers of finished, running, failed and open cases, and the time left.",
+        "--follow",
     )
     status.add_argument("--follow", action="store_true", help="repeat it until all cases are finished")
 
@@ -36,11 +39,13 @@ def add_reports(action: Callable[..., argparse.ArgumentParser]) -> None:
         "indices", _indices, "Compute Sobol indices of the quantities of a sample, by polynomial surrogates.", "--plan"
     )
     indices.add_argument(
-        "--plan", action="store_true", help="only what it takes: cases for each degree, and their time"
+        "--plan", action="store_true", help="only show how many cases each degree needs, and their time"
     )
     indices.add_argument("--first", type=_positive, metavar="N", help="only the first N cases: a smaller sample")
-    indices.add_argument("--confidence", type=_share, default=0.95, metavar="P", help="of the intervals (default 0.95)")
-    indices.add_argument("--output", type=_json_file, metavar="FILE", help="all figures (.json)")
+    indices.add_argument(
+        "--confidence", type=_share, default=0.95, metavar="P", help="confidence level of the intervals (default 0.95)"
+    )
+    indices.add_argument("--output", type=_json_file, metavar="FILE", help="write all figures (.json)")
     indices.add_argument(
         "--shape", type=_vtu_file, metavar="FILE", help="standard deviation and dominating parameter at nodes (.vtu)"
     )

@@ -22,10 +22,12 @@ def add_submit(action: Callable[..., argparse.ArgumentParser]) -> None:
     parser = action(
         "submit",
         _submit,
-        "Run the sweep under Slurm: requeued at time limits, then collected.",
+        "Submit a sweep to Slurm, which requeues it at time limits and writes its table at the end.",
         "--ntasks 64 --time 08:00:00",
     )
-    parser.add_argument("--ntasks", type=int, required=True, metavar="N", help="ranks (of each task of an array)")
+    parser.add_argument(
+        "--ntasks", type=int, required=True, metavar="N", help="number of ranks (with --array, of each task)"
+    )
     parser.add_argument("--ranks-per-case", type=int, default=1, metavar="K", help="ranks that solve a case together")
     parser.add_argument("--array", type=int, metavar="M", help="a job array of M tasks instead of one allocation")
     parser.add_argument("--time", metavar="HH:MM:SS", help="time limit, as sbatch takes it (default: the site's)")
