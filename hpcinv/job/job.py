@@ -20,7 +20,7 @@ from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.rules import unknown_families, unsuited, unsuited_effects, unsuited_supports, wants_pressure
-from hpcinv.job.sections import COORDINATES, ExpectedShape, QuantityOfInterest, Support, directory_of
+from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
@@ -90,7 +90,7 @@ class Job(Spec):
     let: Mapping[Name, Expression] = {}
     """names for parts of formulas, such as {r: "norm(x, y)"}, which all formulas of the job can use"""
     regions: Mapping[Name, Expression] = {}
-    """parts of the given body by conditions on x, y, z, for meshes without physical groups"""
+    """parts of the given body by conditions on x, y, z, the outer normal nx, ny, nz, and the number of the cavity"""
     plugins: ListOf[str] = ()
     """Python files, by paths relative to the job file, that define further laws and effects"""
     fibres: Mapping[Name, FibreFamily] = {}
@@ -377,7 +377,7 @@ class Job(Spec):
     def _check_regions(cls, regions: Mapping[str, Expression]) -> Mapping[str, Expression]:
         if "boundary" in regions:
             raise Problems((("boundary",), "is already the name of the whole boundary; choose another"))
-        raise_if_any(faults((((name,), formula) for name, formula in regions.items()), COORDINATES, True))
+        raise_if_any(faults((((name,), formula) for name, formula in regions.items()), REGION_NAMES, True))
         return regions
 
     @field_validator("states")

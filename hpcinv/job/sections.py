@@ -31,6 +31,8 @@ AXES: tuple[Axis, ...] = ("x", "y", "z")
 LENGTH = Dimension(length=1)
 COORDINATES: dict[str, Dimension | None] = dict.fromkeys(AXES, LENGTH)
 POSITIONS = COORDINATES | dict.fromkeys(("X", "Y", "Z", "ux", "uy", "uz"), LENGTH)
+REGION_NAMES = COORDINATES | dict.fromkeys(("nx", "ny", "nz", "cavity"), Dimension())
+"""what conditions of regions may use: position, outer normal, and the number of a cavity"""
 STRESS = Dimension(length=-1, mass=1, time=-2)
 STRESSES = (*COMPONENTS, *MEASURES, "energy")
 NORMALS = ("nx", "ny", "nz")

@@ -8,14 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.mesh.boundary_shells import cavities, outer_facets
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
-from hpcinv.mesh.source import MeshSource
+from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, agree
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.suggestions import did_you_mean
 
 BOUNDARY = "boundary"
+_OF_FACETS = {"nx", "ny", "nz", "cavity"}
 type LocalIndices = npt.NDArray[np.int32]
 type Mesh = dolfinx.mesh.Mesh[np.float64]
 
@@ -38,7 +40,8 @@ def build_regions(
     """All regions of a distributed mesh; collective.
 
     A geometric region contains the boundary facets and the cells all of whose vertices satisfy its condition in SI
-    coordinates. The comparison has no tolerance: write ``x < 1e-6 m``, not ``x == 0``.
+    coordinates; if the condition is one of outer normals (``nx``, ``ny``, ``nz``) or cavities, only boundary facets.
+    The comparison has no tolerance: write ``x < 1e-6 m``, not ``x == 0``.
 
     Raises:
         MeshError: on all ranks, if a condition matches nothing, cannot be evaluated, or has the name of a physical
@@ -56,18 +59,24 @@ def build_regions(
     if not mesh.comm.allreduce(np.array_equal(regions[BOUNDARY].facets, exterior), MPI.LAND):
         problems.append("the physical group 'boundary' is not the whole boundary, for which that name is reserved")
     error: HpcinvError | None = None
+    cavity: Ints | None = None
+    owned = np.arange(topology.index_map(3).size_local, dtype=np.int32)
     points = mesh.geometry.x * length_scale
     for name, condition in conditions.items():
+        if "cavity" in condition.names and cavity is None:
+            cavity = cavities(mesh, exterior)
         try:
-            inside = evaluate(name, condition, points)
+            if of_facets(condition):
+                facets, cells = exterior[_on_facets(mesh, name, condition, exterior, points, cavity)], owned[:0]
+            else:
+                inside = evaluate(name, condition, points)
+                facets = exterior[_all_vertices(mesh, 2, exterior, inside)]
+                cells = owned[_all_vertices(mesh, 3, owned, inside)]
         except HpcinvError as exc:
             error = exc
         except (ArithmeticError, TypeError, ValueError) as exc:
             error = MeshError(f"region '{name}': '{condition}' cannot be evaluated: {exc}")
         agree(mesh.comm, error)
-        facets = exterior[_all_vertices(mesh, 2, exterior, inside)]
-        owned = np.arange(topology.index_map(3).size_local, dtype=np.int32)
-        cells = owned[_all_vertices(mesh, 3, owned, inside)]
         regions[name] = region = _region(mesh, name, "geometric", facets, cells)
         if region.facet_count == region.cell_count == 0:
             problems.append(f"region '{name}': no boundary facet and no cell satisfies '{condition}'")
@@ -83,10 +92,39 @@ def build_regions(
 
 def evaluate(name: str, condition: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     """Mask (n,) of the ``points`` (n, 3), in metres, that satisfy the condition of region ``name``."""
-    inside = np.asarray(condition.evaluate(x=points[:, 0], y=points[:, 1], z=points[:, 2]))
+    return _holds(name, condition, dict(zip("xyz", points.T, strict=True)), len(points))
+
+
+def _holds(
+    name: str, condition: Expression, values: Mapping[str, npt.NDArray[np.float64]], count: int
+) -> npt.NDArray[np.bool_]:
+    inside = np.asarray(condition.evaluate(**values))
     if inside.dtype != np.bool_:
         raise MeshError(f"region '{name}': '{condition}' is a number, not a condition", "Compare it: x < 1 mm")
-    return np.broadcast_to(inside, len(points))
+    return np.broadcast_to(inside, count)
+
+
+def of_facets(condition: Expression) -> bool:
+    """Whether a condition is one of outer normals or of cavities, which only facets have."""
+    return bool(condition.names & _OF_FACETS)
+
+
+def _on_facets(
+    mesh: Mesh,
+    name: str,
+    condition: Expression,
+    exterior: LocalIndices,
+    points: npt.NDArray[np.float64],
+    cavity: Ints | None,
+) -> npt.NDArray[np.bool_]:
+    """Mask of the boundary facets that satisfy the condition of region ``name`` at all their vertices."""
+    nodes, normals = outer_facets(mesh, exterior)
+    repeated = np.repeat(np.arange(len(nodes)), nodes.shape[1])
+    values = dict(zip("xyz", points[nodes.ravel()].T, strict=True))
+    values |= dict(zip(("nx", "ny", "nz"), normals[repeated].T, strict=True))
+    if cavity is not None:
+        values["cavity"] = cavity[repeated].astype(np.float64)
+    return np.asarray(_holds(name, condition, values, nodes.size).reshape(nodes.shape).all(axis=1))
 
 
 def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region:

@@ -11,7 +11,7 @@ from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import coordinate_element, vertex_count
 from hpcinv.mesh.distributed.partition import partition_of
 from hpcinv.mesh.refine.finer_geometry import FinerGeometry
-from hpcinv.mesh.regions import Region, build_regions, evaluate
+from hpcinv.mesh.regions import Region, build_regions, evaluate, of_facets
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
 from hpcinv.parallel.runtime import MPI
@@ -44,12 +44,15 @@ def sample_body(
     comm = MPI.COMM_SELF
     element = coordinate_element(part.kind, part.degree)
     mesh = dolfinx.mesh.create_mesh(comm, part.cells, element, part.points / length_scale)
-    regions = build_regions(mesh, part, conditions, length_scale)
+    of_place = {name: condition for name, condition in conditions.items() if not of_facets(condition)}
+    regions = build_regions(mesh, part, of_place, length_scale)
     mesh.topology.create_connectivity(3, 2)
     first = np.sort(mesh.topology.connectivity(3, 2).array.reshape(len(chosen), -1)[:, 0])
     held = Region(HELD, "built in", first, np.zeros(0, dtype=np.int32), len(first), 0)
+    # Separate cells have other normals and cavities than the body.
+    of_normals = {n: replace(held, name=n, origin="geometric") for n in conditions if n not in of_place}
     read = None if finer is None else lambda: finer
-    return Body(mesh, length_scale, regions | {HELD: held}, partition_of(mesh, "none"), part, read)
+    return Body(mesh, length_scale, regions | of_normals | {HELD: held}, partition_of(mesh, "none"), part, read)
 
 
 def _first_of_each(source: MeshSource, conditions: Mapping[str, Expression]) -> Ints:
@@ -72,6 +75,8 @@ def _memberships(
     exterior = table.sharing == 1
     yield exterior[table.of_cell].any(axis=1)
     for name, condition in conditions.items():
+        if of_facets(condition):
+            continue
         inside = evaluate(name, condition, source.points)
         yield np.asarray(inside[source.cells[:, : vertex_count(source.kind)]].all(axis=1))
         yield (exterior & inside[table.vertices].all(axis=1))[table.of_cell].any(axis=1)

@@ -1,0 +1,67 @@
+"""Regions by outer normals and by cavities, on 1 to 3 ranks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hpcinv.errors import MeshError
+from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh import build_body
+from hpcinv.mesh.body import Body
+from hpcinv.mesh.boundary_shells import shells
+from hpcinv.mesh.source import MeshSource
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.expressions import Expression
+
+CUBES = np.array([[i, j, k] for i in range(5) for j in range(5) for k in range(3)])
+HOLES = [(1, 1, 1), (3, 3, 1), (3, 2, 1)]
+
+
+def block() -> MeshSource:
+    """5 x 5 x 3 hexahedra of 1 m without three of them: a cavity of two cells, and one of one."""
+    kept = np.array([cube for cube in CUBES if tuple(cube) not in HOLES])
+    corners = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
+    points, cells = np.unique((kept[:, None] + corners).reshape(-1, 3), axis=0, return_inverse=True)
+    return MeshSource(
+        path=Path("block"),
+        kind="hexahedron",
+        degree=1,
+        points=points.astype(np.float64),
+        node_tags=np.arange(1, len(points) + 1),
+        cells=cells.reshape(-1, 8),
+        cell_tags=np.arange(1, len(kept) + 1),
+        facets=np.zeros((0, 4), dtype=np.int64),
+    )
+
+
+def body(**regions: str) -> Body:
+    spec = MeshSpec.model_construct(file="block.vtu", unit=1.0)
+    conditions = {name: Expression(text) for name, text in regions.items()}
+    return build_body(spec, conditions, MPI.COMM_WORLD, given=block())
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_regions_by_normals_and_cavities() -> None:
+    found = body(
+        bottom="nz < -cos(30 deg) and z < 0.5 m",
+        outer="cavity < 1",
+        large="cavity > 0 and cavity < 2",
+        small="cavity > 1",
+        roofs="cavity > 0 and nz < 0",  # outer normals point into the cavity
+    ).regions
+    counts = {name: (region.facet_count, region.cell_count) for name, region in found.items()}
+    assert counts["bottom"] == (25, 0)
+    assert counts["outer"] == (2 * 25 + 4 * 15, 0)
+    assert counts["large"] == (10, 0)
+    assert counts["small"] == (6, 0)
+    assert counts["roofs"] == (3, 0)
+    with pytest.raises(MeshError, match="region 'third': no boundary facet and no cell satisfies 'cavity > 2'"):
+        body(third="cavity > 2")
+
+
+def test_shells_that_enclose_nothing_are_numbered_by_volume() -> None:
+    facets = np.array([[0, 1, 2], [2, 3, 0], [4, 5, 6], [7, 8, 9]])
+    assert shells(facets, np.array([-1.0, -1.0, 5.0, -3.0])).tolist() == [2, 2, 0, 1]
