@@ -1,4 +1,4 @@
-"""Reference pages and the gallery, from registries, schema, command line, and the jobs themselves.
+"""Reference pages, gallery and verification, from registries, schema, command line, jobs, and what tests printed.
 
 ``python3 -m uv run python docs/generate.py`` writes the pages, with ``--check`` it compares them with the files.
 """
@@ -16,6 +16,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
+import verification_table
 import yaml
 
 from hpcinv import __main__ as command_line
@@ -65,6 +66,7 @@ def pages() -> dict[Path, str]:
         "reference/exit-codes.md": _exit_codes(),
         "reference/api.md": _api(),
         "gallery.md": _gallery(),
+        "verification/index.md": verification_table.page(),
     }
     return {DOCS / name: f"{NOTE}\n\n" + "\n".join(lines).strip() + "\n" for name, lines in found.items()}
 

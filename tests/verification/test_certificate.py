@@ -168,7 +168,7 @@ def test_a_column_beyond_its_euler_load_is_unstable(
         comm,
     )
     found = line(result, "stability")
-    print(f"{share} of Euler's load: {found}")
+    print(f"{share} of Euler's load: {found.value:.0f} negative eigenvalues, {found.verdict.value}")
     assert found.value == unstable
     assert result.certificate.verdict is (Verdict.FAIL if unstable else Verdict.PASS)
 

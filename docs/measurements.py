@@ -1,0 +1,50 @@
+"""What benchmarks print, kept with command, machine and date for the pages on performance.
+
+``python3 -m uv run python docs/measurements.py NAME…`` runs the benchmarks of these names, on an otherwise idle
+machine, and keeps what they print in ``docs/performance/printed``, from where the pages include it.
+"""
+
+from __future__ import annotations
+
+import datetime
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PRINTED = Path(__file__).parent / "performance" / "printed"
+COMMANDS = {
+    "strategies": "python benchmarks/strategies.py",
+    "contact": "python benchmarks/contact.py",
+    "effectivity": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2",
+}
+
+
+def heading(command: str, note: str) -> str:
+    """Return the first lines of what a command printed: the command, the date, the machine, and a note."""
+    model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text()) if sys.platform == "linux" else None
+    machine = f"{model[1] if model else 'processor'}, {os.cpu_count()} cores"
+    return f"$ python3 -m uv run {command}\n{datetime.datetime.now(datetime.UTC).date()}, {machine}: {note}\n\n"
+
+
+def load_of_others() -> str:
+    """Say in words how much else runs on this machine."""
+    return f"{os.getloadavg()[0]:.1f} processes ran before it began"
+
+
+def main() -> None:
+    for name in sys.argv[1:] or COMMANDS:
+        command, note = COMMANDS[name], load_of_others()
+        words = [sys.executable, *shlex.split(command)[1:]]
+        done = subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        if done.returncode:
+            sys.exit(f"{command} fails")
+        PRINTED.mkdir(parents=True, exist_ok=True)
+        (PRINTED / f"{name}.txt").write_text(heading(command, note) + done.stdout.strip() + "\n")
+
+
+if __name__ == "__main__":
+    main()
