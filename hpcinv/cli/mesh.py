@@ -51,6 +51,13 @@ def add_mesh(commands: Any) -> None:
     )
     image.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
     image.add_argument("--unit", help="length unit of the image, as mesh.unit of a job; by default mm")
+    image.add_argument(
+        "--neighbour",
+        action="append",
+        default=[],
+        metavar="NAME=NUMBER[,NUMBER…]",
+        help="voxels that are not meshed, as mesh.neighbours of a job",
+    )
     image.add_argument("--orientation", help="frame of the mesh, as mesh.orientation of a job; by default LPS")
     image.set_defaults(command=_from_image)
 
@@ -104,11 +111,14 @@ def add_mesh(commands: Any) -> None:
 
 
 def _from_image(options: argparse.Namespace) -> int:
-    labels = dict[str, list[int]]()
-    for name, numbers in map(label_of, options.label):  # a region may be given in several options
-        labels[name] = labels.get(name, []) + numbers
+    labels, neighbours = dict[str, list[int]](), dict[str, list[int]]()
+    for texts, regions in ((options.label, labels), (options.neighbour, neighbours)):
+        for name, numbers in map(label_of, texts):  # a region may be given in several options
+            regions[name] = regions.get(name, []) + numbers
     given = {"orientation": options.orientation} if options.orientation else {}
-    return _meshed(options, IMAGES, "image", {"labels": labels} | given)
+    return _meshed(
+        options, IMAGES, "image", {"labels": labels, **({"neighbours": neighbours} if neighbours else {})} | given
+    )
 
 
 def _from_surface(options: argparse.Namespace) -> int:

@@ -45,7 +45,7 @@ FIELDS: dict[str, Dimension | None] = {
 }
 
 Labels = Annotated[ListOf[Annotated[int, Field(ge=1)]], BeforeValidator(lambda v: [v] if isinstance(v, int) else v)]
-RESERVED = ("boundary", "outside", "cut")
+RESERVED = ("boundary", "outside", "cut", "cavity")
 """names that regions of images and surfaces have by themselves"""
 
 
@@ -226,6 +226,9 @@ class MeshSpec(MeshFile):
     """partitioner of the cells; a partitioned mesh (.bp) keeps its partition, unless scotch partitions it again"""
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region"""
+    neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
+    """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
+    is the region LABEL|NEIGHBOUR in place of LABEL|outside"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
     """of a segmented image: sides of the patient to which x, y and z of the mesh point, such as RAS: letters of left or
     right, posterior or anterior, superior or inferior"""
@@ -248,8 +251,9 @@ class MeshSpec(MeshFile):
     def _check_source(self) -> Self:
         if self.labels and not self.is_image:
             raise Problems((("labels",), "is for segmented images only, and 'file' is none"))
-        if "orientation" in self.model_fields_set and not self.is_image:
-            raise Problems((("orientation",), "is for segmented images only: other files are in the frame of the job"))
+        for key in ("orientation", "neighbours"):
+            if key in self.model_fields_set and not self.is_image:
+                raise Problems(((key,), "is for segmented images only, and 'file' is none"))
         raise_if_any(self._faults_of_labels())
         if self.is_image and not self.labels:
             raise Problems((("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"))
@@ -264,12 +268,13 @@ class MeshSpec(MeshFile):
 
     def _faults_of_labels(self) -> Iterator[tuple[Location, str]]:
         names: dict[int, str] = {}
-        for name, numbers in self.labels.items():
-            if name in RESERVED:
-                yield ("labels", name), "is the name of another region; choose another"
-            for number in numbers:
-                if (other := names.setdefault(number, name)) != name:
-                    yield ("labels", name), f"has the number {number}, which '{other}' has too"
+        for key, labels in (("labels", self.labels), ("neighbours", self.neighbours)):
+            for name, numbers in labels.items():
+                if name in RESERVED or (key == "neighbours" and name in self.labels):
+                    yield (key, name), "is the name of another region; choose another"
+                for number in numbers:
+                    if (other := names.setdefault(number, name)) != name:
+                        yield (key, name), f"has the number {number}, which '{other}' has too"
 
 
 class Support(Spec):

@@ -132,7 +132,9 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
             from hpcinv.mesh.imaging import image_mesh
 
             unit = spec.unit if "unit" in spec.model_fields_set else 1e-3  # what the formats of images define
-            source = image_mesh(path, spec.labels, spec.size, unit, spec.orientation, spec.maximum_cells, report)
+            source = image_mesh(
+                path, spec.labels, spec.size, unit, spec.orientation, spec.neighbours, spec.maximum_cells, report
+            )
         else:
             source = FILES[path.suffix](path)
             if path.suffix != SUFFIX:  # partitioned meshes are in metres

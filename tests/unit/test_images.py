@@ -152,6 +152,27 @@ def test_labels_that_touch_share_their_facets(tmp_path: Path) -> None:
     assert area(source, "cut") == pytest.approx(np.pi * 100e-6, rel=0.1)
 
 
+def test_cavities_and_neighbours_are_regions(tmp_path: Path) -> None:
+    """A wall around blood, with a closed cavity beside it and a bone next to the outer surface."""
+    radii = np.linalg.norm(grid(30), axis=-1)
+    x = grid(30)[..., 0]
+    voxels = np.where(radii < 6, 7, np.where(radii < 13, 1, 0)).astype(np.uint8)
+    voxels[(radii > 12) & (x > 8)] = 9
+    image = written(tmp_path / "heart.nii.gz", voxels)
+    spec = {"labels": {"wall": 1}, "neighbours": {"bone": 9}, "size": "4 mm"}
+    found = meshed(image, **spec)
+    assert {g.name for g in found.groups} == {"wall", "wall|outside", "wall|cavity", "wall|bone"}
+    assert area(found, "wall|cavity") == pytest.approx(4 * np.pi * 36e-6, rel=0.15)
+    bone = found.points[found.facets[next(g.members for g in found.groups if g.name == "wall|bone")]]
+    assert bone[..., 0].min() * 1e3 - 14.5 > 5
+    found = meshed(image, **spec | {"neighbours": {"blood": 7, "bone": 9}})
+    assert {g.name for g in found.groups} == {"wall", "wall|outside", "wall|blood", "wall|bone"}
+    with pytest.raises(MeshError, match="no voxel has the label 3"):
+        meshed(image, **spec | {"neighbours": {"blood": 3}})
+    with pytest.raises(JobError, match=r"mesh\.neighbours\.blood: has the number 1, which 'wall' has too"):
+        meshed(image, **spec | {"neighbours": {"blood": 1}})
+
+
 def test_islands_are_left_out_and_told(tmp_path: Path) -> None:
     voxels, said = ball(), list[str]()
     voxels[0:2, 0, 0] = 1

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.mesh.boundary_shells import shells
 from hpcinv.mesh.imaging.boundary import Memberships, smoothed
 from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
@@ -23,7 +24,9 @@ from hpcinv.quantity.units import readable
 
 type Bools = npt.NDArray[np.bool_]
 
-OUTSIDE, CUT = "outside", "cut"
+type Names = npt.NDArray[np.object_]
+
+OUTSIDE, CUT, CAVITY = "outside", "cut", "cavity"
 _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
 _MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory
@@ -32,6 +35,7 @@ _PASSES = 2  # of MMG, each with nodes moved to the boundary after it
 _WRONG = 0.1  # and from which on there is no mesh
 _WITHIN = 0.25  # distance by which MMG may move boundaries, relative to the voxels of an image
 _WITHIN_SIZE = 0.05  # the same of a surface, relative to the size of cells
+_NEXT = 2.5  # distance of a neighbour's voxels from facets next to it, relative to a voxel
 _CELLS = 3e-2  # volume of a tetrahedron, relative to the cube of its size, for the expected number
 
 
@@ -41,19 +45,21 @@ def image_mesh(
     size: float,
     unit: float,
     orientation: str,
+    neighbours: Mapping[str, Sequence[int]],
     most: int,
     report: Callable[[str], None],
 ) -> MeshSource:
     """Mesh a segmented image on this process, in metres.
 
-    Regions are the labels; ``A|B`` and ``A|outside``, the facets between labels; and ``cut``, where a label ends at
-    the image's border.
+    Regions are the labels; ``A|B`` and ``A|outside``, the facets between labels; ``A|cavity``, ``A|cavity-2`` and so
+    on, those of closed cavities, the largest first; and ``cut``, where a label ends at the image's border.
 
     Args:
         labels: numbers of voxels by the name of their region.
         size: largest length of edges (m).
         unit: length unit (m) of spacing and origin in the file.
         orientation: frame of the positions, such as LPS.
+        neighbours: numbers of voxels that are not meshed, by name; the body's surface next to them is ``A|NAME``.
         most: largest number of cells.
         report: called with what a user should know.
 
@@ -61,7 +67,7 @@ def image_mesh(
         MeshError: the image cannot be read, lacks a label, or its labels are too thin for cells.
         SystemPartMissing: the packages for images are not installed.
     """
-    image = read_labels(path, labels, unit, orientation)
+    image = read_labels(path, labels, unit, orientation, neighbours)
     _check_extent(image, size)
     check_thickness(image, report)
     image = without_specks(image, size, report)
@@ -126,7 +132,8 @@ def _meshed(
     _tell_volumes(image, volumes, errors, report)
     facets, pairs = interfaces(cells, of)
     is_cut = _at_border(points, facets, first, image)
-    groups = _groups(image.names, of, pairs, is_cut)
+    names = _outside(points, cells, facets, pairs, image, first, size)
+    groups = _groups(image.names, of, pairs, is_cut, names)
     if np.linalg.det(image.axes) < 0:  # mirrored
         cells = cells[:, [0, 2, 1, 3]]
     mesh = MeshSource(
@@ -242,15 +249,55 @@ def _at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> 
     return np.asarray(found.any(axis=1))
 
 
-def _groups(names: Sequence[str], of: Ints, pairs: Ints, is_cut: Bools) -> tuple[Group, ...]:
+def _outside(
+    points: Floats, cells: Ints, facets: Ints, pairs: Ints, image: LabelImage, first: Ints, size: float
+) -> Names:
+    """What is on the other side of facets of the body's surface: a neighbour, a cavity or the outside."""
+    names = np.full(len(facets), OUTSIDE, dtype=object)
+    surface = np.flatnonzero(pairs[:, 0] == 0)
+    corners = points[facets[surface]]
+    # Facets of the cells in which they were found first are turned outwards.
+    below = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    number = shells(facets[surface], below)
+    for cavity in range(1, int(number.max(initial=0)) + 1):
+        names[surface[number == cavity]] = CAVITY if cavity == 1 else f"{CAVITY}-{cavity}"
+    if not image.neighbours:
+        return names
+    reach = max(_NEXT * float(image.spacing.max()), _FINE * size)
+    middles = corners.mean(axis=1)
+    places = np.rint(middles / image.spacing + first).astype(int)
+    margin = np.ceil(reach / image.spacing).astype(int) + 1
+    low = np.maximum(places.min(axis=0) - margin, 0)
+    box = tuple(slice(a, b) for a, b in zip(low, places.max(axis=0) + margin + 1, strict=True))
+    distances = []
+    for name, mask in image.neighbours.items():
+        here = mask[box]
+        away = (
+            ndimage.distance_transform_edt(~here, sampling=image.spacing) if here.any() else np.full(here.shape, np.inf)
+        )
+        at = np.clip(places - low, 0, np.array(here.shape) - 1)
+        distances.append(away[tuple(at.T)])
+        if not (distances[-1] <= reach).any():
+            raise MeshError(
+                f"{image.path}: the neighbour '{name}' is nowhere next to the body (within {readable(reach, 'm')})",
+                "Is its number right?",
+            )
+    nearest = np.argmin(distances, axis=0)
+    near = np.min(distances, axis=0) <= reach
+    names[surface[near]] = np.array(list(image.neighbours), dtype=object)[nearest[near]]
+    return names
+
+
+def _groups(names: Sequence[str], of: Ints, pairs: Ints, is_cut: Bools, outside: Names) -> tuple[Group, ...]:
     """Regions of cells and facets."""
-    known = (OUTSIDE, *names)
     found = [Group(name, 3, i, np.flatnonzero(of == i)) for i, name in enumerate(names, start=1)]
     tag = len(names)
     for low, high in np.unique(pairs, axis=0):
-        members = np.flatnonzero((pairs == (low, high)).all(axis=1) & ~is_cut)
-        tag += 1
-        name = f"{known[high]}|{OUTSIDE}" if low == 0 else f"{known[low]}|{known[high]}"
-        found += [Group(name, 2, tag, members)] if len(members) else []
+        between = (pairs == (low, high)).all(axis=1) & ~is_cut
+        for other in [names[low - 1]] if low else sorted(set(outside[between]), key=lambda name: name != OUTSIDE):
+            members = np.flatnonzero(between if low else between & (outside == other))
+            tag += 1
+            name = f"{names[high - 1]}|{other}" if low == 0 else f"{other}|{names[high - 1]}"
+            found += [Group(name, 2, tag, members)] if len(members) else []
     cut = np.flatnonzero(is_cut)
     return (*found, *([Group(CUT, 2, tag + 1, cut)] if len(cut) else []))

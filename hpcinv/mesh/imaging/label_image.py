@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.imaging.headers import check_nifti, sheared
 from hpcinv.mesh.source import Floats, Ints
+
+type Bools = npt.NDArray[np.bool_]
 
 LPS = "LPS"
 _ENDS = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
@@ -27,6 +30,7 @@ class LabelImage:
         origin: position of the first voxel's middle in m.
         axes: directions of the image's axes as columns.
         frame: what to tell of the frame of positions.
+        neighbours: voxels (nx, ny, nz) of what is around the body and not meshed, by name.
     """
 
     path: Path
@@ -36,6 +40,7 @@ class LabelImage:
     origin: Floats
     axes: Floats
     frame: str = ""
+    neighbours: Mapping[str, Bools] = field(default_factory=dict)
 
     def volume(self, label: int) -> float:
         """Volume (m³) of a label's voxels."""
@@ -46,7 +51,13 @@ class LabelImage:
         return self.origin + points @ self.axes.T
 
 
-def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float, orientation: str = LPS) -> LabelImage:
+def read_labels(
+    path: Path,
+    labels: Mapping[str, Sequence[int]],
+    unit: float,
+    orientation: str = LPS,
+    neighbours: Mapping[str, Sequence[int]] | None = None,
+) -> LabelImage:
     """Read a segmented image on this process.
 
     Args:
@@ -54,13 +65,15 @@ def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float, or
         unit: length unit (m) of spacing and origin in the file.
         orientation: of the positions' x, y and z, in letters of left or right, posterior or anterior, superior or
             inferior.
+        neighbours: numbers of voxels around the body that are not meshed, by name.
 
     Raises:
         MeshError: it cannot be read, is not one of labels in three dimensions, or lacks a label.
         SystemPartMissing: the packages for images are not installed.
     """
     numbers, image = _read(path)
-    if none := [name for name, of in labels.items() if not of]:
+    around = neighbours or {}
+    if none := [name for name, of in {**labels, **around}.items() if not of]:
         raise MeshError(f"{path}: the region '{none[0]}' has no label", "Name the numbers of its voxels.")
     if (colours := image.GetNumberOfComponentsPerPixel()) > 1:
         raise MeshError(
@@ -74,21 +87,23 @@ def read_labels(path: Path, labels: Mapping[str, Sequence[int]], unit: float, or
     if not np.array_equal(found, np.rint(found)):
         raise MeshError(f"{path}: its values are not whole numbers", "Give a segmentation, not the scan itself.")
     voxels = np.zeros(numbers.shape, dtype=np.int64)
-    for index, (name, of) in enumerate(labels.items(), start=1):
+    for name, of in {**labels, **around}.items():
         if missing := [number for number in of if number not in found]:
             known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
             raise MeshError(
                 f"{path}: no voxel has the label {missing[0]} ('{name}'); the labels in it are {known}",
-                "Name labels that are in it.",
+                "Correct 'labels' in the job's section 'mesh'.",
             )
+    for index, of in enumerate(labels.values(), start=1):
         voxels[np.isin(numbers, list(of))] = index
+    masks = {name: np.isin(numbers, list(of)) for name, of in around.items()}
     axes = np.array(image.GetDirection()).reshape(3, 3)
     if sheared(axes):
         raise MeshError(f"{path}: the axes of its voxels are not at right angles", "Resample it to a straight grid.")
     spacing, origin = (np.array(values) * unit for values in (image.GetSpacing(), image.GetOrigin()))
     turn = frame_of(orientation)
     told = f" in {orientation} (x, y, z to {', '.join(_ENDS[letter] for letter in orientation)})"
-    return LabelImage(path, tuple(labels), voxels, spacing, turn @ origin, turn @ axes, told)
+    return LabelImage(path, tuple(labels), voxels, spacing, turn @ origin, turn @ axes, told, masks)
 
 
 def frame_of(orientation: str) -> Floats:
