@@ -7,7 +7,7 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
@@ -30,7 +30,7 @@ _HERE = Path(__file__).resolve().parent
 _TEMPLATES = _HERE / "templates"
 _GENERATORS = _HERE / "meshes" if (_HERE / "meshes").is_dir() else _HERE.parents[1] / "meshes"
 """The copy in an installed package, or the directory ``meshes`` of a clone."""
-_CELLS = 8000
+_CELLS, _MOST_CELLS = 8000, 30000
 _CELL = 0.03  # volume of a tetrahedron, relative to the cube of its size
 _HELD = 0.25  # share of the body's length within which it is held
 _GENERATED: Mapping[str, tuple[str, str]] = {
@@ -45,18 +45,31 @@ _GENERATED: Mapping[str, tuple[str, str]] = {
     "part": ("pdms_beam.py", "parameters: {length: 80 mm, size: 4 mm}, geometry_degree: 2"),
 }
 """Generator and its parameters of the example of each kind of body."""
-_WALLS = ("artery", "ventricle")
+_SURFACES = {"artery": (("inlet", "outlet"), "inner", "outer"), "ventricle": (("base",), "endo", "epi")}
+"""Ends, inner and outer surface of walls."""
+_WALLS = tuple(_SURFACES)
 _LPS = " (in the frame of images y points to the back)"
 _UNKNOWN = " (if y points to the back, as in the frame of images; else change it)"
 
 
 @dataclass(frozen=True)
 class _Source:
-    """The section 'mesh' of a job, and the box (m) around the body; ``None`` for an example with named regions."""
+    """The section 'mesh' of a job, and what it needs.
+
+    Attributes:
+        box: box (m) around the body; ``None`` if its regions have names.
+        frame: what is known of its position in space, for a comment.
+        beside: a file of the mesh that is written beside the job.
+        write: writes that file.
+        is_example: the body is an example.
+    """
 
     mesh: str
-    box: tuple[np.ndarray, np.ndarray] | None
+    box: tuple[np.ndarray, np.ndarray] | None = None
     frame: str = ""
+    beside: Path | None = None
+    write: Callable[[Path], None] | None = None
+    is_example: bool = False
 
 
 def add_new(commands: Any) -> None:
@@ -88,11 +101,11 @@ def _new(options: argparse.Namespace) -> int:
     kind, output = options.kind, options.output
     _check(options)
     if options.image is not None:
-        source = _of_image(options)
+        source = _of_wall(options) if kind in _WALLS else _of_image(options)
     elif options.surface is not None:
         source = _of_surface(options)
     else:
-        source = _Source(_section([f"file: {_generator(output).name}, unit: mm", _GENERATED[kind][1]]), None)
+        source = _example(options)
     values = {
         "command": " ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))]),
         "file": shlex.quote(str(output)),
@@ -101,25 +114,21 @@ def _new(options: argparse.Namespace) -> int:
         "frame": source.frame,
     }
     text = Template((_TEMPLATES / f"{kind}.yaml").read_text()).substitute(values | _of_kind(kind, source))
-    files = {output: text}
-    if source.box is None:
-        files = {_generator(output): (_GENERATORS / _GENERATED[kind][0]).read_text()} | files
-    existing = [path for path in files if path.exists()]
-    if existing and not options.force:
+    paths = [output] if source.beside is None else [output, source.beside]
+    if (existing := [path for path in paths if path.exists()]) and not options.force:
         raise OutputError(f"{existing[0]}: exists", "Choose another name, or replace it by --force.")
-    written = list[Path]()
     try:
-        for path, content in files.items():
-            if path == output:
-                parse(read_text(content, str(path)), path)  # before it is written, but beside its mesh
-            with output_errors(path):
-                replace(path, content.encode())
-            written.append(path)
+        if source.beside is not None and source.write is not None:
+            with output_errors(source.beside):
+                source.write(source.beside)
+        parse(read_text(text, str(output)), output)  # before it is written, but beside its mesh
+        with output_errors(output):
+            replace(output, text.encode())
     except Exception:
-        for path in written if not existing else ():
-            path.unlink(missing_ok=True)
+        if source.beside is not None and not existing:
+            source.beside.unlink(missing_ok=True)
         raise
-    print(f"{output}: a job for {'an' if kind[0] in 'aeiou' else 'a'} {kind}; read what it says, and change it. Then:")
+    print(f"{output}: a job for {_article(kind)}; read what it says, and change it. Then:")
     for line in ("validate", "show", "run"):
         print(f"  python -m hpcinv {line} {values['file']}")
     return 0
@@ -138,12 +147,11 @@ def _check(options: argparse.Namespace) -> None:
     if options.image is not None and options.surface is not None:
         raise JobError(["--surface: a job has one mesh, and --image gives it, too"])
     given = options.image or options.surface
-    if given is not None and options.kind in _WALLS:
+    if options.surface is not None and options.kind in _WALLS:
         raise JobError(
             [
-                f"--{'image' if options.image else 'surface'}: {options.kind}s have a wall whose surfaces need names"
-                " (cavity, outside, ends), which neither an image nor a surface gives. Write the example without it,"
-                " and name a mesh of your own with such groups as mesh.file"
+                f"--surface: of the wall of {_article(options.kind)}, it does not tell the cavity from the outside;"
+                " give an --image, or put a mesh with named surfaces into the example"
             ]
         )
     if options.image is None and options.label:
@@ -160,15 +168,63 @@ def _check(options: argparse.Namespace) -> None:
             raise JobError([f"--{name} {path}: no such file"])
 
 
+def _example(options: argparse.Namespace) -> _Source:
+    generator, parameters = _GENERATED[options.kind]
+    path = options.output.with_name(f"{options.output.stem}_mesh.py")
+    section = _section([f"file: {path.name}, unit: mm", parameters])
+    content = (_GENERATORS / generator).read_bytes()
+    return _Source(section, beside=path, write=lambda file: replace(file, content), is_example=True)
+
+
+def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
+    """The labels that are asked for; ``JobError`` with those of the image if there are none."""
+    from hpcinv.mesh.imaging.label_image import read_numbers
+
+    if not options.label:
+        found = np.unique(read_numbers(options.image))
+        known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
+        raise JobError([f"--label: is needed with --image, such as --label {example}; in {options.image} are {known}"])
+    return dict(label_of(text) for text in options.label)
+
+
+def _of_wall(options: argparse.Namespace) -> _Source:
+    """The wall around a cavity, meshed now: only with the cavity is it known which of its surfaces is which."""
+    from hpcinv.mesh.checks import check
+    from hpcinv.mesh.export import save
+    from hpcinv.mesh.imaging.hollow_wall import CAVITY, WALL, hollow_wall_mesh, wall_size
+
+    path, unit, example = options.image, _unit(options, "mm"), f"{WALL}=1 --label {CAVITY}=2"
+    labels = _labels(options, example)
+    if labels.keys() != {WALL, CAVITY}:
+        raise JobError([f"--label: {_article(options.kind)} has two regions in an image: --label {example}"])
+    size = options.size or _size_in_wall(*wall_size(path, labels, unit))
+    ends, inner, outer = _SURFACES[options.kind]
+    meshed = hollow_wall_mesh(
+        path, labels, _parsed_size(size), unit, ends, inner, outer, lambda text: print(f"{path}: {text}", flush=True)
+    )
+    check(meshed)
+    beside = options.output.with_name(f"{options.output.stem}_mesh.msh")
+    error = (
+        f"{{sd: {0.12e3 * meshed.voxel:.2g} mm, correlation: {max(meshed.voxel, _parsed_size(size) / 2) * 1e3:.2g} mm}}"
+    )
+    entries = [f"file: {beside.name}", "geometry_degree: 2", f"surface_error: {error}"]
+    return _Source(_section(entries), beside=beside, write=lambda file: save(file, meshed, meshed.points))
+
+
+def _size_in_wall(thickness: float, volume: float) -> str:
+    """Two cells through a wall, if they are not too many."""
+    return f"{max(thickness / 1.5, (volume / (_CELL * _MOST_CELLS)) ** (1 / 3)) * 1e3:.2g} mm"
+
+
+def _article(kind: str) -> str:
+    return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+
+
 def _of_image(options: argparse.Namespace) -> _Source:
-    from hpcinv.mesh.imaging.label_image import read_labels, read_numbers
+    from hpcinv.mesh.imaging.label_image import read_labels
 
     path, unit = options.image, _unit(options, "mm")
-    if not options.label:
-        found = np.unique(read_numbers(path))
-        known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
-        raise JobError([f"--label: is needed with --image, such as --label {options.kind}=1; in {path} are {known}"])
-    labels = dict(label_of(text) for text in options.label)
+    labels = _labels(options, f"{options.kind}=1")
     image = read_labels(path, labels, unit)
     places = np.argwhere(image.voxels > 0)
     positions = image.positions(places * image.spacing)
@@ -228,14 +284,18 @@ def _of_kind(kind: str, source: _Source) -> dict[str, str]:
                 "regions": regions,
             }
         case "artery":
-            planes = {"x0": "x", "y0": "y", "z0": "z", "z1": "z"}
-            lines = [f"  - {{region: {name}, fix: [{axis}]}}" for name, axis in planes.items()]
-            comment = "  # A quarter by symmetry, between two planes: the artery is as long with pressure as without."
-            return _starting("holzapfel-gasser-ogden") | {
-                "inlet": "z0",
-                "outlet": "z1",
-                "supports": "\n".join([comment, *lines]),
-            }
+            if source.is_example:
+                values, law = _starting("holzapfel-gasser-ogden"), "law-of-artery-with-fibres.txt"
+                comment = "A quarter by symmetry, between two planes: the artery is as long with pressure as without."
+                planes = ("x0: x", "y0: y", "z0: z", "z1: z")
+                supports = [(plane[:2], plane[-1]) for plane in planes]
+            else:
+                values, law = _starting("fung-demiray"), "law-of-artery.txt"
+                comment = "Where the vessel is cut, what goes on holds it. Read no stress near these ends."
+                supports = [(name, "x, y, z") for name in _SURFACES[kind][0]]
+            lines = [f"  # {comment}", *(f"  - {{region: {name}, fix: [{axes}]}}" for name, axes in supports)]
+            text = Template((_TEMPLATES / law).read_text()).substitute(values).rstrip()
+            return {"law": text, "supports": "\n".join(lines)}
         case "ventricle":
             return _starting("guccione")
         case _:
@@ -269,12 +329,16 @@ def _end(box: tuple[np.ndarray, np.ndarray], axis: int, side: int) -> str:
 def _size(options: argparse.Namespace, volume: float) -> str:
     """The size of cells, as it stands in a job."""
     if options.size is not None:
-        try:
-            QUANTITIES["Size"].parse(options.size)
-        except ValueError as error:
-            raise JobError([f"--size {options.size}: {error}"]) from None
+        _parsed_size(options.size)
         return str(options.size)
     return f"{(volume / (_CELL * _CELLS)) ** (1 / 3) * 1e3:.2g} mm"
+
+
+def _parsed_size(text: str) -> float:
+    try:
+        return QUANTITIES["Size"].parse(text)
+    except ValueError as error:
+        raise JobError([f"--size {text}: {error}"]) from None
 
 
 def _unit(options: argparse.Namespace, name: str) -> float:
@@ -291,10 +355,6 @@ def _relative(path: Path, options: argparse.Namespace) -> str:
 
 def _yaml(text: str) -> str:
     return text if re.fullmatch(r"[\w./-]+", text) else json.dumps(text)
-
-
-def _generator(output: Path) -> Path:
-    return output.with_name(f"{output.stem}_mesh.py")
 
 
 def _typed(options: argparse.Namespace) -> list[str]:

@@ -11,6 +11,8 @@ import pyvista
 
 import hpcinv as package
 from hpcinv.__main__ import main
+from hpcinv.mesh import build_body, read_source
+from hpcinv.model.fibre_rules import rule_directions
 from hpcinv.parallel.runtime import MPI
 
 KINDS = ("artery", "breast", "liver", "part", "ventricle")
@@ -26,6 +28,25 @@ def scan(path: Path) -> Path:
     image = sitk.GetImageFromArray(voxels.astype(np.uint8).transpose())
     image.SetSpacing((SPACING,) * 3)
     image.SetOrigin((-100, -60, 30))
+    sitk.WriteImage(image, str(path))
+    return path
+
+
+def wall(path: Path, *, kind: str) -> Path:
+    """A segmented wall (label 1) around a cavity (2): a cup, or an oblique tube cut by the image's border."""
+    sitk = pytest.importorskip("SimpleITK")
+    x, y, z = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in (30, 30, 22)), indexing="ij")
+    if kind == "ventricle":
+        r2, z = x**2 + y**2, z - 6
+        voxels = np.where(r2 / 13**2 + z**2 / 16**2 < 1, 1, 0)
+        voxels[r2 / 8**2 + z**2 / 11**2 < 1] = 2
+        voxels[z > 0] = 0
+    else:
+        r = np.hypot(x - 0.2 * z, y)
+        voxels = np.where(r < 11, 1, 0)
+        voxels[r < 6] = 2
+    image = sitk.GetImageFromArray(voxels.astype(np.uint8).transpose())
+    image.SetSpacing((2.0, 2.0, 2.0))
     sitk.WriteImage(image, str(path))
     return path
 
@@ -79,6 +100,44 @@ def test_a_liver_from_a_scan_runs(tmp_path: Path) -> None:
     assert 1e-3 < float(found.quantities["largest-displacement"]) < 0.05
 
 
+@pytest.mark.parametrize("kind", ["artery", "ventricle"])
+def test_the_surfaces_of_a_wall_in_an_image_have_their_names(kind: str, tmp_path: Path) -> None:
+    file = tmp_path / "job.yaml"
+    given = ("--label", "wall=1", "--label", "cavity=2", "--size", "6 mm")
+    assert typed(kind, "--image", wall(tmp_path / "scan.nii.gz", kind=kind), *given, file) == 0
+    job = package.load(file)
+    source = read_source(job.mesh, tmp_path / job.mesh.file)
+    areas = {}
+    for group in source.groups:
+        if group.dim == 2:
+            a, b, c = (source.points[source.facets[group.members][:, i]] for i in range(3))
+            areas[group.name] = 1e6 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2  # mm²
+    corners = source.points[source.cells]
+    volume = abs(np.linalg.det(corners[:, 1:4] - corners[:, :1])).sum() / 6 * 1e9
+    if kind == "artery":
+        exact = {
+            "inlet": 85 * 4 * np.pi,
+            "outlet": 85 * 4 * np.pi,
+            "inner": 2 * 12 * 44 * np.pi,
+            "outer": 44**2 * np.pi,
+        }
+        expected = 85 * 4 * np.pi * 44
+        rule = {"kind": "tube", "inner": "inner", "outer": "outer", "inlet": "inlet", "outlet": "outlet", "helix": 0}
+    else:
+        exact = {"base": 4 * np.pi * (13**2 - 8**2)}
+        expected = 2 / 3 * np.pi * 8 * (13**2 * 16 - 8**2 * 11)
+        rule = dict(job.fibres["fibre"].rule or {})
+    print({name: f"{areas[name] / value:.2f}" for name, value in exact.items()}, f"volume {volume / expected:.3f}")
+    assert volume == pytest.approx(expected, rel=0.03)
+    for name, value in exact.items():
+        assert areas[name] == pytest.approx(value, rel=0.2), name
+    with_rule = job.with_({"fibres": {"fibre": {"rule": rule, "given_on": "current"}}})
+    family = with_rule.fibres["fibre"].rule
+    assert family is not None
+    body = build_body(job.mesh, job.regions, MPI.COMM_SELF, resolve=job.resolve)
+    assert rule_directions(body, family, "fibres.fibre").undefined < 0.01 * len(source.cells)
+
+
 @pytest.mark.release
 @pytest.mark.parametrize("kind", KINDS)
 def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
@@ -106,6 +165,13 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
         ("part --surface it.stl job.yaml", "--unit: is needed with --surface"),
         ("part --surface it.stl --unit kg job.yaml", "--unit kg: must be a length"),
         ("part --surface it.stl --unit mm --size 3_kg job.yaml", "--size 3_kg: "),
+        ("artery --surface it.stl --unit mm job.yaml", "--surface: of the wall of an artery, it does not tell"),
+        ("artery --image scan.nii.gz job.yaml", "such as --label wall=1 --label cavity=2; in .* are 5, 7"),
+        ("artery --image scan.nii.gz --label wall=5 job.yaml", "--label: an artery has two regions in an image"),
+        (
+            "artery --image scan.nii.gz --label wall=5 --label cavity=7 --size 20_mm job.yaml",
+            "the cavity has 0 openings, where it touches the outside or the image's border, but 2 are needed",
+        ),
         ("part --size 3 job.yaml", "--size: is for an --image or a --surface"),
         ("part --surface it.stl --image scan.nii.gz job.yaml", "--surface: a job has one mesh"),
         ("part job.txt", "job.txt: is no name of a job"),
@@ -121,7 +187,7 @@ def test_what_does_not_fit_is_refused_and_leaves_nothing(
     scan(tmp_path / "scan.nii.gz")
     surface(tmp_path / "it.stl")
     before = sorted(tmp_path.iterdir())
-    assert typed(*arguments.split()) == 2
+    assert typed(*(word.replace("20_mm", "20 mm") for word in arguments.split())) == 2
     assert re.search(message, capsys.readouterr().err)
     assert sorted(tmp_path.iterdir()) == before
 

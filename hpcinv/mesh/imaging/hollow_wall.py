@@ -1,0 +1,142 @@
+"""Walls around a cavity in a segmented image: the cavity is meshed with the wall, and tells which surface is which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage, sparse
+from scipy.sparse.csgraph import connected_components
+
+from hpcinv.errors import MeshError
+from hpcinv.mesh.imaging.image_mesh import image_mesh
+from hpcinv.mesh.imaging.label_image import read_labels
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+
+WALL, CAVITY = "wall", "cavity"
+_SPECK = 0.05  # area of an opening that is a leak of the segmentation, relative to the largest opening
+_FACING = 0.5  # cosine of the angle between a facet at an end of the wall and the opening beside it
+_REACH = 0.75  # distance of the wall's ends from the plane of an opening, relative to the size of cells
+
+
+def hollow_wall_mesh(
+    path: Path,
+    labels: Mapping[str, Sequence[int]],
+    size: float,
+    unit: float,
+    ends: Sequence[str],
+    inner: str,
+    outer: str,
+    report: Callable[[str], None],
+    *,
+    most: int = 10_000_000,
+) -> MeshSource:
+    """Mesh the wall around a cavity on this process, in metres.
+
+    Where the cavity ends at the outside or at the border of the image it is open: the wall's facets around an opening
+    are one of its ends. The surface at the cavity is ``inner``, all others are ``outer``.
+
+    Args:
+        labels: numbers of the voxels of `WALL` and `CAVITY`.
+        ends: names of the ends, in the order of their position along the last axis of the image's frame, the highest
+            one last.
+        inner, outer: names of the other two surfaces.
+
+    Raises:
+        MeshError: as `image_mesh`, or if the wall has another number of ends.
+        SystemPartMissing: the packages for images are not installed.
+    """
+    mesh = image_mesh(path, labels, size, unit, most, report)
+    of = {group.name: group.members for group in mesh.groups if group.dim == 3}
+    normals, middles, areas = _geometry(mesh.points, mesh.facets)
+    at_wall, at_cavity = (_cell_behind(mesh, of[name]) for name in (WALL, CAVITY))
+    is_inner = (at_wall >= 0) & (at_cavity >= 0)
+    is_opening, is_outer = (at_cavity >= 0) & ~is_inner, (at_wall >= 0) & ~is_inner
+    for cells, facets in ((at_wall, is_outer), (at_cavity, is_opening)):  # outwards
+        inside = mesh.points[mesh.cells[cells[facets]]].mean(axis=1)
+        wrong = np.einsum("ij,ij->i", normals[facets], middles[facets] - inside) < 0
+        normals[np.flatnonzero(facets)[wrong]] *= -1
+    openings = _pieces(mesh.facets, np.flatnonzero(is_opening), areas)
+    if not is_inner.any() or len(openings) != len(ends):
+        raise MeshError(
+            f"{path}: the cavity has {len(openings)} openings, where it touches the outside or the image's border, but"
+            f" {len(ends)} {'is' if len(ends) == 1 else 'are'} needed ({', '.join(ends)})",
+            "Let the label of the cavity end where the wall does, and nowhere else.",
+        )
+    weighted = [np.average(middles[o], axis=0, weights=areas[o]) for o in openings]
+    order = np.argsort([middle[2] for middle in weighted])
+    is_end, found = np.zeros(len(areas), dtype=bool), list[tuple[str, Ints]]()
+    for number in order:
+        members = openings[number]
+        axis = np.average(normals[members], axis=0, weights=areas[members])
+        axis /= np.linalg.norm(axis)
+        height = (middles - weighted[number]) @ axis
+        near = is_outer & (normals @ axis > _FACING) & (np.abs(height) < _REACH * size)
+        is_end |= near
+    # Edges between the wall's ends and the cavity are rounded, so that some facets face elsewhere.
+    lateral = _pieces(mesh.facets, np.flatnonzero(is_outer & ~is_end), areas)
+    is_end |= is_outer & ~np.isin(np.arange(len(areas)), max(lateral, key=len, default=[]))
+    nearest = np.argmin([np.linalg.norm(middles - weighted[number], axis=1) for number in order], axis=0)
+    for place, name in enumerate(ends):
+        if not len(members := np.flatnonzero(is_end & (nearest == place))):
+            raise MeshError(
+                f"{path}: the wall has no end around the opening '{name}' of the cavity",
+                "Let the labels of wall and cavity end at the same plane.",
+            )
+        found.append((name, members))
+    found += [(inner, np.flatnonzero(is_inner)), (outer, np.flatnonzero(is_outer & ~is_end))]
+    return _only(mesh, of[WALL], found)
+
+
+def wall_size(path: Path, labels: Mapping[str, Sequence[int]], unit: float) -> tuple[float, float]:
+    """Return the typical thickness (m) of the wall in an image, and its volume (m³).
+
+    The thickness is twice the depth that a tenth of the voxels exceed. Errors are those of `read_labels`.
+    """
+    image = read_labels(path, labels, unit)
+    wall = image.voxels == list(labels).index(WALL) + 1
+    # At the border of the image the wall goes on.
+    depth = ndimage.distance_transform_edt(np.pad(wall, 1, mode="edge"), sampling=image.spacing)[1:-1, 1:-1, 1:-1]
+    return 2 * float(np.quantile(depth[wall], 0.9)), float(np.count_nonzero(wall) * image.spacing.prod())
+
+
+def _geometry(points: Floats, facets: Ints) -> tuple[Floats, Floats, Floats]:
+    """Return unit normals of either sign (n, 3), middles (n, 3) and areas (n,) of triangles."""
+    a, b, c = (points[facets[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    return normals / lengths[:, None], (a + b + c) / 3, lengths / 2
+
+
+def _cell_behind(mesh: MeshSource, cells: Ints) -> Ints:
+    """Return the one of these cells that each facet of the mesh belongs to, or -1."""
+    sides = np.concatenate([mesh.cells[cells][:, side] for side in ([1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2])])
+    both = np.sort(np.concatenate([sides, mesh.facets]), axis=1)
+    _, number = np.unique(both, axis=0, return_inverse=True)
+    number = number.ravel()
+    owner = np.full(number.max() + 1, -1)
+    owner[number[: len(sides)]] = np.tile(cells, 4)
+    return np.asarray(owner[number[len(sides) :]])
+
+
+def _pieces(facets: Ints, members: Ints, areas: Floats) -> list[Ints]:
+    """Return the connected parts of some facets, without specks."""
+    if not len(members):
+        return []
+    nodes = facets[members]
+    rows = np.repeat(np.arange(len(members)), 3)
+    touch = sparse.csr_matrix((np.ones(nodes.size), (rows, nodes.ravel())))
+    count, piece = connected_components(touch @ touch.T, directed=False)
+    parts = [members[piece == i] for i in range(count)]
+    largest = max(areas[part].sum() for part in parts)
+    return [part for part in parts if areas[part].sum() > _SPECK * largest]
+
+
+def _only(mesh: MeshSource, cells: Ints, surfaces: Sequence[tuple[str, Ints]]) -> MeshSource:
+    """Return some cells of a mesh as a wall, with these facets as its surfaces."""
+    groups = [Group(WALL, 3, 1, cells)]
+    groups += [Group(name, 2, tag, members) for tag, (name, members) in enumerate(surfaces, start=2)]
+    facets = np.sort(np.concatenate([members for _, members in surfaces]))
+    return replace(mesh, groups=tuple(groups)).select(np.unique(mesh.cells[cells]), cells, facets)
