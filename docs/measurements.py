@@ -1,7 +1,7 @@
-"""What benchmarks print, kept with command, machine and date for the pages on performance.
+"""What benchmarks print, kept with command, machine and date for the pages that include it.
 
 ``python3 -m uv run python docs/measurements.py NAME…`` runs the benchmarks of these names, on an otherwise idle
-machine, and keeps what they print in ``docs/performance/printed``, from where the pages include it.
+machine, and keeps what they print in ``docs/printed``, from where the pages include it.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PRINTED = Path(__file__).parent / "performance" / "printed"
+PRINTED = Path(__file__).parent / "printed"
 COMMANDS = {
     "strategies": "python benchmarks/strategies.py",
     "contact": "python benchmarks/contact.py",
     "effectivity": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2",
+    "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",
 }
 
 
@@ -30,14 +31,9 @@ def heading(command: str, note: str) -> str:
     return f"$ python3 -m uv run {command}\n{datetime.datetime.now(datetime.UTC).date()}, {machine}: {note}\n\n"
 
 
-def load_of_others() -> str:
-    """Say in words how much else runs on this machine."""
-    return f"{os.getloadavg()[0]:.1f} processes ran before it began"
-
-
 def main() -> None:
     for name in sys.argv[1:] or COMMANDS:
-        command, note = COMMANDS[name], load_of_others()
+        command, note = COMMANDS[name], f"load average {os.getloadavg()[0]:.1f} before it began"
         words = [sys.executable, *shlex.split(command)[1:]]
         done = subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         if done.returncode:

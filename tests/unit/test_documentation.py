@@ -102,6 +102,16 @@ def test_generated_pages_are_what_the_generator_writes() -> None:
     assert found.returncode == 0, found.stdout + found.stderr + "run: python3 -m uv run python docs/generate.py"
 
 
+def test_outputs_that_pages_show_are_of_scripts_and_tests_that_exist() -> None:
+    kept = list((ROOT / "docs").glob("**/printed/*.txt"))
+    assert kept
+    for file in kept:
+        command = file.read_text().splitlines()[0]
+        named = re.match(r"\$ python3 -m uv run (?:python|pytest -n 0 -s) (\S+\.py)", command)
+        assert named, file
+        assert (ROOT / named[1]).is_file(), command
+
+
 def fragments() -> Iterator[Any]:
     """The parts of jobs in all pages, and whether they name files that only the reader has."""
     for page in PAGES:
