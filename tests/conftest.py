@@ -39,18 +39,25 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as fast what is in tests/unit, unless it is slow or starts several ranks: ``pytest -m fast``."""
     for item in items:
-        if is_tested_on_more_ranks(item):
+        if is_tested_on_more_ranks(item) or is_left_for_a_release(item):
             item.add_marker("release")
         if UNIT in item.path.parents and not any(item.iter_markers("slow")) and not any(item.iter_markers("parallel")):
             item.add_marker("fast")
 
 
 def is_tested_on_more_ranks(item: pytest.Item) -> bool:
-    """True for a test on one rank that is also one on several, which take the same path and more."""
+    """True for a test that is also one on more ranks, which take the same path and more."""
     ranks = [mark.args[0] for mark in item.iter_markers("parallel") if mark.args and isinstance(mark.args[0], list)]
     # The markers that tell `ranks_of` are not attached yet.
     here = getattr(item, "callspec", None)
-    return any(1 in of and len(of) > 1 for of in ranks) and here is not None and here.params.get("_nprocs") == 1
+    return here is not None and any(here.params.get("_nprocs", max(of)) < max(of) for of in ranks)
+
+
+def is_left_for_a_release(item: pytest.Item) -> bool:
+    """True for a variant of a parametrized test that its marker ``everyday`` does not name."""
+    here = getattr(item, "callspec", None)
+    chosen = [name for mark in item.iter_markers("everyday") for name in mark.args]
+    return bool(chosen) and here is not None and not any(name in here.id for name in chosen)
 
 
 @pytest.fixture(scope="session", autouse=True)

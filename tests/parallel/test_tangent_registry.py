@@ -93,6 +93,7 @@ def model_of(given: Job, comm: MPI.Intracomm) -> Model:
     return Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
 
 
+@pytest.mark.everyday("scene_of_effects-inverse-mixed", "scene_of_prestrain")
 @pytest.mark.parametrize(
     ("of", "direction", "formulation"),
     [
@@ -128,6 +129,7 @@ def test_moduli_of_the_registry_make_the_compiled_tangent(
     assert error < 1e-13
 
 
+@pytest.mark.everyday("inverse-displacement")
 @pytest.mark.parametrize("of", [scene_of_laws, scene_of_effects])
 @pytest.mark.parametrize(("direction", "formulation"), [kind for kind in KINDS if kind != ("inverse", "mixed")])
 def test_every_part_of_a_scene_has_moduli(of: Any, direction: str, formulation: str, comm: MPI.Intracomm) -> None:

@@ -66,6 +66,7 @@ def estimate(data: dict[str, Any], comm: MPI.Intracomm) -> Estimate:
     return found
 
 
+@pytest.mark.everyday("sphere of tetrahedra", "incompressible")
 @pytest.mark.parametrize("name", CASES)
 def test_the_iterations_find_the_correction(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     compare(name, comm, monkeypatch)

@@ -172,7 +172,7 @@ def test_a_converged_run_is_written_printed_and_warned_about(report: MakeReport)
     one.check_not_stopped([], ended(1.0, solve(1.0), stopped=True), "")  # the request came after the last solve
     one.ended(ended(1.0, solve(1.0)))
     certificate: Any = SimpleNamespace(lines=())
-    found = one.conclude([solution(1.0, solve(1.0))], certificate, {"tip": 0.5}, {}, None, None)
+    found = one.conclude([solution(1.0, solve(1.0))], certificate, {"tip": 0.5}, {}, None, None, None)
     assert (given["status"], given["printed"], given["written"]) == ("converged", "converged", found.statistics)
     assert given["warnings"] == ["moves 1e-09 m"]
     assert given["unused"] == ["snes_view"]

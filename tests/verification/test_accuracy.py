@@ -57,6 +57,7 @@ def test_the_promise_holds_in_at_least_19_of_20(comm: MPI.Intracomm) -> None:
     assert sum(held) >= 19
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2])
 def test_the_promise_holds_on_more_ranks(comm: MPI.Intracomm) -> None:
     names = ("column, density of the body at rest",)

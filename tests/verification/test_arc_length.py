@@ -289,6 +289,7 @@ def balloon(comm: MPI.Intracomm, share: float, *, hexahedra: bool, **solver: Any
     )
 
 
+@pytest.mark.everyday("hexes")
 @pytest.mark.parametrize(
     ("hexahedra", "limit_points", "radius_within", "limit_within"),
     [(True, 0, 1e-3, 0.0), (True, 1, 1e-3, 3e-4), (False, 1, 8e-3, 3e-3)],
@@ -354,6 +355,7 @@ def out_of_round(sphere: Result) -> float:
     return (found["largest"] - found["least"]) / found["radius"]
 
 
+@pytest.mark.everyday("hexes")
 @pytest.mark.parametrize(
     ("hexahedra", "radius_within", "limit_within"), [(False, 3e-4, 0.015), (True, 5e-5, 0.02)], ids=["tets", "hexes"]
 )

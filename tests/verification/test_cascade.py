@@ -53,6 +53,7 @@ def winners(result: Result) -> list[str]:
     return [attempt.strategy for attempt in attempts(result.solutions[0].solves)]
 
 
+@pytest.mark.release
 def test_arc_length_reaches_a_load_of_which_the_smallest_step_is_too_large(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(sphere(30.0, radial=4, minimum_step=0.02), comm)
     found, exact = result.quantities["radius"], root(lambda a: carried(a) - 30.0, 1.01, 2.0)

@@ -73,6 +73,7 @@ def effectivities(result: Result, exact: dict[str, float]) -> dict[str, float]:
     return {name: result.estimate.quantities[name] / (value - result.quantities[name]) for name, value in exact.items()}
 
 
+@pytest.mark.everyday("False")
 @pytest.mark.parametrize(("divisions", "hexahedra"), [(2, True), (4, True), (2, False), (4, False)])
 def test_the_error_of_the_sphere_is_estimated(divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> None:
     A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
@@ -141,6 +142,7 @@ def test_inertia_counts_signs_of_eigenvalues(comm: MPI.Intracomm) -> None:
     assert found.asymmetry == pytest.approx(np.linalg.norm(dense - dense.T) / 2 / np.linalg.norm(dense))
 
 
+@pytest.mark.everyday("1.05", "9.5", "8.7")
 @pytest.mark.parametrize(("share", "unstable"), [(0.97, 0), (1.05, 2), (8.7, 2), (9.5, 4)])
 @pytest.mark.parametrize("formulation", ["displacement", "mixed"])
 def test_a_column_beyond_its_euler_load_is_unstable(

@@ -97,6 +97,7 @@ def test_block_stands_on_its_weight_there_and_back(comm: MPI.Intracomm, run_dire
     assert returned == pytest.approx((0, 0, weight), rel=1e-9, abs=1e-9 * weight)
 
 
+@pytest.mark.release
 def test_estimated_error_of_a_block_on_a_floor_is_that_against_a_higher_degree(comm: MPI.Intracomm) -> None:
     """The sides are free, so that the block bulges: its pressure is not uniform."""
     top = {"quantities": [{"name": "top", "of": "uz", "at": [0.5, 0.5, 1]}], "supports": [SIDES[0], SIDES[2]]}
@@ -207,6 +208,7 @@ def smooth() -> dict[str, Any]:
     return {"shape": "sphere", "centre": [0.5, 0.5, 2], "radius": 1}
 
 
+@pytest.mark.release
 def test_a_formula_is_the_sphere_that_it_describes(smooth: dict[str, Any], comm: MPI.Intracomm) -> None:
     formula = {"shape": "level-set", "formula": "(x - 0.5 m)^2 + (y - 0.5 m)^2 + (z - 2 m)^2 - (1 m)^2"}
     exact, found = (indented(comm, obstacle) for obstacle in (smooth, formula))

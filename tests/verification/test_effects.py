@@ -59,6 +59,7 @@ def model(case: Job, comm: MPI.Intracomm) -> Model:
     return Model(case, build_body(case.mesh, case.regions, comm, resolve=case.resolve), Timings())
 
 
+@pytest.mark.everyday("inverse")
 @on_both_cells
 @pytest.mark.parametrize("direction", DIRECTIONS)
 @of_every_effect
@@ -99,6 +100,7 @@ def test_tangent_is_the_derivative_of_the_residual(
     equilibrium.destroy()
 
 
+@pytest.mark.everyday("pressure", "prestrain", "growth")
 @pytest.mark.parallel([1, 2])
 @of_every_effect
 def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:

@@ -207,6 +207,7 @@ def tube_error(comm: MPI.Intracomm, tube: Tube, divisions: int) -> float:
     return float(comm.allreduce(float(np.abs(u - exact).max()), op=MPI.MAX)) / tube.inner
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize(
     "tube", [Tube("forward", "reference"), Tube("forward", "current"), Tube("inverse", "current")], ids=Tube.name
 )

@@ -166,6 +166,7 @@ def test_what_is_printed_says_what_it_leaves_out(tmp_path: Path) -> None:
     assert (estimate["geometry"], estimate["without_geometry"]) == ("left out", NO_CAD)
 
 
+@pytest.mark.everyday("True")
 @pytest.mark.parametrize("from_file", [False, True])
 def test_an_output_has_one_error_of_a_quantity(from_file: bool, tmp_path: Path) -> None:
     data, size = of_a_file(tmp_path), {"inner": INNER, "outer": OUTER, "radial": 2, "along": 2, "hexahedra": True}

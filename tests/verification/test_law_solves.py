@@ -71,6 +71,7 @@ def there_and_back(law: str, hexahedra: bool, first: str, comm: MPI.Intracomm) -
     return size, gap / size
 
 
+@pytest.mark.everyday("mooney-rivlin")
 @on_both_cells
 @pytest.mark.parametrize("law", ROUND_TRIPS)
 def test_round_trips_close(law: str, hexahedra: bool, comm: MPI.Intracomm) -> None:
@@ -91,6 +92,7 @@ def test_round_trips_close_on_two_ranks(law: str, comm: MPI.Intracomm) -> None:
             assert gap < 1e-10
 
 
+@pytest.mark.everyday("neo-hookean", "mooney-rivlin", "holzapfel-gasser-ogden", "yeoh", "st-venant")
 @on_both_cells
 @pytest.mark.parametrize("law", laws())
 def test_homogeneous_patch(law: str, hexahedra: bool, comm: MPI.Intracomm) -> None:
@@ -101,6 +103,7 @@ def test_homogeneous_patch(law: str, hexahedra: bool, comm: MPI.Intracomm) -> No
     assert error < 1e-12
 
 
+@pytest.mark.everyday("neo-hookean", "mooney-rivlin", "holzapfel-gasser-ogden", "gent")
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 @pytest.mark.parametrize("law", laws())
 def test_small_strains_keep_their_digits(law: str, direction: str, comm: MPI.Intracomm) -> None:
@@ -136,6 +139,7 @@ def test_small_strains_keep_their_digits(law: str, direction: str, comm: MPI.Int
 SPLIT = [name for name, kind in laws().items() if issubclass(kind, IsochoricLaw)]
 
 
+@pytest.mark.everyday("guccione")
 @pytest.mark.parametrize(
     "law", [law if law in (*OFTEN, "ogden") else pytest.param(law, marks=pytest.mark.release) for law in SPLIT]
 )

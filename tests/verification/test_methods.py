@@ -187,6 +187,7 @@ def largest(values: np.ndarray, comm: MPI.Intracomm) -> float:
     return float(comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))
 
 
+@pytest.mark.everyday("neo-hookean")
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("density_in", [pytest.param("reference", marks=pytest.mark.release), "current"])
 def test_a_tetrahedron_ends_where_the_direct_method_does(law: str, density_in: str, comm: MPI.Intracomm) -> None:

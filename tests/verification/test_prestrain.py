@@ -76,6 +76,7 @@ def check_prestrain_stress(solved: Solved, expected: np.ndarray) -> None:
     assert np.abs(values - expected).max() < 1e-12 * MU
 
 
+@pytest.mark.everyday("inverse-current")
 @pytest.mark.parametrize("given_on", ["reference", "current"])
 @both_ways
 def test_a_cube_has_the_stress_and_the_energy_of_the_elastic_part(
@@ -114,6 +115,7 @@ def test_a_bar_between_rigid_ends_is_pulled_by_its_prestrain(comm: MPI.Intracomm
         check(solved, deformed, np.diag([stress[0, 0], 0, 0]))
 
 
+@pytest.mark.everyday("inverse")
 @both_ways
 def test_an_incompressible_cube_has_the_volume_of_its_prestrain(direction: str, comm: MPI.Intracomm) -> None:
     U = np.diag([1.2, 0.95, 1.1])
@@ -127,6 +129,7 @@ def test_an_incompressible_cube_has_the_volume_of_its_prestrain(direction: str, 
     check_prestrain_stress(solved, stress - np.trace(stress) / 3 * np.eye(3))
 
 
+@pytest.mark.release
 def test_lines_along_three_families_are_stretched(comm: MPI.Intracomm) -> None:
     """Oblique ones, of both bodies: ``F0 = A diag(λ) A⁻¹`` with their lines in the reference body as columns of A."""
     given_on = {"fibre": "reference", "sheet": "current", "third": "reference"}
@@ -145,6 +148,7 @@ def test_lines_along_three_families_are_stretched(comm: MPI.Intracomm) -> None:
     check_energy(solved, energy(F, own), F)
 
 
+@pytest.mark.release
 def test_fibres_of_the_law_are_carried_by_prestrain(comm: MPI.Intracomm) -> None:
     """In a relaxed piece they lie along ``F0 a0``, so that a rotation in ``F0`` has no effect on stress and energy."""
     mu, k, kappa = 5e3, 20e3, 30e3

@@ -103,6 +103,7 @@ def lengthening(direction: str, density_in: str) -> float:
     return root(lambda length: at_rest(length, density_in) - LENGTH, LENGTH, 1.4 * LENGTH) - LENGTH
 
 
+@pytest.mark.everyday("inverse-reference", "forward-current")
 @pytest.mark.parametrize("density_in", ["reference", "current"])
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_lengthening_converges_with_order_four(direction: str, density_in: str, comm: MPI.Intracomm) -> None:

@@ -70,6 +70,7 @@ class Case:
         return replace(self.solution, displacement=u, u=self.model.unknowns.at_nodes(u))
 
 
+@pytest.mark.everyday("mixed-inverse", "displacement-forward")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("direction", ["inverse", "forward"])
 @pytest.mark.parametrize("form", ["displacement", "mixed"])
@@ -96,6 +97,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.everyday("displacement", "True-mixed-inverse")
 @pytest.mark.parametrize("direction", ["inverse", "forward"])
 @pytest.mark.parametrize("form", ["displacement", "mixed"])
 @pytest.mark.parametrize("curved", [True, False])

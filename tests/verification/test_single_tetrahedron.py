@@ -21,6 +21,7 @@ LAWS = {
 }
 
 
+@pytest.mark.everyday("neo-hookean", "mooney-rivlin-inverse-current")
 @pytest.mark.parametrize("density_in", ["reference", "current"])
 @pytest.mark.parametrize("first", ["forward", "inverse"])
 @pytest.mark.parametrize("law", LAWS)

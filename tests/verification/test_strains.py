@@ -61,6 +61,7 @@ def test_a_free_cube_grows_along_its_fibres(direction: str, comm: MPI.Intracomm)
     check(solved, np.diag([1.3, 0.9, 0.9]), NOTHING)
 
 
+@pytest.mark.everyday("inverse-current", "forward-reference")
 @pytest.mark.parametrize("given_on", ["reference", "current"])
 @both_ways
 def test_oblique_fibres_grow_without_stress_if_the_boundary_follows(

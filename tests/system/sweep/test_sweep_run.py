@@ -47,6 +47,7 @@ def alone(sweep: Path, number: int) -> float:
 _ALONE: dict[str, float] = {}  # by the key of the case, which stands for all that its answer depends on
 
 
+@pytest.mark.everyday("2-2")
 @pytest.mark.parametrize(("ranks", "per_case"), [(1, 1), pytest.param(2, 1, marks=pytest.mark.release), (2, 2), (3, 1)])
 def test_every_case_is_solved_once_whatever_the_ranks(ranks: int, per_case: int, tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, GRID)

@@ -35,6 +35,7 @@ def tip(result: Result) -> np.ndarray:
 # Bulk modulus
 
 
+@pytest.mark.everyday("inf", "10.0")
 @pytest.mark.parametrize(
     "ratio",
     [

@@ -197,6 +197,7 @@ def test_a_load_on_a_face_that_is_free_somewhere_is_not_warned_of(comm: MPI.Intr
         assert not [*ineffective_loads(Model(case, body, Timings()))]
 
 
+@pytest.mark.everyday("no load")
 @pytest.mark.parametrize(
     ("analysis", "effects"),
     [("inverse", []), ("round_trip", [{"effect": "pressure", "region": "x1", "pressure": 0}])],

@@ -32,6 +32,7 @@ def reached(text: str) -> float:
 # A sphere beyond its limit
 
 
+@pytest.mark.release
 def test_a_sphere_that_no_cavity_can_have_been(comm: MPI.Intracomm, run_directory: Path) -> None:
     """Closed form: the cavity vanishes at ``p = mu/2 (4/λ_b + 1/λ_b⁴)``, ``λ_b = b/(b³ - a³)^(1/3)``."""
     stretch = 1.5 / (1.5**3 - 1) ** (1 / 3)

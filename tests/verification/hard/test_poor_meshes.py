@@ -73,6 +73,7 @@ def layers(contrast: float, analysis: str) -> dict[str, Any]:
     }
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 @pytest.mark.parametrize("contrast", [1e6, 1e-6])
 def test_layers_a_million_times_stiffer_or_softer(contrast: float, analysis: str, comm: MPI.Intracomm) -> None:
