@@ -8,11 +8,13 @@ import sys
 from pathlib import Path
 
 import pytest
+import pyvista
 from helpers.command_line import MPIRUN, environment
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 WITHOUT_SOLVE = re.compile(r"^sed | segmentation.py$| hpcinv (validate|sweep (plan|submit)) ")
+OWN_MESH = ROOT / "docs" / "start" / "your-own-mesh.md"
 of_every_tutorial = pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 
 
@@ -59,3 +61,13 @@ def test_commands_without_a_solve(page: Path, directory: Path) -> None:
 def test_whole_tutorials(page: Path, directory: Path) -> None:
     assert commands(page)
     type_all(page, directory, re.compile(""))
+
+
+@pytest.mark.release
+def test_the_way_from_a_surface_to_a_report(directory: Path) -> None:
+    """With an ellipsoid of the size of the organ on the page."""
+    organ = pyvista.Sphere(radius=1.0, theta_resolution=40, phi_resolution=40)
+    organ.points = organ.points * [48.0, 31.0, 29.5] + [169.5, 248.0, 118.6]
+    organ.save(directory / "organ.stl")
+    type_all(OWN_MESH, directory, re.compile(""))
+    assert (directory / "results" / "job" / "report.html").is_file()
