@@ -17,6 +17,7 @@ GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}
 HELD = [{"region": "x0", "fix": ["x", "y", "z"]}]
 
 
+@pytest.mark.release
 def test_parts_bring_what_they_must_and_nothing_else(comm: MPI.Intracomm) -> None:
     case = job(
         mesh=box((2, 1, 1)),

@@ -93,7 +93,7 @@ def model_of(given: Job, comm: MPI.Intracomm) -> Model:
     return Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
 
 
-@pytest.mark.everyday("scene_of_effects-inverse-mixed", "scene_of_prestrain")
+@pytest.mark.everyday("scene_of_effects-inverse-mixed")
 @pytest.mark.parametrize(
     ("of", "direction", "formulation"),
     [

@@ -24,6 +24,7 @@ def test_shape_of_a_run_on_two_ranks(tmp_path: Path) -> None:
     assert surface.volume > 1.0
 
 
+@pytest.mark.release
 def test_states_are_exported_by_name(tmp_path: Path) -> None:
     up, down = ([{"effect": "gravity", "acceleration": [0, 0, g], "density": 500}] for g in (1.0, -1.0))
     states = [{"name": "hung", "given": True, "effects": up}, {"name": "stood", "effects": down}]

@@ -312,6 +312,7 @@ def on_a_terminal(line: str, cwd: Path) -> str:
     return b"".join(seen).decode()
 
 
+@pytest.mark.release
 def test_a_bar_is_shown_through_mpirun_where_its_output_is_a_terminal_and_only_there(tmp_path: Path) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK, output={"fields": False, "mesh": ["msh"]})
     run = " ".join(command(2, "run", job, "--overwrite", "--output", "run"))

@@ -179,6 +179,7 @@ def stopped_in_second_direction(place: Path) -> Path:
     return place / "second-solution"
 
 
+@pytest.mark.release
 def test_a_signal_in_the_second_direction_keeps_the_first(
     stopped_in_second_direction: Path, whole: Path, tmp_path: Path
 ) -> None:
@@ -365,6 +366,7 @@ def test_the_last_state_is_the_given_one(states: Path) -> None:
     assert tips["tip-turned"] != pytest.approx(tips["tip-sagging"], abs=0.01 * LENGTH)
 
 
+@pytest.mark.everyday("state turned")
 @pytest.mark.parametrize(
     ("after", "ranks"),
     [

@@ -70,6 +70,7 @@ def test_the_promise_holds_on_more_ranks(comm: MPI.Intracomm) -> None:
             assert found.statistics["mesh"]["unknowns"] == steps[found.statistics["accuracy"]["chosen"]]["unknowns"]
 
 
+@pytest.mark.release
 def test_a_round_trip_begins_with_the_solution_that_was_made_accurate(comm: MPI.Intracomm) -> None:
     (case,) = (c for c in cases() if c.name == "column, density of the body at rest")
     mesh = case.data["mesh"] | {"geometry_degree": 2}  # with which the way back is exact

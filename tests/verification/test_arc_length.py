@@ -221,6 +221,7 @@ def test_two_shapes_carry_the_same_tension(analysis: str, comm: MPI.Intracomm) -
         assert sum(s.limit_point for s in result.solutions[0].solves) == limit_points
 
 
+@pytest.mark.release
 def test_the_certificate_says_that_another_shape_carries_the_same_load(comm: MPI.Intracomm) -> None:
     given = cube(0.9, limit_points=1)
     asked = given.model_copy(update={"certificate": given.certificate.model_copy(update={"stability": True})})
@@ -375,6 +376,7 @@ def test_first_root_and_largest_pressure_of_a_sphere_that_softens(
     assert reached == pytest.approx(SOFT_LIMIT, rel=limit_within)
 
 
+@pytest.mark.release
 def test_second_root_of_a_sphere_that_softens_where_it_is_elliptic(comm: MPI.Intracomm) -> None:
     """Compared at the same share of the largest pressure: next to it, its own error decides on the radius."""
     p = 1.058

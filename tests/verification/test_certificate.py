@@ -73,7 +73,7 @@ def effectivities(result: Result, exact: dict[str, float]) -> dict[str, float]:
     return {name: result.estimate.quantities[name] / (value - result.quantities[name]) for name, value in exact.items()}
 
 
-@pytest.mark.everyday("False")
+@pytest.mark.everyday("4-False")
 @pytest.mark.parametrize(("divisions", "hexahedra"), [(2, True), (4, True), (2, False), (4, False)])
 def test_the_error_of_the_sphere_is_estimated(divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> None:
     A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)

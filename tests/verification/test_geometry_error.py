@@ -156,6 +156,7 @@ def of_a_file(tmp_path: Path) -> dict[str, Any]:
     return data | {"job": "sphere", "mesh": {"file": "sphere.msh"}}
 
 
+@pytest.mark.release
 def test_what_is_printed_says_what_it_leaves_out(tmp_path: Path) -> None:
     path = write_job(tmp_path / "job.yaml", of_a_file(tmp_path))
     ended = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)

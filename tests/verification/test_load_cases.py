@@ -149,6 +149,7 @@ class StopsAt(Progress):
         self.reached |= event.solve.load == self.load
 
 
+@pytest.mark.release
 def test_a_run_stopped_between_cases_goes_on_with_the_next(tmp_path: Path) -> None:
     base = BODY | sequence("weight", "push") | {"analysis": "round_trip", "output": {"fields": False, "mesh": ["msh"]}}
     base |= {"mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": BODY["mesh"]["parameters"]}}

@@ -97,7 +97,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.everyday("displacement", "True-mixed-inverse")
+@pytest.mark.everyday("displacement")
 @pytest.mark.parametrize("direction", ["inverse", "forward"])
 @pytest.mark.parametrize("form", ["displacement", "mixed"])
 @pytest.mark.parametrize("curved", [True, False])

@@ -106,6 +106,7 @@ def check_squeezed(analysis: str, comm: MPI.Intracomm) -> None:
     assert found.deviations["corner"] == pytest.approx(corner.tolist(), rel=1e-12)
 
 
+@pytest.mark.release
 def test_first_order_is_what_a_sample_has(comm: MPI.Intracomm) -> None:
     """2 % of the shear modulus: 20000 cubes in closed form."""
     result = package.run(squeezed(analysis="forward", sensitivities={"material.mu": 0.02 * MU}), comm)
@@ -136,6 +137,7 @@ def test_a_thick_sphere_by_its_pressure_and_modulus(comm: MPI.Intracomm) -> None
     assert found == pytest.approx(exact, rel=2e-4)
 
 
+@pytest.mark.release
 def test_a_column_on_the_mesh_that_its_accuracy_asks_for(comm: MPI.Intracomm) -> None:
     """Confined, of undeformed length L and now 1 m high.
 

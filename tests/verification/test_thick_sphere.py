@@ -90,6 +90,7 @@ def test_a_mooney_rivlin_wall(comm: MPI.Intracomm) -> None:
     assert np.abs(found).max() < 3e-6
 
 
+@pytest.mark.release
 def test_the_job_that_comes_with_the_project(comm: MPI.Intracomm) -> None:
     found = hpcinv.run(hpcinv.load(HERE.parents[1] / "jobs" / "thick-sphere.yaml"), comm).quantities
     assert found["inner-radius"] == pytest.approx(0.9254360, abs=3e-6)

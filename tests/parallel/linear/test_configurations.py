@@ -56,6 +56,7 @@ def both(comm: MPI.Intracomm, **data: Any) -> tuple[Result, Result]:
 PRESETS = ("direct", "iterative")
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2])
 @pytest.mark.parametrize(("material", "analysis"), list(itertools.product(MATERIALS, ["inverse", "forward"])))
 def test_both_presets_give_one_answer(material: str, analysis: str, comm: MPI.Intracomm) -> None:

@@ -57,6 +57,7 @@ def test_at_its_time_limit_a_job_saves_its_state_and_is_requeued_until_it_is_don
     assert len(assert_finished(batch.place / "cube")) < 10_000
 
 
+@pytest.mark.release
 def test_a_job_that_is_preempted_saves_its_state_and_goes_on_afterwards(batch: Batch) -> None:
     job = submit_slowly(batch)
     urgent = batch.sbatch("--ntasks", CPUS, "--partition=urgent", "--wrap=true")
@@ -67,6 +68,7 @@ def test_a_job_that_is_preempted_saves_its_state_and_goes_on_afterwards(batch: B
     assert_finished(batch.place / "cube")
 
 
+@pytest.mark.release
 def test_a_cancelled_job_can_be_resumed_and_is_not_requeued(batch: Batch) -> None:
     srun = {"HPCINV_LAUNCHER": "srun --mpi=pmi2"}
     job = submit_slowly(batch, **srun)

@@ -77,6 +77,7 @@ def test_a_sweep_that_is_stopped_ahead_of_its_limit_goes_on_when_it_is_requeued(
     assert_collected(batch, collect)
 
 
+@pytest.mark.release
 def test_a_cancelled_sweep_is_not_requeued_and_goes_on_when_it_is_submitted_again(batch: Batch) -> None:
     first, collect = submitted(batch, "--ntasks", 2)
     batch.wait_for("case ", first)

@@ -60,6 +60,7 @@ def slope(stretch: float) -> float:
 LIMIT_POINT = root(slope, 2.0, 5.0)  # the stretch at which the traction is largest
 
 
+@pytest.mark.everyday("beyond a limit point")
 @pytest.mark.parametrize(
     ("solver", "low", "high"),
     [
