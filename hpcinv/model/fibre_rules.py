@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
+import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -37,8 +38,11 @@ _CHUNK = 10_000  # cells at a time, to limit memory
 _FLAT = 1e-7  # change of a Laplace solution over a cell that is not distinguished from none
 _PARALLEL = 1e-3  # sine of the angle between the directions along and across the wall that is not either
 _TURN = 0.5  # cosine of the largest turn of the wall between the middle and other points of a cell
-_OPPOSED = 0.1  # the same of a direction in it, whose sign is not certain at right angles
+_SHORT = 0.4  # length of interpolated unit vectors below which they nearly cancel
+_EQUISPACED = basix.LatticeType.equispaced
 _DEGREE = 2  # of the directions in a cell, since a helix may turn by 120° through one layer of cells
+_SIGNS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
+"""Signs of the axes of right-handed frames that are the same lines."""
 _MOST_UNDEFINED = 0.05  # share of the cells
 
 
@@ -49,7 +53,7 @@ class Directions:
     Attributes:
         function: the vectors, of degree 2 in each cell and discontinuous between cells, of length 1 at its points.
         undefined: number of cells, on all ranks, without a direction along the wall, as at an apex.
-        turning: number of cells in which the wall turns so much that they have the direction of their middle.
+        turning: number of cells in which it would turn so far that they have the direction of their middle.
     """
 
     function: fem.Function
@@ -59,7 +63,7 @@ class Directions:
     @property
     def text(self) -> str:
         """What a report says about them; empty if there is nothing to say."""
-        turning = f"the direction is constant in {self.turning} cells in which the wall turns by more than 60°"
+        turning = f"the direction is constant in {self.turning} cells in which it would turn too far"
         undefined = f"{self.undefined} cells have no direction along the wall, and an arbitrary one in it"
         parts = [turning * bool(self.turning), undefined * bool(self.undefined)]
         return "; ".join(part for part in parts if part)
@@ -107,6 +111,8 @@ def _computed(body: Body, rule: FibreRule, where: str) -> Directions:
     function = fem.Function(fem.functionspace(mesh, ("DG", _DEGREE, (3,))), name=where)
     dofs, points = function.function_space.dofmap.list, function.function_space.element.basix_element.points
     at = np.vstack([points, points.mean(axis=0)])
+    element = function.function_space.element.basix_element
+    between: Floats = element.tabulate(0, basix.create_lattice(element.cell_type, 4, _EQUISPACED, True))[0, :, :, 0]
     values = function.x.array.reshape(-1, 3)
     owned = mesh.topology.index_map(3).size_local
     counts = np.zeros(3, dtype=np.int64)
@@ -117,11 +123,8 @@ def _computed(body: Body, rule: FibreRule, where: str) -> Directions:
         defined = (across & along)[:, :-1] | ~along[:, -1:]
         others = np.where(defined[..., None], others, middle[:, None])
         turn = np.where(defined, np.einsum("cpi,ci->cp", wall[:, :-1], wall[:, -1]), 1.0)
-        turns = turn.min(axis=1) < _TURN
-        if "right" in potentials:  # then signs are arbitrary
-            cosine = np.einsum("cpi,ci->cp", others, middle)
-            others = np.where(cosine < 0, -1.0, 1.0)[..., None] * others
-            turns |= np.abs(cosine).min(axis=1) < _OPPOSED
+        interpolated = np.linalg.norm(np.einsum("lp,cpi->cli", between, others), axis=2)
+        turns = (turn.min(axis=1) < _TURN) | (interpolated.min(axis=1) < _SHORT)
         values[dofs[cells]] = np.where(turns[:, None, None], middle[:, None], others)
         mine = cells < owned
         counts += [np.count_nonzero(flags[mine]) for flags in (~across[:, -1], ~along[:, -1], turns)]
@@ -263,6 +266,7 @@ def _frames(
         right = np.where(has_right[..., None, None], right, left)
         inside = _interpolated(left, right, share)
         frames = np.where(along[..., None, None], _interpolated(inside, frames, depth), inside)
+        frames = _aligned(frames, axes, _turned(np.broadcast_to(np.eye(3), axes.shape), helix, sheet))
         across, along = across | has_left | has_right, along | has_left | has_right
     return frames, axes[..., 1], across, along
 
@@ -300,14 +304,27 @@ def _turned(axes: Floats, helix: Floats, sheet: Floats) -> Floats:
     return np.stack([fibre, c * normal - s * across, s * normal + c * across], axis=-1)
 
 
+def _aligned(frames: Floats, axes: Floats, turns: Floats) -> Floats:
+    """Return frames with signs of their axes that are alike in each cell, apart from what helix and sheet turn.
+
+    Args:
+        axes: of the wall.
+        turns: rotations (cells, points, 3, 3) from axes of the wall to frames.
+    """
+    straight = np.einsum("cpij,sj,cpkj->scpik", frames, _SIGNS, turns)
+    in_middle = np.einsum("scij,cij->sc", straight[:, :, -1], axes[:, -1]).argmax(axis=0)
+    middle = straight[in_middle, np.arange(len(frames)), -1]
+    best = np.einsum("scpij,cij->scp", straight, middle).argmax(axis=0)
+    return np.asarray(frames * _SIGNS[best][..., None, :])
+
+
 def _interpolated(first: Floats, second: Floats, share: Floats) -> Floats:
     """Return frames on the shortest rotation from one to another, where axes of opposite sign are the same."""
     from scipy.spatial.transform import Rotation
 
-    signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
     between = np.einsum("cpki,cpkj->cpij", first, second)
-    best = (np.einsum("cpii->cpi", between) @ signs.T).argmax(axis=-1)
-    between = between * signs[best][..., None, :]
+    best = (np.einsum("cpii->cpi", between) @ _SIGNS.T).argmax(axis=-1)
+    between = between * _SIGNS[best][..., None, :]
     rotation = Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec() * share.reshape(-1, 1)
     return np.asarray(first @ Rotation.from_rotvec(rotation).as_matrix().reshape(first.shape))
 

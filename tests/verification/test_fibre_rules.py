@@ -183,7 +183,12 @@ def test_two_ventricles_have_the_angles_at_all_three_surfaces(comm: MPI.Intracom
         file.write_text(PRISM)
     comm.barrier()
     rule = VENTRICLE | {"endo": "lv", "rv": "rv", "apex": "apex", "helix": ["50 deg", "-40 deg"]}
-    _, x, fibre = found(with_rule({"file": str(file)}, rule, "base"), comm)
+    given = with_rule({"file": str(file)}, rule, "base")
+    body, x, fibre = found(given, comm)
+    directions = rule_directions(body, given.fibres["fibre"].rule, "fibres.fibre")  # type: ignore[arg-type]
+    print(f"{directions.turning} and {directions.undefined} of {sum(body.partition.cells)} cells are special")
+    assert directions.turning < 0.05 * sum(body.partition.cells)
+    assert not directions.undefined
     for centre, radius, outward, expected in ((-0.75, 0.6, 1, 50.0), (0.85, 0.5, 1, 50.0), (0.0, 2.0, 1, -40.0)):
         r = np.hypot(x[:, 0] - centre, x[:, 1])
         on = np.abs(r - radius) < 1e-6  # corners of cells
