@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,7 +44,7 @@ def add_mesh(commands: Any) -> None:
         examples="hpcinv mesh from-image organ.nii.gz organ.msh --label organ=1 --size '5 mm'",
         page="how-to/images.md",
     )
-    image.add_argument("input", type=Path, help="image of labels (.nii, .nii.gz, .nrrd, .mha, .mhd)")
+    image.add_argument("input", type=Path, help="image of labels (.nii, .nii.gz, .nrrd, .mha, .mhd, .dcm)")
     image.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
     image.add_argument(
         "--label", action="append", required=True, metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
@@ -111,10 +111,13 @@ def add_mesh(commands: Any) -> None:
 
 
 def _from_image(options: argparse.Namespace) -> int:
-    labels, neighbours = dict[str, list[int]](), dict[str, list[int]]()
+    labels, neighbours = dict[str, list[int | str]](), dict[str, list[int | str]]()
+    parsed: Callable[[str], tuple[str, Sequence[int | str]]] = label_of
+    if options.input.suffix == ".dcm":
+        parsed = _segments_of
     for texts, regions in ((options.label, labels), (options.neighbour, neighbours)):
-        for name, numbers in map(label_of, texts):  # a region may be given in several options
-            regions[name] = regions.get(name, []) + numbers
+        for name, numbers in map(parsed, texts):  # a region may be given in several options
+            regions[name] = [*regions.get(name, []), *numbers]
     given = {"orientation": options.orientation} if options.orientation else {}
     return _meshed(
         options, IMAGES, "image", {"labels": labels, **({"neighbours": neighbours} if neighbours else {})} | given
@@ -156,6 +159,12 @@ def label_of(text: str) -> tuple[str, list[int]]:
         return name, [int(number) for number in numbers.split(",")] if equals else []
     except ValueError:
         raise JobError([f"--label {text}: is written NAME=NUMBER, or NAME=NUMBER,NUMBER"]) from None
+
+
+def _segments_of(text: str) -> tuple[str, list[int | str]]:
+    """Return name and segments, by number or name, of ``tumour=2,Mass``."""
+    name, _, segments = text.partition("=")
+    return name, [int(segment) if segment.isdigit() else segment for segment in segments.split(",") if segment]
 
 
 def _partition(options: argparse.Namespace) -> int:

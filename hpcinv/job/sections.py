@@ -44,7 +44,8 @@ FIELDS: dict[str, Dimension | None] = {
     **dict.fromkeys(PRESTRAIN_COMPONENTS, Dimension()),
 }
 
-Labels = Annotated[ListOf[Annotated[int, Field(ge=1)]], BeforeValidator(lambda v: [v] if isinstance(v, int) else v)]
+Label = Annotated[int, Field(ge=1)] | Annotated[str, Field(min_length=1)]
+Labels = Annotated[ListOf[Label], BeforeValidator(lambda v: [v] if isinstance(v, int | str) else v)]
 RESERVED = ("boundary", "outside", "cut", "cavity")
 """names that regions of images and surfaces have by themselves"""
 
@@ -63,7 +64,7 @@ Orientation = Annotated[str, AfterValidator(_right_handed)]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
-IMAGES = (".nii", ".gz", ".nrrd", ".mha", ".mhd")
+IMAGES = (".nii", ".gz", ".nrrd", ".mha", ".mhd", ".dcm")
 """suffixes of segmented images"""
 SURFACES = (".stl", ".ply", ".obj", ".vtp")
 """suffixes of surfaces of triangles"""
@@ -225,7 +226,8 @@ class MeshSpec(MeshFile):
     partition: Literal["metis", "scotch"] = "metis"
     """partitioner of the cells; a partitioned mesh (.bp) keeps its partition, unless scotch partitions it again"""
     labels: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
-    """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region"""
+    """of a segmented image (written as 'image' in place of 'file'): the numbers of the voxels of each region,
+    or names of segments of a DICOM segmentation"""
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR in place of LABEL|outside"""
@@ -267,12 +269,14 @@ class MeshSpec(MeshFile):
         return self
 
     def _faults_of_labels(self) -> Iterator[tuple[Location, str]]:
-        names: dict[int, str] = {}
+        names: dict[int | str, str] = {}
         for key, labels in (("labels", self.labels), ("neighbours", self.neighbours)):
             for name, numbers in labels.items():
                 if name in RESERVED or (key == "neighbours" and name in self.labels):
                     yield (key, name), "is the name of another region; choose another"
                 for number in numbers:
+                    if isinstance(number, str) and Path(self.file).suffix != ".dcm":
+                        yield (key, name), f"must be numbers, not {shown(number)}: only DICOM segments have names"
                     if (other := names.setdefault(number, name)) != name:
                         yield (key, name), f"has the number {number}, which '{other}' has too"
 

@@ -164,7 +164,7 @@ def test_cavities_and_neighbours_are_regions(tmp_path: Path) -> None:
     assert {g.name for g in found.groups} == {"wall", "wall|outside", "wall|cavity", "wall|bone"}
     assert area(found, "wall|cavity") == pytest.approx(4 * np.pi * 36e-6, rel=0.15)
     bone = found.points[found.facets[next(g.members for g in found.groups if g.name == "wall|bone")]]
-    assert bone[..., 0].min() * 1e3 - 14.5 > 5
+    assert bone[..., 0].min() * 1e3 - 14.5 > 3  # 8 less two and a half voxels, and less half a cell
     found = meshed(image, **spec | {"neighbours": {"blood": 7, "bone": 9}})
     assert {g.name for g in found.groups} == {"wall", "wall|outside", "wall|blood", "wall|bone"}
     with pytest.raises(MeshError, match="no voxel has the label 3"):

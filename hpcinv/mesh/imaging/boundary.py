@@ -7,12 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
-from hpcinv.mesh.imaging.lattice import Lattice, interfaces
+from hpcinv.mesh.imaging.lattice import Lattice, interfaces, scaled_jacobians
 from hpcinv.mesh.source import Floats, Ints
 
 _ROUNDS = 6
-_LEAST = 0.1
-"""Smallest volume of a cell whose nodes are moved, relative to its volume before."""
+ROUGH, GOOD = 0.03, 0.1
+"""Scaled Jacobian that moving nodes leaves to each cell: to those that will be improved, and to the final ones."""
+_ALLOWED = 0.7  # share that is left to cells which are worse already
 
 
 class Memberships:
@@ -48,12 +49,15 @@ class Memberships:
         return np.asarray(found[one, rows] - found[other, rows])
 
 
-def smoothed(lattice: Lattice, memberships: Memberships, spacing: float, volumes: Sequence[float]) -> Floats:
+def smoothed(
+    lattice: Lattice, memberships: Memberships, spacing: float, volumes: Sequence[float], least: float
+) -> Floats:
     """Return the lattice's points with those between two labels on a smooth boundary; no cell is turned inside out.
 
     Args:
         spacing: of the lattice.
         volumes: that the labels shall have, of the n-th label at n - 1.
+        least: scaled Jacobian below which no cell becomes worse.
     """
     facets, pairs = interfaces(lattice.cells, lattice.labels)
     count = len(volumes) + 1
@@ -67,7 +71,7 @@ def smoothed(lattice: Lattice, memberships: Memberships, spacing: float, volumes
     moved = lattice.points
     for _ in range(_ROUNDS):
         shift = np.where(one == 0, outward[other], 0.5 * (outward[other] - outward[one]))
-        moved = _moved(lattice, memberships, spacing, nodes, (one, other), shift)
+        moved = _moved(lattice, memberships, spacing, nodes, (one, other), shift, least)
         cells = lattice.volumes(moved)
         areas = _areas(moved, facets)
         for label in range(1, count):
@@ -80,7 +84,13 @@ def smoothed(lattice: Lattice, memberships: Memberships, spacing: float, volumes
 
 
 def _moved(
-    lattice: Lattice, memberships: Memberships, spacing: float, nodes: Ints, labels: tuple[Ints, Ints], shift: Floats
+    lattice: Lattice,
+    memberships: Memberships,
+    spacing: float,
+    nodes: Ints,
+    labels: tuple[Ints, Ints],
+    shift: Floats,
+    least: float,
 ) -> Floats:
     """Move nodes to where both labels are equally likely, and by a shift from there into the first of them."""
     one, other = labels
@@ -103,13 +113,16 @@ def _moved(
         points = start + step * np.minimum(1.0, 0.6 * spacing / np.maximum(length, 1e-12 * spacing))[:, None]
     target = lattice.points.copy()
     target[nodes] = points
+    is_moved = np.zeros(len(target), dtype=bool)
+    is_moved[nodes] = True
+    cells = lattice.cells[is_moved[lattice.cells].any(axis=1)]
     share = np.ones(len(target))
-    least = _LEAST * lattice.volumes()
+    floor = np.minimum(least, _ALLOWED * scaled_jacobians(lattice.points[cells]))
     for _ in range(30):
         moved = lattice.points + share[:, None] * (target - lattice.points)
-        if not (bad := lattice.volumes(moved) < least).any():
+        if not (bad := scaled_jacobians(moved[cells]) < floor).any():
             return moved
-        share[np.unique(lattice.cells[bad])] *= 0.7
+        share[np.unique(cells[bad])] *= 0.7
     return lattice.points
 
 

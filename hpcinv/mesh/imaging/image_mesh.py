@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.boundary_shells import shells
-from hpcinv.mesh.imaging.boundary import Memberships, smoothed
+from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
@@ -41,11 +41,11 @@ _CELLS = 3e-2  # volume of a tetrahedron, relative to the cube of its size, for 
 
 def image_mesh(
     path: Path,
-    labels: Mapping[str, Sequence[int]],
+    labels: Mapping[str, Sequence[int | str]],
     size: float,
     unit: float,
     orientation: str,
-    neighbours: Mapping[str, Sequence[int]],
+    neighbours: Mapping[str, Sequence[int | str]],
     most: int,
     report: Callable[[str], None],
 ) -> MeshSource:
@@ -55,7 +55,7 @@ def image_mesh(
     on, those of closed cavities, the largest first; and ``cut``, where a label ends at the image's border.
 
     Args:
-        labels: numbers of voxels by the name of their region.
+        labels: numbers of voxels, or names of DICOM segments, by the name of their region.
         size: largest length of edges (m).
         unit: length unit (m) of spacing and origin in the file.
         orientation: frame of the positions, such as LPS.
@@ -123,12 +123,12 @@ def _meshed(
     )
     lattice = lattice_of(found, spacing)
     lattice = replace(lattice, points=lattice.points + begin)
-    points = smoothed(lattice, memberships, spacing, volumes)
-    for _ in range(_PASSES):  # in cells of good shape, nodes that were held back come nearer to the boundary
-        lattice = Lattice(*_remeshed(replace(lattice, points=points), size, tolerance, path))
-        points = smoothed(lattice, memberships, spacing, volumes)
-    cells, of = lattice.cells, lattice.labels
-    errors = _volume_errors(points, cells, of, volumes)
+    for least in (GOOD, ROUGH):  # volumes are worth more than shapes of a few cells
+        fitted, points = _fitted(lattice, memberships, spacing, volumes, least, size, tolerance, path)
+        cells, of = fitted.cells, fitted.labels
+        errors = _volume_errors(points, cells, of, volumes)
+        if max(map(abs, errors)) < 0.5 * _RIGHT:
+            break
     _tell_volumes(image, volumes, errors, report)
     facets, pairs = interfaces(cells, of)
     is_cut = _at_border(points, facets, first, image)
@@ -167,6 +167,24 @@ def _check_extent(image: LabelImage, size: float) -> None:
             " in a box around it",
             "Make mesh.size larger. Is mesh.unit right?",
         )
+
+
+def _fitted(
+    lattice: Lattice,
+    memberships: Memberships,
+    spacing: float,
+    volumes: Sequence[float],
+    least: float,
+    size: float,
+    tolerance: float,
+    path: Path,
+) -> tuple[Lattice, Floats]:
+    """Cells of a good shape and size, and their nodes on smooth boundaries; arguments are those of `smoothed`."""
+    points = smoothed(lattice, memberships, spacing, volumes, ROUGH)
+    for _ in range(_PASSES):  # in cells of good shape, nodes that were held back come nearer to the boundary
+        lattice = Lattice(*_remeshed(replace(lattice, points=points), size, tolerance, path))
+        points = smoothed(lattice, memberships, spacing, volumes, least)
+    return lattice, points
 
 
 def _box(image: LabelImage) -> tuple[Ints, Ints]:

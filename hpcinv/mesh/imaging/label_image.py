@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.mesh.imaging.dicom_segmentation import read_segmentation
 from hpcinv.mesh.imaging.headers import check_nifti, sheared
+from hpcinv.mesh.imaging.voxel_grid import VoxelGrid
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.quantity.suggestions import did_you_mean
 
 type Bools = npt.NDArray[np.bool_]
 
@@ -53,15 +55,15 @@ class LabelImage:
 
 def read_labels(
     path: Path,
-    labels: Mapping[str, Sequence[int]],
+    labels: Mapping[str, Sequence[int | str]],
     unit: float,
     orientation: str = LPS,
-    neighbours: Mapping[str, Sequence[int]] | None = None,
+    neighbours: Mapping[str, Sequence[int | str]] | None = None,
 ) -> LabelImage:
     """Read a segmented image on this process.
 
     Args:
-        labels: numbers of voxels by the name of their region.
+        labels: numbers of voxels, or names of DICOM segments, by the name of their region.
         unit: length unit (m) of spacing and origin in the file.
         orientation: of the positions' x, y and z, in letters of left or right, posterior or anterior, superior or
             inferior.
@@ -71,14 +73,12 @@ def read_labels(
         MeshError: it cannot be read, is not one of labels in three dimensions, or lacks a label.
         SystemPartMissing: the packages for images are not installed.
     """
-    numbers, image = _read(path)
+    grid = _read(path)
+    numbers = grid.numbers
     around = neighbours or {}
     if none := [name for name, of in {**labels, **around}.items() if not of]:
         raise MeshError(f"{path}: the region '{none[0]}' has no label", "Name the numbers of its voxels.")
-    if (colours := image.GetNumberOfComponentsPerPixel()) > 1:
-        raise MeshError(
-            f"{path}: has {colours} numbers in each voxel", "Give a segmentation, with one number in each voxel."
-        )
+    labels, around = _numbered(path, labels, grid.names), _numbered(path, around, grid.names)
     if numbers.ndim != 3:
         raise MeshError(
             f"{path}: has {numbers.ndim} dimensions", "Give an image of three dimensions, such as one time of a series."
@@ -97,13 +97,13 @@ def read_labels(
     for index, of in enumerate(labels.values(), start=1):
         voxels[np.isin(numbers, list(of))] = index
     masks = {name: np.isin(numbers, list(of)) for name, of in around.items()}
-    axes = np.array(image.GetDirection()).reshape(3, 3)
-    if sheared(axes):
+    if sheared(grid.axes):
         raise MeshError(f"{path}: the axes of its voxels are not at right angles", "Resample it to a straight grid.")
-    spacing, origin = (np.array(values) * unit for values in (image.GetSpacing(), image.GetOrigin()))
     turn = frame_of(orientation)
     told = f" in {orientation} (x, y, z to {', '.join(_ENDS[letter] for letter in orientation)})"
-    return LabelImage(path, tuple(labels), voxels, spacing, turn @ origin, turn @ axes, told, masks)
+    return LabelImage(
+        path, tuple(labels), voxels, grid.spacing * unit, turn @ grid.origin * unit, turn @ grid.axes, told, masks
+    )
 
 
 def frame_of(orientation: str) -> Floats:
@@ -116,11 +116,24 @@ def frame_of(orientation: str) -> Floats:
 
 def read_numbers(path: Path) -> Floats:
     """Return the numbers (nx, ny, nz) of an image; errors are those of `read_labels`."""
-    return np.asarray(_read(path)[0])
+    return np.asarray(_read(path).numbers)
 
 
-def _read(path: Path) -> tuple[Any, Any]:
-    """The numbers (nx, ny, nz) of an image, and the image of SimpleITK."""
+def _numbered(
+    path: Path, labels: Mapping[str, Sequence[int | str]], names: Mapping[str, int]
+) -> dict[str, Sequence[int]]:
+    """The labels with numbers in place of names of segments."""
+    for name in (name for of in labels.values() for name in of if isinstance(name, str)):
+        if not names:
+            raise MeshError(f"{path}: has numbers and no names as '{name}'", "Names are those of DICOM segmentations.")
+        if name not in names:
+            raise MeshError(f"{path}: has no segment '{name}'.{did_you_mean(name, names)}")
+    return {key: [names[name] if isinstance(name, str) else name for name in of] for key, of in labels.items()}
+
+
+def _read(path: Path) -> VoxelGrid:
+    if path.suffix == ".dcm":
+        return read_segmentation(path)
     try:
         import SimpleITK
     except ImportError:
@@ -136,6 +149,13 @@ def _read(path: Path) -> tuple[Any, Any]:
         said = str(error).strip().rsplit("\n", 1)[-1]
         raise MeshError(
             f"{path}: cannot be read as an image: {said}",
-            "Formats are NIfTI (.nii, .nii.gz), NRRD and MetaImage (.mha, .mhd); axes must be at right angles.",
+            "Formats are NIfTI (.nii, .nii.gz), NRRD, MetaImage (.mha, .mhd) and DICOM-SEG (.dcm); axes must be at"
+            " right angles.",
         ) from error
-    return SimpleITK.GetArrayFromImage(image).transpose(), image
+    if (colours := image.GetNumberOfComponentsPerPixel()) > 1:
+        raise MeshError(
+            f"{path}: has {colours} numbers in each voxel", "Give a segmentation, with one number in each voxel."
+        )
+    numbers = SimpleITK.GetArrayFromImage(image).transpose()
+    spacing, origin = np.array(image.GetSpacing()), np.array(image.GetOrigin())
+    return VoxelGrid(numbers, spacing, origin, np.array(image.GetDirection()).reshape(len(spacing), -1))

@@ -31,6 +31,18 @@ class Lattice:
         return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
 
 
+def scaled_jacobians(corners: Floats) -> Floats:
+    """Scaled Jacobian of tetrahedra (n, 4, 3): 1 for regular ones, 0 for flat ones, negative for inverted ones.
+
+    Source: Knupp et al., "The Verdict geometric quality library" (2006), SAND2007-1751.
+    """
+    a, b, c = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
+    edges = (a, b, c, b - a, c - a, c - b)
+    la, lb, lc, ab, ac, bc = (np.sqrt(np.einsum("ij,ij->i", edge, edge)) for edge in edges)
+    largest = np.maximum(np.maximum(la * lb * lc, la * ab * ac), np.maximum(lb * ab * bc, lc * ac * bc))
+    return np.asarray(np.sqrt(2) * np.einsum("ij,ij->i", a, np.cross(b, c)) / np.maximum(largest, 1e-300))
+
+
 def lattice_of(labels: Ints, spacing: float) -> Lattice:
     """Divide each grid cell with a label into six tetrahedra, whose facets fit those of its neighbours.
 

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from hpcinv.mesh.imaging.lattice import OUTWARD
-from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.mesh.imaging.lattice import OUTWARD, scaled_jacobians
+from hpcinv.mesh.source import MeshSource
 from hpcinv.quantity.units import readable
 
 
@@ -32,18 +32,6 @@ def report_mesh(source: MeshSource, frame: str, report: Callable[[str], None]) -
         report(f"the body has {parts} parts that share no facet: each needs supports")
     if any(group.name == "cut" for group in source.groups):
         report("the body is cut by the border of the image (region 'cut')")
-
-
-def scaled_jacobians(corners: Floats) -> Floats:
-    """Scaled Jacobian of tetrahedra (n, 4, 3): 1 for regular ones, 0 for flat ones.
-
-    Source: Knupp et al., "The Verdict geometric quality library" (2006), SAND2007-1751.
-    """
-    a, b, c = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
-    determinant = np.einsum("ij,ij->i", a, np.cross(b, c))
-    length = np.linalg.norm(corners[:, :, None] - corners[:, None, :], axis=-1)
-    products = [np.prod([length[:, i, j] for j in range(4) if j != i], axis=0) for i in range(4)]
-    return np.asarray(np.sqrt(2) * abs(determinant) / np.max(products, axis=0))
 
 
 def _parts(source: MeshSource) -> int:
