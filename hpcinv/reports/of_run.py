@@ -120,7 +120,7 @@ def _picture(summary: Mapping[str, Any], boundary: Boundary) -> str:
 
 
 def _quantities(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of quantities, with units, estimated errors and their bars."""
+    """Rows of the table of quantities, with units, estimated errors and their bars, and standard deviations."""
     estimate = summary["certificate"].get("estimate") or {}
     errors, given = estimate.get("quantities", {}), summary["job"].get("quantities", [])
     rows = []
@@ -129,8 +129,17 @@ def _quantities(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
         error, unit = errors.get(name), "" if one is None else _unit(one)
         bar = _bar(value, error)
         formula = "" if one is None else str(one["of"])
-        rows.append({"name": name, "value": value, "error": error, "unit": unit, "of": formula, "bar": bar})
+        row = {"name": name, "value": value, "error": error, "unit": unit, "of": formula, "bar": bar}
+        rows.append(row | {"deviations": _deviations(summary, name)})
     return rows
+
+
+def _deviations(summary: Mapping[str, Any], name: str) -> list[tuple[Any, str]]:
+    """Standard deviations of a quantity, with their causes."""
+    of_parameters = ((summary.get("sensitivities") or {}).get("quantities") or {}).get(name) or {}
+    of_surface = (summary.get("surface_errors") or {}).get("quantities") or {}
+    found = [(of_parameters.get("sd"), "by the parameters"), (of_surface.get(name), "by errors of the given surface")]
+    return [(sd, cause) for sd, cause in found if sd is not None]
 
 
 def _bar(value: Any, error: Any) -> dict[str, float] | None:
