@@ -46,7 +46,9 @@ def file_digest(path: Path) -> str:
 def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
     """The physics of a job as JSON data, with automatic choices resolved and files by their SHA-256 (``digest``)."""
     mesh = job.mesh.model_dump(mode="json", include=_MESH, exclude_none=True) | {
-        "sha256": digest(job.resolve(job.mesh.file))
+        "sha256": [digest(job.resolve(file)) for file in job.mesh.files]
+        if job.mesh.surfaces
+        else digest(job.resolve(job.mesh.file))
     }
     discretisation = {
         "formulation": "mixed" if job.is_mixed else "displacement",

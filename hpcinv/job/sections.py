@@ -61,6 +61,7 @@ def _right_handed(orientation: str) -> str:
 
 
 Orientation = Annotated[str, AfterValidator(_right_handed)]
+Files = Annotated[ListOf[str], BeforeValidator(lambda v: [v] if isinstance(v, str) else v)]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
@@ -129,6 +130,10 @@ class MeshFile(Spec):
     @field_validator("file")
     @classmethod
     def _check_file(cls, file: str, info: ValidationInfo) -> str:
+        return cls._check_path(file, info)
+
+    @classmethod
+    def _check_path(cls, file: str, info: ValidationInfo) -> str:
         path = directory_of(info) / file
         if path.suffix not in cls.formats:
             raise ValueError(f"{shown(file)} is not a readable mesh; valid suffixes are {', '.join(cls.formats)}")
@@ -231,6 +236,9 @@ class MeshSpec(MeshFile):
     neighbours: Annotated[Mapping[Name, Labels], Field(exclude_if=lambda labels: not labels)] = {}
     """of a segmented image: numbers of voxels around the body that are not meshed; the surface of a label next to them
     is the region LABEL|NEIGHBOUR in place of LABEL|outside"""
+    surfaces: Annotated[Mapping[Name, Files], Field(exclude_if=lambda surfaces: not surfaces)] = {}
+    """closed surfaces in place of 'file': the files of each region, which is between a shell and those in it, such as
+    {wall: [outer.stl, inner.stl]}; a region in another one is cut out of it"""
     orientation: Annotated[Orientation, Field(exclude_if=lambda frame: frame == "LPS")] = "LPS"
     """of a segmented image: sides of the patient to which x, y and z of the mesh point, such as RAS: letters of left or
     right, posterior or anterior, superior or inferior"""
@@ -241,6 +249,42 @@ class MeshSpec(MeshFile):
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
 
     formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All files from which the mesh is made."""
+        return tuple(file for of in self.surfaces.values() for file in of) or (self.file,)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _surfaces_are_files(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or not data.get("surfaces"):
+            return data
+        given = data["surfaces"]
+        first = next(iter(given.values())) if isinstance(given, Mapping) else None
+        first = first[0] if isinstance(first, list | tuple) and first else first
+        if not isinstance(first, str):
+            raise Problems((("surfaces",), "must be names of regions and their files, such as {body: body.stl}"))
+        if others := [key for key in ("file", "image", "surface") if key in data and data[key] != first]:
+            raise Problems((("surfaces",), f"is given beside '{others[0]}': a mesh is made from one of them"))
+        return {**data, "file": first}
+
+    @field_validator("surfaces")
+    @classmethod
+    def _check_surfaces(cls, surfaces: Mapping[str, tuple[str, ...]], info: ValidationInfo) -> Mapping[str, Any]:
+        for name, files in surfaces.items():
+            if name in RESERVED:
+                raise Problems(((name,), "is the name of another region; choose another"))
+            if not files:
+                raise Problems(((name,), "has no file"))
+            for file in files:
+                if Path(file).suffix not in SURFACES:
+                    raise Problems(((name,), f"{shown(file)} is no surface; the suffixes are {', '.join(SURFACES)}"))
+                try:
+                    cls._check_path(file, info)
+                except ValueError as error:
+                    raise Problems(((name,), str(error))) from None
+        return surfaces
 
     @model_validator(mode="after")
     def _check_geometry_degree(self) -> Self:

@@ -127,7 +127,8 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
         elif spec.size is not None and spec.is_surface:
             from hpcinv.mesh.imaging import BODY, surface_mesh  # loads VTK
 
-            source = surface_mesh({BODY: [path]}, spec.size, spec.unit, spec.maximum_cells, report)
+            parts = {name: [beside(path, spec.file, file) for file in files] for name, files in spec.surfaces.items()}
+            source = surface_mesh(parts or {BODY: [path]}, spec.size, spec.unit, spec.maximum_cells, report)
         elif spec.size is not None:
             from hpcinv.mesh.imaging import image_mesh
 
@@ -145,6 +146,11 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
     check_nodes(source)
     source = source.without_unused_nodes()
     return source if spec.geometry_degree is None else of_degree(source, spec.geometry_degree)
+
+
+def beside(path: Path, file: str, other: str) -> Path:
+    """Path of a file ``other`` that a job names, from the ``path`` of one that it names ``file``."""
+    return Path(str(path).removesuffix(file)) / other if str(path).endswith(file) else path.parent / Path(other).name
 
 
 def build_body(

@@ -121,5 +121,5 @@ def collect_garbage(comm: MPI.Intracomm) -> None:
 
 def _mesh_of(job: Job) -> str:
     """Return everything that a body depends on, as text."""
-    spec = job.mesh.model_dump(mode="json") | {"digest": file_digest(job.resolve(job.mesh.file))}
+    spec = job.mesh.model_dump(mode="json") | {"digest": [file_digest(job.resolve(file)) for file in job.mesh.files]}
     return json.dumps([spec, {name: str(formula) for name, formula in job.regions.items()}], sort_keys=True)

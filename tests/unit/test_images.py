@@ -321,6 +321,36 @@ def test_surfaces_of_several_shells(surface: Callable[[], pyvista.PolyData], vol
     assert volumes(inside(tmp_path / "body.stl"))["body"] == pytest.approx(volume * 1e-9, rel=0.02)
 
 
+def test_several_surfaces(tmp_path: Path) -> None:
+    """A wall between two spheres, and a core of another material in it beside a cavity."""
+    for name, radius in (("outer", 10), ("inner", 6), ("core", 3)):
+        pyvista.Sphere(radius=radius, theta_resolution=40, phi_resolution=40).save(tmp_path / f"{name}.stl")
+
+    def volume(radius: float) -> float:
+        return 4 / 3 * np.pi * radius**3 * 1e-9
+
+    def of(surfaces: dict[str, Any]) -> MeshSource:
+        mesh = {"surfaces": surfaces, "unit": "mm", "size": "4 mm"}
+        job = parse({**JOB, "mesh": mesh, "supports": [HELD]}, tmp_path / "job.yaml")
+        assert job.mesh.files == tuple(file for files in surfaces.values() for file in np.atleast_1d(files))
+        source = read_source(job.mesh, tmp_path / job.mesh.file)
+        check(source)
+        return source
+
+    shell = of({"wall": ["outer.stl", "inner.stl"]})
+    assert volumes(shell)["wall"] == pytest.approx(volume(10) - volume(6), rel=0.02)
+    assert {g.name for g in shell.groups} == {"wall", "wall|outside", "wall|cavity"}
+    filled = of({"core": "inner.stl", "wall": "outer.stl"})
+    assert volumes(filled)["core"] == pytest.approx(volume(6), rel=0.02)
+    assert volumes(filled)["wall"] == pytest.approx(volume(10) - volume(6), rel=0.02)
+    assert {g.name for g in filled.groups} == {"core", "wall", "wall|outside", "core|wall"}
+    pyvista.Sphere(radius=6, center=(9, 0, 0)).save(tmp_path / "beside.stl")
+    with pytest.raises(MeshError, match="'wall' and 'other' cut each other"):
+        of({"wall": "outer.stl", "other": "beside.stl"})
+    with pytest.raises(JobError, match=r"mesh\.surfaces\.wall: there is no file"):
+        of({"core": "core.stl", "wall": "nowhere.stl"})
+
+
 def half() -> pyvista.PolyData:
     return pyvista.Sphere(radius=10).clip("z")
 
