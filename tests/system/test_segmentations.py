@@ -1,0 +1,71 @@
+"""Real segmentations from end to end on 2 ranks: mesh, regions, inverse analysis, certificate.
+
+They are test data of TotalSegmentator (Apache-2.0), in its source distribution, which is downloaded.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import tarfile
+import urllib.request
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.helpers.command_line import hpcinv
+
+SimpleITK = pytest.importorskip("SimpleITK")
+
+URL = (
+    "https://files.pythonhosted.org/packages/c3/53/7d654d2ec3fcb801ae54d318b0ffc18021aed528bf4e4df0753caf0c8a73/"
+    "totalsegmentator-2.18.0.tar.gz"
+)
+SHA256 = "5d4223ef93973bc36d710869d11e7742ead2c154c72f7f9edcaaadd5b6c4bd03"
+FILES = {
+    "abdomen": "example_seg.nii.gz",
+}
+WEIGHT = {"effect": "gravity", "acceleration": [0, 9.81, 0], "density": 1060, "density_in": "current"}
+JOBS: Mapping[str, Mapping[str, Any]] = {
+    "liver": {
+        "mesh": {"image": "abdomen.nii.gz", "labels": {"liver": 5}, "size": "12 mm"},
+        "regions": {"back": "ny > cos(40 deg)"},
+        "material": {"law": "neo-hookean", "young": "5 kPa", "poisson": 0.45},
+        "effects": [WEIGHT],
+        "supports": [{"region": region, "fix": ["x", "y", "z"]} for region in ("cut", "back")],
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Directory of the images; the tests are skipped without a network."""
+    try:
+        with urllib.request.urlopen(URL, timeout=60) as answer:
+            packed = answer.read()
+    except OSError as error:
+        pytest.skip(f"the source distribution of TotalSegmentator cannot be downloaded: {error}")
+    assert hashlib.sha256(packed).hexdigest() == SHA256
+    directory = tmp_path_factory.mktemp("images")
+    with tarfile.open(fileobj=io.BytesIO(packed)) as archive:
+        for name, path in FILES.items():
+            member = archive.extractfile(f"totalsegmentator-2.18.0/tests/reference_files/{path}")
+            assert member is not None
+            (directory / f"{name}.nii.gz").write_bytes(member.read())
+    return directory
+
+
+@pytest.mark.release
+@pytest.mark.parametrize("name", JOBS)
+def test_from_a_segmentation_to_the_unloaded_shape(name: str, images: Path) -> None:
+    (images / f"{name}.yaml").write_text(yaml.safe_dump(dict(JOBS[name])))
+    done = hpcinv(2, "run", f"{name}.yaml", cwd=images)
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
+    summary = json.loads((images / "results" / name / "summary.json").read_text())
+    assert summary["status"] == "converged"
+    assert summary["certificate"]["verdict"] != "fail"
