@@ -11,9 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import label_of
@@ -25,6 +23,9 @@ from hpcinv.job.yaml_reader import read_text
 from hpcinv.materials import laws
 from hpcinv.quantity.quantity import QUANTITIES
 from hpcinv.quantity.schema import NAME_OF_FILE
+
+if TYPE_CHECKING:  # validation loads no numpy
+    import numpy as np
 
 _HERE = Path(__file__).resolve().parent
 _TEMPLATES = _HERE / "templates"
@@ -178,6 +179,8 @@ def _example(options: argparse.Namespace) -> _Source:
 
 def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
     """The labels that are asked for; ``JobError`` with those of the image if there are none."""
+    import numpy as np
+
     from hpcinv.mesh.imaging.label_image import read_numbers
 
     if not options.label:
@@ -221,6 +224,8 @@ def _article(kind: str) -> str:
 
 
 def _of_image(options: argparse.Namespace) -> _Source:
+    import numpy as np
+
     from hpcinv.mesh.imaging.label_image import read_labels
 
     path, unit = options.image, _unit(options, "mm")
@@ -240,6 +245,8 @@ def _of_image(options: argparse.Namespace) -> _Source:
 
 
 def _of_surface(options: argparse.Namespace) -> _Source:
+    import numpy as np
+
     from hpcinv.mesh.imaging.closed_surface import read_closed
 
     path, unit = options.surface, _unit(options, options.unit)
@@ -252,6 +259,8 @@ def _of_surface(options: argparse.Namespace) -> _Source:
 
 def _of_kind(kind: str, source: _Source) -> dict[str, str]:
     """What the template of a kind needs further."""
+    import numpy as np
+
     match kind:
         case "liver":
             if source.box is None:
