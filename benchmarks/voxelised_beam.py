@@ -26,8 +26,9 @@ import numpy as np
 import pyvista
 import SimpleITK
 
+from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh import read_source
 from hpcinv.mesh.export import save
-from hpcinv.mesh.imaging import image_mesh
 from hpcinv.mesh.readers import read_msh
 from hpcinv.mesh.surface import surface_of
 
@@ -74,7 +75,8 @@ def voxelise(mesh: Path, voxel: float, path: Path) -> None:
 
 def put_right(image: Path, size: float, mesh: Path, path: Path) -> None:
     """Write the image's mesh with its surface moved to that of the beam, where cells allow; size in mm."""
-    found = image_mesh(image, {"silicone": [1]}, 1e-3 * size, 1e-3, 10**7, lambda _: None)
+    spec = {"image": image.name, "labels": {"silicone": 1}, "size": f"{size} mm"}
+    found = read_source(MeshSpec.model_validate(spec, context={"directory": image.parent}), image)
     source = read_msh(mesh).in_metres(1.0)
     beam = surface_of(source).cut(4, np.arange(len(surface_of(source).nodes)))
     true = pyvista.PolyData.from_regular_faces(beam.points, beam.corners)
