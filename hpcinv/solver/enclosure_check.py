@@ -7,12 +7,15 @@ is known up to a constant only: the tangent is singular.
 from __future__ import annotations
 
 import numpy as np
-from dolfinx.mesh import exterior_facet_indices
+import numpy.typing as npt
+from dolfinx.mesh import entities_to_geometry, exterior_facet_indices
 
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
 from hpcinv.mesh import Body
+from hpcinv.mesh.regions import LocalIndices
+from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import facet_areas
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.rigid_motion_check import parts_of
@@ -37,8 +40,7 @@ def check_not_enclosed(job: Job, body: Body) -> None:
     count, labels = parts_of(body)
     of_part = labels[links.array[links.offsets[facets]]]
     faces = np.abs(areas) > _FLAT * np.linalg.norm(areas, axis=1, keepdims=True)
-    if body.source.degree > 1:  # facets may be curved
-        faces[:] = True
+    faces[~_are_flat(body, facets, areas)] = True  # curved: nothing is known of the normals
     for i, axis in enumerate(AXES):
         held = [body.facets(support.region) for support in job.supports if axis in support.held]
         faces[np.isin(facets, np.concatenate(held)) if held else slice(0), i] = False
@@ -52,3 +54,12 @@ def check_not_enclosed(job: Job, body: Body) -> None:
             " pressure is known up to a constant only",
             "Leave a part of the surface free, or give the law a bulk modulus.",
         )
+
+
+def _are_flat(body: Body, facets: LocalIndices, areas: Floats) -> npt.NDArray[np.bool_]:
+    """Return whether all nodes of each facet with this area vector lie in one plane."""
+    if not len(facets):
+        return np.zeros(0, dtype=np.bool_)
+    nodes = body.mesh.geometry.x[entities_to_geometry(body.mesh, 2, facets)]
+    heights = np.einsum("fni,fi->fn", nodes - nodes[:, :1], areas)
+    return np.asarray(np.abs(heights).max(axis=1) <= _FLAT * np.linalg.norm(areas, axis=1) ** 1.5)

@@ -75,16 +75,6 @@ def column() -> Job:
     )
 
 
-def nowhere_to_go() -> Job:
-    """Held all around, an incompressible body has any pressure."""
-    return job(
-        analysis="forward",
-        mesh=box((2, 1, 1), hexahedra=True),
-        material={"law": "neo-hookean", "mu": 1e3, "lam": "incompressible"},
-        supports=[{"region": "boundary", "displacement": ["0.1*y", 0, 0]}],
-    )
-
-
 HOPELESS = {
     "limit point": (lambda: cube(1.25), Diagnosis.LIMIT_POINT),
     "limit point that load steps meet": (lambda: cube(1.25, strategy="adaptive"), Diagnosis.LIMIT_POINT),
@@ -95,7 +85,6 @@ HOPELESS = {
     ),
     "flattened": (flattened, Diagnosis.INVERSION),
     "column": (column, Diagnosis.LOSS_OF_STABILITY),
-    "nowhere to go": (nowhere_to_go, Diagnosis.ILL_POSED),
     "few iterations": (
         lambda: bar(NEO_HOOKEAN, 3.0, maximum_iterations=2, minimum_step=0.5, rescue=[]),
         Diagnosis.ITERATION_LIMIT,
@@ -135,6 +124,12 @@ def test_a_path_that_passed_full_load_is_told_from_one_that_never_reached_it(
     solves: list[Solve], expected: Diagnosis
 ) -> None:
     assert diagnose("inverse", solves) is expected
+
+
+def test_a_singular_tangent_of_the_unloaded_body_is_told_from_a_later_one() -> None:
+    singular = Solve(0.5, Outcome.LINEAR_SOLVER, (), 1)
+    assert diagnose("forward", [singular]) is Diagnosis.ILL_POSED
+    assert diagnose("forward", [Solve(0.2, Outcome.CONVERGED, (), 1, (1,)), singular]) is Diagnosis.LINEAR_SOLVER
 
 
 def test_arc_length_that_ran_out_of_factorizations_is_advised_without_that_limit() -> None:

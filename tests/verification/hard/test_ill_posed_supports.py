@@ -226,5 +226,7 @@ def test_an_incompressible_body_needs_a_free_surface(comm: MPI.Intracomm) -> Non
     for supports in (clamped, ROLLERS):
         told = refusal(comm, supports=supports, material=INCOMPRESSIBLE)
         assert told.startswith("supports: prescribe the motion of the whole surface of an incompressible body")
+    curved = {"file": "../../meshes/box.py", "parameters": {"nx": 2, "ny": 2, "nz": 2}, "geometry_degree": 2}
+    assert "whole surface" in refusal(comm, mesh=curved, supports=ROLLERS, material=INCOMPRESSIBLE)
     model(comm, supports=ROLLERS[:-1], material=INCOMPRESSIBLE)
     model(comm, supports=clamped, material=INCOMPRESSIBLE | {"lam": "1 GPa"})
