@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.certificate.overlap import find_overlap
 from hpcinv.mesh.cells import jacobians, scalar_element
+from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import Surface, Triangles, gather_surface
 from hpcinv.pictures.boundary import Boundary, BoundaryResult

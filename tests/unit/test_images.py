@@ -11,13 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvista
+from scipy import ndimage
 
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.checks import check
+from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import MeshSource
+from hpcinv.mesh.surface import surface_of
 
 SimpleITK = pytest.importorskip("SimpleITK")
 
@@ -97,6 +100,17 @@ def test_it_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:
     assert low == pytest.approx([100 + 7, -50 + 3.5, 7 + 7.5], abs=1)
     assert high == pytest.approx([100 + 23, -50 + 15.5, 7 + 25.5], abs=1)
     assert volumes(source)["block"] == pytest.approx(12 * 16 * 18e-9, rel=0.01)
+
+
+def test_a_folded_surface_does_not_cross_itself(tmp_path: Path) -> None:
+    """Folds like those of this body cross at first, five facets, and are meshed again with cells between them."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(2).standard_normal((20, 20, 20)), 2.2, mode="constant")
+    found, _ = ndimage.label(noise > np.quantile(noise, 0.6))
+    largest = np.bincount(found.ravel())[1:].argmax() + 1
+    body = np.pad((found == largest).astype(np.uint8), 2).transpose()
+    source = meshed(written(tmp_path / "folds.mha", body), size="3.5 mm")
+    assert find_overlap(surface_of(source)).pairs == 0
+    assert volumes(source)["ball"] == pytest.approx(body.sum() * 1e-9, rel=0.01)
 
 
 def test_other_frames(tmp_path: Path) -> None:

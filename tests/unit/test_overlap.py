@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from helpers.mesh_cases import spec
 
-from hpcinv.certificate.aabb_tree import BoxTrees
-from hpcinv.certificate.overlap import Overlap, find_overlap, overlap
-from hpcinv.certificate.triangles import crossing
+from hpcinv.certificate.overlap import overlap
 from hpcinv.mesh import Body, build_body, read_source
+from hpcinv.mesh.aabb_tree import BoxTrees
+from hpcinv.mesh.overlap import Overlap, find_overlap
 from hpcinv.mesh.surface import Surface, gather_surface
+from hpcinv.mesh.triangles import crossing
 from hpcinv.parallel.runtime import MPI
 
 type Move = Callable[[np.ndarray], np.ndarray]

@@ -16,10 +16,12 @@ from hpcinv.mesh.boundary_shells import shells
 from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
-from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
+from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of, without_outside
 from hpcinv.mesh.imaging.mesh_report import report_mesh
 from hpcinv.mesh.imaging.specks import check_thickness, without_lost_parts, without_specks
+from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.mesh.surface import Surface
 from hpcinv.quantity.units import readable
 
 type Bools = npt.NDArray[np.bool_]
@@ -31,6 +33,7 @@ _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
 _MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory
 _RIGHT = 0.01  # relative error of a volume that is not worth a word
+_REACHES = (4, 8, 10_000)  # cells of the lattice around crossing facets, in which cells outside keep surfaces apart
 _PASSES = 2  # of MMG, each with nodes moved to the boundary after it
 _WRONG = 0.1  # and from which on there is no mesh
 _WITHIN = 0.25  # distance by which MMG may move boundaries, relative to the voxels of an image
@@ -121,14 +124,26 @@ def _meshed(
     volumes = without_lost_parts(
         image, found, (begin + 0.5 * spacing) / image.spacing + first, spacing, volumes, report
     )
-    lattice = lattice_of(found, spacing)
-    lattice = replace(lattice, points=lattice.points + begin)
-    for least in (GOOD, ROUGH):  # volumes are worth more than shapes of a few cells
-        fitted, points = _fitted(lattice, memberships, spacing, volumes, least, size, tolerance, path)
-        cells, of = fitted.cells, fitted.labels
-        errors = _volume_errors(points, cells, of, volumes)
-        if max(map(abs, errors)) < 0.5 * _RIGHT:
+    found, begin = np.pad(found, 1), begin - spacing  # with room for cells around the body
+    outside = np.zeros(found.shape, dtype=bool)
+    for reach in (*_REACHES, 0):
+        lattice = lattice_of(found, spacing, (found > 0) | outside)
+        lattice = replace(lattice, points=lattice.points + begin)
+        for least in (GOOD, ROUGH):  # volumes are worth more than shapes of a few cells
+            fitted, points = without_outside(
+                *_fitted(lattice, memberships, spacing, volumes, least, size, tolerance, path)
+            )
+            cells, of = fitted.cells, fitted.labels
+            errors = _volume_errors(points, cells, of, volumes)
+            if max(map(abs, errors)) < 0.5 * _RIGHT:
+                break
+        crossing = _crossing(points, *interfaces(cells, of))
+        if not len(crossing) or not reach:
             break
+        outside |= _cells_outside(found, ((crossing - begin) / spacing).astype(int), reach)
+    if len(crossing):
+        x, y, z = image.positions(crossing[:1] + first * image.spacing)[0]
+        report(f"{len(crossing)} facets of the surface cross others, such as at ({x:.4g}, {y:.4g}, {z:.4g}) m")
     _tell_volumes(image, volumes, errors, report)
     facets, pairs = interfaces(cells, of)
     is_cut = _at_border(points, facets, first, image)
@@ -187,6 +202,25 @@ def _fitted(
     return lattice, points
 
 
+def _crossing(points: Floats, facets: Ints, pairs: Ints) -> Floats:
+    """Middles (n, 3) of facets of the body's surface that cross others."""
+    tags = facets[pairs[:, 0] == 0]
+    surface = Surface("triangle", 1, tags, points[tags], np.ones(len(tags), dtype=bool))
+    return np.asarray(surface.nodes[list(find_overlap(surface).facets)].mean(axis=1))
+
+
+def _cells_outside(found: Ints, places: Ints, reach: int) -> Bools:
+    """Cells (as those of ``found``) outside the body, next to it and at most ``reach`` cells from ``places`` (n, 3).
+
+    There, they keep apart surfaces that face each other, and the surface from folding over: a cell between would be
+    turned inside out.
+    """
+    near = np.zeros(found.shape, dtype=bool)
+    for place in places:
+        near[tuple(slice(max(i - reach, 0), i + reach + 1) for i in place)] = True
+    return np.asarray(near & (found == 0) & ndimage.binary_dilation(found > 0, np.ones((3, 3, 3))))
+
+
 def _box(image: LabelImage) -> tuple[Ints, Ints]:
     """First voxels of the labels along each axis, and those after the last."""
     (box,) = ndimage.find_objects((image.voxels > 0).astype(np.int8))
@@ -221,14 +255,15 @@ def _remeshed(lattice: Lattice, size: float, tolerance: float, path: Path) -> tu
     mesh = mmgpy.MmgMesh3D()
     mesh.set_mesh_size(vertices=len(lattice.points), tetrahedra=len(lattice.cells))
     mesh.set_vertices(lattice.points * scale)
-    mesh.set_tetrahedra(lattice.cells.astype(np.int32), refs=lattice.labels)
+    mesh.set_tetrahedra(lattice.cells.astype(np.int32), refs=lattice.labels + 1)  # 0 is none to MMG
     options: dict[str, Any] = {"hmax": 1.0, "hmin": 0.2, "hausd": tolerance * scale, "hgrad": 1.5}
     try:
         mesh.remesh(**options, ar=60.0, verbose=-1)
     except RuntimeError as error:
         raise MeshError(f"{path}: MMG could not mesh it: {error}", "Try another mesh.size.") from error
     found, of = mesh.get_tetrahedra_with_refs()[:2]
-    return np.asarray(mesh.get_vertices()) / scale, np.asarray(found, dtype=np.int64), np.asarray(of, dtype=np.int64)
+    cells, labels = np.asarray(found, dtype=np.int64), np.asarray(of, dtype=np.int64) - 1
+    return np.asarray(mesh.get_vertices()) / scale, cells, labels
 
 
 def _volume_errors(points: Floats, cells: Ints, of: Ints, volumes: Sequence[float]) -> list[float]:

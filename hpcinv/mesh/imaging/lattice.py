@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
+import numpy.typing as npt
 
 from hpcinv.mesh.source import Floats, Ints
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Tetrahedra with labels from 1; 0 is outside.
+    """Tetrahedra with labels; 0 is outside, where there may be cells, too.
 
     Attributes:
         points: (n, 3).
@@ -43,14 +44,14 @@ def scaled_jacobians(corners: Floats) -> Floats:
     return np.asarray(np.sqrt(2) * np.einsum("ij,ij->i", a, np.cross(b, c)) / np.maximum(largest, 1e-300))
 
 
-def lattice_of(labels: Ints, spacing: float) -> Lattice:
-    """Divide each grid cell with a label into six tetrahedra, whose facets fit those of its neighbours.
+def lattice_of(labels: Ints, spacing: float, chosen: npt.NDArray[np.bool_]) -> Lattice:
+    """Divide each chosen grid cell into six tetrahedra, whose facets fit those of its neighbours.
 
     Source: Kuhn, "Some combinatorial lemmas in topology" (1960), doi:10.1147/rd.45.0518.
     """
     shape = np.array(labels.shape) + 1
     number = np.arange(shape.prod()).reshape(shape)
-    corners, of = np.argwhere(labels > 0), labels[labels > 0]
+    corners, of = np.argwhere(chosen), labels[chosen]
     cells = []
     for order in permutations(range(3)):
         here, chain = corners.copy(), [number[tuple(corners.T)]]
@@ -62,6 +63,14 @@ def lattice_of(labels: Ints, spacing: float) -> Lattice:
     used, compact = np.unique(np.concatenate(cells), return_inverse=True)
     points: Floats = spacing * np.stack(np.unravel_index(used, tuple(shape)), axis=1).astype(np.float64)
     return Lattice(points, compact.reshape(-1, 4).astype(np.int64), np.tile(of, 6))
+
+
+def without_outside(lattice: Lattice, points: Floats) -> tuple[Lattice, Floats]:
+    """Return the cells with a label and their nodes, also at other ``points``."""
+    inside = lattice.labels > 0
+    used, rows = np.unique(lattice.cells[inside], return_inverse=True)
+    kept = Lattice(lattice.points[used], rows.reshape(-1, 4).astype(np.int64), lattice.labels[inside])
+    return kept, points[used]
 
 
 OUTWARD = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
