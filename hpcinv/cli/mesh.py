@@ -18,7 +18,7 @@ from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.quantity.schema import job_error
-from hpcinv.quantity.units import length_symbol, readable
+from hpcinv.quantity.units import length_symbol
 
 if TYPE_CHECKING:
     from hpcinv.mesh import MeshSource
@@ -58,6 +58,7 @@ def add_mesh(commands: Any) -> None:
         metavar="NAME=NUMBER[,NUMBER…]",
         help="voxels that are not meshed, as mesh.neighbours of a job",
     )
+    _add_degree(image)
     image.add_argument("--orientation", help="frame of the mesh, as mesh.orientation of a job; by default LPS")
     image.set_defaults(command=_from_image)
 
@@ -72,6 +73,7 @@ def add_mesh(commands: Any) -> None:
     surface.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
     surface.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
     surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
+    _add_degree(surface)
     surface.set_defaults(command=_from_surface)
 
     partition = add_command(
@@ -93,7 +95,7 @@ def add_mesh(commands: Any) -> None:
         "--parameter", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the generator"
     )
     partition.add_argument("--unit", help="length unit of the coordinates, as mesh.unit of a job")
-    partition.add_argument("--geometry-degree", type=int, choices=(1, 2), help="as mesh.geometry_degree of a job")
+    _add_degree(partition)
     add_option(partition)
     partition.set_defaults(command=_partition)
 
@@ -108,6 +110,10 @@ def add_mesh(commands: Any) -> None:
     gather.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
     add_option(gather)
     gather.set_defaults(command=_gather)
+
+
+def _add_degree(action: argparse.ArgumentParser) -> None:
+    action.add_argument("--geometry-degree", type=int, choices=(1, 2), help="as mesh.geometry_degree of a job")
 
 
 def _from_image(options: argparse.Namespace) -> int:
@@ -132,7 +138,9 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
     """Mesh an image or a surface, and write the mesh."""
     if options.input.suffix not in endings:
         raise OutputError(f"{options.input}: is no {kind}; the endings are {', '.join(endings)}")
-    spec = mesh_spec(options.input, given | {"size": options.size} | ({"unit": options.unit} if options.unit else {}))
+    further = {"unit": options.unit, "geometry_degree": options.geometry_degree}
+    given |= {"size": options.size} | {key: value for key, value in further.items() if value}
+    spec = mesh_spec(options.input, given)
     on_one_process("mesh")
     from hpcinv.mesh.body import read_source
     from hpcinv.mesh.checks import check
@@ -144,8 +152,6 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
     check(source)
     save(options.output, source, source.points)
     print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, in m")
-    for axis, low, high in zip("xyz", source.points.min(axis=0), source.points.max(axis=0), strict=True):
-        print(f"  {axis} from {readable(low, 'm')} to {readable(high, 'm')}")
     print("regions:")
     for group in source.groups:
         print(f"  {group.name}: {len(group.members)} {'cells' if group.dim == 3 else 'facets'}")

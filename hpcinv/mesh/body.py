@@ -128,13 +128,22 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
             from hpcinv.mesh.imaging import BODY, surface_mesh  # loads VTK
 
             parts = {name: [beside(path, spec.file, file) for file in files] for name, files in spec.surfaces.items()}
-            source = surface_mesh(parts or {BODY: [path]}, spec.size, spec.unit, spec.maximum_cells, report)
+            degree = spec.geometry_degree or 1
+            source = surface_mesh(parts or {BODY: [path]}, spec.size, spec.unit, spec.maximum_cells, degree, report)
         elif spec.size is not None:
             from hpcinv.mesh.imaging import image_mesh
 
             unit = spec.unit if "unit" in spec.model_fields_set else 1e-3  # what the formats of images define
             source = image_mesh(
-                path, spec.labels, spec.size, unit, spec.orientation, spec.neighbours, spec.maximum_cells, report
+                path,
+                spec.labels,
+                spec.size,
+                unit,
+                spec.orientation,
+                spec.neighbours,
+                spec.maximum_cells,
+                spec.geometry_degree or 1,
+                report,
             )
         else:
             source = FILES[path.suffix](path)
@@ -199,7 +208,8 @@ def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> Finer
 
     if path.suffix in GENERATORS:
         return of_generator(source, read)
-    return of_file(source, lambda: read(None)) if spec.geometry_degree == 1 else FinerGeometry(NO_CAD)
+    has_more = spec.geometry_degree == 1 and spec.size is None  # of images and surfaces other cells are made
+    return of_file(source, lambda: read(None)) if has_more else FinerGeometry(NO_CAD)
 
 
 def read_anywhere(

@@ -119,12 +119,12 @@ def determinants(source: MeshSource) -> tuple[Floats, Floats]:
         part = slice(start, start + CHUNK)
         gradient = jacobians(source.kind, source.degree, source.points[source.cells[part]], at)
         scale = np.linalg.norm(gradient, axis=2).prod(axis=2)
-        shape = np.divide(_det(gradient), scale, out=np.zeros_like(scale), where=scale > 0)
+        shape = np.divide(det(gradient), scale, out=np.zeros_like(scale), where=scale > 0)
         least[part], most[part] = shape.min(axis=1), shape.max(axis=1)
     return least, most
 
 
-def _det(matrices: Floats) -> Floats:
+def det(matrices: Floats) -> Floats:
     """Determinants of matrices (…, 3, 3); much faster than numpy.linalg.det, which factorizes each of them."""
     a, b, c = np.moveaxis(matrices, -1, 0)
     return np.asarray((a * np.cross(b, c)).sum(axis=-1))

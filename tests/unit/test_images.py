@@ -17,7 +17,9 @@ from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
-from hpcinv.mesh.checks import check
+from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.checks import check, determinants
+from hpcinv.mesh.imaging.curved_cells import curved
 from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.surface import surface_of
@@ -363,6 +365,58 @@ def test_several_surfaces(tmp_path: Path) -> None:
         of({"wall": "outer.stl", "other": "beside.stl"})
     with pytest.raises(JobError, match=r"mesh\.surfaces\.wall: there is no file"):
         of({"core": "core.stl", "wall": "nowhere.stl"})
+
+
+def beside_sphere(source: MeshSource, middle: list[float]) -> np.ndarray:
+    """Distances (m) of middles of facets and of their edges from the sphere."""
+    at = np.array([[1 / 3, 1 / 3], [0.5, 0.5], [0.5, 0], [0, 0.5]])
+    shapes = scalar_element("triangle", source.degree).tabulate(0, at)[0, :, :, 0]
+    places = shapes @ source.points[source.facets] - np.array(middle) * 1e-3
+    return np.asarray(np.linalg.norm(places, axis=2) - BALL * 1e-3)
+
+
+def test_curved_cells_are_nearer_to_the_true_surface(tmp_path: Path) -> None:
+    pyvista.Sphere(radius=BALL, theta_resolution=60, phi_resolution=60).save(tmp_path / "ball.stl")
+    voxels, said = (np.linalg.norm(grid(40) * BALL / 18, axis=-1) < BALL).astype(np.uint8), list[str]()
+    image, spec = written(tmp_path / "ball.nii.gz", voxels, (BALL / 18,) * 3), {"size": "6.5 mm"}
+    middle = [19.5 * BALL / 18] * 3
+    # The volume of the voxels is not quite that of the ball: the mean distance does not count.
+    straight, bent = (beside_sphere(meshed(image, said, geometry_degree=d, **spec), middle).std() for d in (1, 2))
+    print(f"voxels: {straight:.3g} m, curved {bent:.3g} m")
+    assert bent < 0.85 * straight
+    told = [line for line in said if line.startswith("cells of second degree: ")]
+    assert len(told) == 1
+    assert "held back for the shape of cells" in told[0]
+    surface = tmp_path / "ball.stl"
+    straight, bent = (beside_sphere(inside(surface, geometry_degree=d), [0, 0, 0]).std() for d in (1, 2))
+    print(f"triangles: {straight:.3g} m, curved {bent:.3g} m")
+    assert bent < 0.2 * straight
+
+
+def test_nodes_are_held_back_where_cells_would_be_inverted() -> None:
+    """A boundary that is a cell's size away from the middles of edges."""
+    source = MeshSource(
+        path=Path("cell"),
+        kind="tetrahedron",
+        degree=1,
+        points=np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        node_tags=np.arange(1, 5),
+        cells=np.array([[0, 1, 2, 3]]),
+        cell_tags=np.array([1]),
+        facets=np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]),
+    )
+
+    class Inside:
+        def nearest(self, points: np.ndarray, one: Any, other: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
+            is_corner = (np.sort(points, axis=1)[:, :2] == 0).all(axis=1) & (points.max(axis=1) != 0.5)
+            return np.where(is_corner[:, None], points, 0.3), np.zeros_like(points)
+
+    said = list[str]()
+    pairs = np.tile([0, 1], (4, 1))
+    mesh, _ = curved(source, np.ones(1, dtype=np.int64), pairs, Inside(), 1.0, [1 / 6], 0.1, said.append)
+    assert determinants(mesh)[0].min() > 0
+    assert "6 nodes between vertices" in said[0]
+    assert "; 6 held back" in said[0]
 
 
 def half() -> pyvista.PolyData:

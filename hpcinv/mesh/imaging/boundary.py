@@ -11,6 +11,7 @@ from hpcinv.mesh.imaging.lattice import Lattice, interfaces, scaled_jacobians
 from hpcinv.mesh.source import Floats, Ints
 
 _ROUNDS = 6
+_STEPS = 6  # of Newton's method to the boundary
 ROUGH, GOOD = 0.03, 0.1
 """Scaled Jacobian that moving nodes leaves to each cell: to those that will be improved, and to the final ones."""
 _ALLOWED = 0.7  # share that is left to cells which are worse already
@@ -48,6 +49,24 @@ class Memberships:
         found, rows = self.at(points), np.arange(len(points))
         return np.asarray(found[one, rows] - found[other, rows])
 
+    def nearest(self, points: Floats, one: Ints, other: Ints, reach: float) -> tuple[Floats, Floats]:
+        """Points (n, 3) near to the given ones where two labels are equally likely, and normals (n, 3) from ``other``
+        into ``one``.
+
+        Args:
+            reach: largest distance (m) from the given points.
+        """
+        at, steps = points, 0.25 * reach * np.eye(3)
+        for _ in range(_STEPS):
+            slope = np.stack(
+                [self.difference(at + step, one, other) - self.difference(at - step, one, other) for step in steps],
+                axis=1,
+            ) / (0.5 * reach)
+            size = np.linalg.norm(slope, axis=1) + 1e-12 / reach
+            distance = np.clip(self.difference(at, one, other) / size, -reach, reach)
+            at = within(points, at - 0.8 * distance[:, None] * slope / size[:, None], reach)
+        return at, slope / size[:, None]
+
 
 def smoothed(
     lattice: Lattice, memberships: Memberships, spacing: float, volumes: Sequence[float], least: float
@@ -60,59 +79,58 @@ def smoothed(
         least: scaled Jacobian below which no cell becomes worse.
     """
     facets, pairs = interfaces(lattice.cells, lattice.labels)
-    count = len(volumes) + 1
-    touches = np.zeros((len(lattice.points), count), dtype=bool)
-    for corner in range(3):
-        touches[facets[:, corner], pairs[:, 0]] = touches[facets[:, corner], pairs[:, 1]] = True
-    nodes = np.flatnonzero(touches.sum(axis=1) == 2)  # where three labels meet, nodes stay
-    one = touches[nodes].argmax(axis=1)
-    other = count - 1 - touches[nodes][:, ::-1].argmax(axis=1)
-    outward = np.zeros(count)  # distance by which each label grows; between two labels, half of it
-    moved = lattice.points
+    count, reach = len(volumes) + 1, 0.6 * spacing
+    nodes, one, other = between_two(facets, pairs, len(lattice.points), count)
+    on_boundary, normals = memberships.nearest(lattice.points[nodes], one, other, reach)
+    outward, moved = np.zeros(count), lattice.points
     for _ in range(_ROUNDS):
-        shift = np.where(one == 0, outward[other], 0.5 * (outward[other] - outward[one]))
-        moved = _moved(lattice, memberships, spacing, nodes, (one, other), shift, least)
-        cells = lattice.volumes(moved)
-        areas = _areas(moved, facets)
-        for label in range(1, count):
-            to_outside = (pairs[:, 0] == 0) & (pairs[:, 1] == label)
-            to_others = (pairs == label).any(axis=1) & ~to_outside
-            area = areas[to_outside].sum() + 0.5 * areas[to_others].sum()
-            missing = volumes[label - 1] - cells[lattice.labels == label].sum()
-            outward[label] += np.clip(missing / area, -0.25 * spacing, 0.25 * spacing)
+        target = lattice.points.copy()
+        shifted = on_boundary + shift(outward, one, other)[:, None] * normals
+        target[nodes] = within(lattice.points[nodes], shifted, reach)
+        moved, _ = held_back(lattice, nodes, target, least)
+        found = np.bincount(lattice.labels, lattice.volumes(moved), minlength=count)[1:]
+        outward += growth(np.array(volumes) - found, moved, facets, pairs, 0.25 * spacing)
     return moved
 
 
-def _moved(
-    lattice: Lattice,
-    memberships: Memberships,
-    spacing: float,
-    nodes: Ints,
-    labels: tuple[Ints, Ints],
-    shift: Floats,
-    least: float,
-) -> Floats:
-    """Move nodes to where both labels are equally likely, and by a shift from there into the first of them."""
-    one, other = labels
-    start = lattice.points[nodes]
-    points = start.copy()
-    for _ in range(6):
-        value = memberships.difference(points, one, other)
-        slope = np.stack(
-            [
-                memberships.difference(points + step, one, other) - memberships.difference(points - step, one, other)
-                for step in 0.25 * spacing * np.eye(3)
-            ],
-            axis=1,
-        ) / (0.5 * spacing)
-        size = np.linalg.norm(slope, axis=1) + 1e-12 / spacing
-        distance = np.clip(value / size, -spacing, spacing) - shift
-        points = points - 0.8 * distance[:, None] * slope / size[:, None]
-        step = points - start
-        length = np.linalg.norm(step, axis=1)
-        points = start + step * np.minimum(1.0, 0.6 * spacing / np.maximum(length, 1e-12 * spacing))[:, None]
-    target = lattice.points.copy()
-    target[nodes] = points
+def between_two(facets: Ints, pairs: Ints, points: int, count: int) -> tuple[Ints, Ints, Ints]:
+    """Nodes between two labels, and the smaller and the larger one of these labels; where three meet, nodes stay.
+
+    Args:
+        facets: nodes of facets between labels, (n, k).
+        pairs: these labels, (n, 2).
+        points: number of nodes.
+        count: of labels, with the outside.
+    """
+    touches = np.zeros((points, count), dtype=bool)
+    for corner in facets.T:
+        touches[corner, pairs[:, 0]] = touches[corner, pairs[:, 1]] = True
+    nodes = np.flatnonzero(touches.sum(axis=1) == 2)
+    return nodes, touches[nodes].argmax(axis=1), count - 1 - touches[nodes][:, ::-1].argmax(axis=1)
+
+
+def shift(outward: Floats, one: Ints, other: Ints) -> Floats:
+    """Distance of boundaries into label ``one`` where labels grow ``outward`` (m), of which 0 is the outside."""
+    return np.where(one == 0, outward[other], 0.5 * (outward[other] - outward[one]))
+
+
+def growth(missing: Floats, points: Floats, facets: Ints, pairs: Ints, most: float) -> Floats:
+    """Distances (labels,) by which labels must grow to gain ``missing`` volumes (m³), at most by ``most`` (m)."""
+    areas, found = _areas(points, facets), np.zeros(len(missing) + 1)
+    for label in range(1, len(found)):
+        to_outside = (pairs[:, 0] == 0) & (pairs[:, 1] == label)
+        to_others = (pairs == label).any(axis=1) & ~to_outside
+        area = areas[to_outside].sum() + 0.5 * areas[to_others].sum()
+        found[label] = np.clip(missing[label - 1] / area, -most, most)
+    return found
+
+
+def held_back(lattice: Lattice, nodes: Ints, target: Floats, least: float) -> tuple[Floats, Floats]:
+    """Points of the lattice with some nodes on their way to a target (points, 3), and the share of it they went.
+
+    Args:
+        least: scaled Jacobian below which no cell becomes worse.
+    """
     is_moved = np.zeros(len(target), dtype=bool)
     is_moved[nodes] = True
     cells = lattice.cells[is_moved[lattice.cells].any(axis=1)]
@@ -121,9 +139,16 @@ def _moved(
     for _ in range(30):
         moved = lattice.points + share[:, None] * (target - lattice.points)
         if not (bad := scaled_jacobians(moved[cells]) < floor).any():
-            return moved
+            return moved, share
         share[np.unique(cells[bad])] *= 0.7
-    return lattice.points
+    return lattice.points, np.zeros(len(target))
+
+
+def within(start: Floats, end: Floats, reach: float) -> Floats:
+    """Points on the way from ``start`` to ``end``, at most ``reach`` (m) from the start."""
+    step = end - start
+    length = np.linalg.norm(step, axis=1)
+    return np.asarray(start + step * np.minimum(1.0, reach / np.maximum(length, 1e-12 * reach))[:, None])
 
 
 def _areas(points: Floats, facets: Ints) -> Floats:

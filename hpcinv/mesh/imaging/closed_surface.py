@@ -32,8 +32,10 @@ _MOST_SHELLS = 1000
 _MEMORY = 8  # bytes of memory for each byte of a binary file
 
 
-def fill(parts: Mapping[str, Sequence[Path]], size: float, unit: float) -> tuple[LabelImage, list[float]]:
-    """Fill closed surfaces in files (STL, PLY, OBJ, VTP) with voxels; return them and the volumes (m³) of the regions.
+def fill(
+    parts: Mapping[str, Sequence[Path]], size: float, unit: float
+) -> tuple[LabelImage, list[float], pyvista.PolyData]:
+    """Fill closed surfaces in files with voxels; return them, the volumes (m³) of the regions, and all triangles (m).
 
     A region is what an odd number of its surfaces encloses. Where regions overlap, one must lie in the other, from
     which it is cut out.
@@ -76,7 +78,8 @@ def fill(parts: Mapping[str, Sequence[Path]], size: float, unit: float) -> tuple
         kept = np.count_nonzero(voxels == i) / np.count_nonzero(mask)
         volumes.append(float(signed_volume(surface) * unit**3 * kept))
     origin = np.array(grid.origin) * unit
-    return LabelImage(first, tuple(parts), voxels, np.full(3, voxel), origin, np.eye(3)), volumes
+    triangles = surfaces[0] if len(surfaces) == 1 else pyvista.merge(surfaces, merge_points=False)
+    return LabelImage(first, tuple(parts), voxels, np.full(3, voxel), origin, np.eye(3)), volumes, triangles.scale(unit)
 
 
 def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Ints:

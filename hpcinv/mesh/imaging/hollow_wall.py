@@ -33,7 +33,7 @@ def hollow_wall_mesh(
     *,
     most: int = 10_000_000,
 ) -> MeshSource:
-    """Mesh the wall around a cavity on this process, in metres.
+    """Mesh the wall around a cavity on this process, in metres, in cells of second degree.
 
     Where the cavity ends at the outside or at the border of the image it is open: the wall's facets around an opening
     are one of its ends. The surface at the cavity is ``inner``, all others are ``outer``.
@@ -48,7 +48,7 @@ def hollow_wall_mesh(
         MeshError: as `image_mesh`, or if the wall has another number of ends.
         SystemPartMissing: the packages for images are not installed.
     """
-    mesh = image_mesh(path, labels, size, unit, "LPS", {}, most, report)
+    mesh = image_mesh(path, labels, size, unit, "LPS", {}, most, 2, report)
     of = {group.name: group.members for group in mesh.groups if group.dim == 3}
     normals, middles, areas = _geometry(mesh.points, mesh.facets)
     at_wall, at_cavity = (_cell_behind(mesh, of[name]) for name in (WALL, CAVITY))
@@ -113,7 +113,7 @@ def _geometry(points: Floats, facets: Ints) -> tuple[Floats, Floats, Floats]:
 def _cell_behind(mesh: MeshSource, cells: Ints) -> Ints:
     """Return the one of these cells that each facet of the mesh belongs to, or -1."""
     sides = np.concatenate([mesh.cells[cells][:, side] for side in ([1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2])])
-    both = np.sort(np.concatenate([sides, mesh.facets]), axis=1)
+    both = np.sort(np.concatenate([sides, mesh.facets[:, :3]]), axis=1)
     _, number = np.unique(both, axis=0, return_inverse=True)
     number = number.ravel()
     owner = np.full(number.max() + 1, -1)
@@ -125,7 +125,7 @@ def _pieces(facets: Ints, members: Ints, areas: Floats) -> list[Ints]:
     """Return the connected parts of some facets, without specks."""
     if not len(members):
         return []
-    nodes = facets[members]
+    nodes = facets[members, :3]
     rows = np.repeat(np.arange(len(members)), 3)
     touch = sparse.csr_matrix((np.ones(nodes.size), (rows, nodes.ravel())))
     count, piece = connected_components(touch @ touch.T, directed=False)

@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pyvista
 from scipy import ndimage
 
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.boundary_shells import shells
 from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.closed_surface import fill
+from hpcinv.mesh.imaging.curved_cells import Boundary, curved, mirrored
+from hpcinv.mesh.imaging.given_surface import GivenSurface
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of, without_outside
 from hpcinv.mesh.imaging.mesh_report import report_mesh
@@ -50,6 +53,7 @@ def image_mesh(
     orientation: str,
     neighbours: Mapping[str, Sequence[int | str]],
     most: int,
+    degree: int,
     report: Callable[[str], None],
 ) -> MeshSource:
     """Mesh a segmented image on this process, in metres.
@@ -64,6 +68,7 @@ def image_mesh(
         orientation: frame of the positions, such as LPS.
         neighbours: numbers of voxels that are not meshed, by name; the body's surface next to them is ``A|NAME``.
         most: largest number of cells.
+        degree: of the geometry of cells, 1 or 2.
         report: called with what a user should know.
 
     Raises:
@@ -75,20 +80,25 @@ def image_mesh(
     check_thickness(image, report)
     image = without_specks(image, size, report)
     volumes = [image.volume(label) for label in range(1, len(labels) + 1)]
-    mesh = _meshed(image, size, volumes, _WITHIN * float(image.spacing.min()), most, report)
+    mesh = _meshed(image, size, volumes, _WITHIN * float(image.spacing.min()), most, degree, report)
     return replace(mesh, voxel=float(image.spacing.prod() ** (1 / 3)))
 
 
 def surface_mesh(
-    parts: Mapping[str, Sequence[Path]], size: float, unit: float, most: int, report: Callable[[str], None]
+    parts: Mapping[str, Sequence[Path]],
+    size: float,
+    unit: float,
+    most: int,
+    degree: int,
+    report: Callable[[str], None],
 ) -> MeshSource:
     """Mesh the body in closed surfaces (STL, PLY, OBJ, VTP) on this process, in metres.
 
     Regions are ``parts``, by the files of their surfaces, and their surfaces. Other arguments and errors are those of
     `image_mesh`.
     """
-    image, volumes = fill(parts, size, unit)
-    return _meshed(image, size, volumes, _WITHIN_SIZE * size, most, report)
+    image, volumes, surface = fill(parts, size, unit)
+    return _meshed(image, size, volumes, _WITHIN_SIZE * size, most, degree, report, surface)
 
 
 def _meshed(
@@ -97,13 +107,16 @@ def _meshed(
     volumes: Sequence[float],
     tolerance: float,
     most: int,
+    degree: int,
     report: Callable[[str], None],
+    surface: pyvista.PolyData | None = None,
 ) -> MeshSource:
     """Mesh labels.
 
     Args:
         volumes: of the labels, which the mesh keeps.
         tolerance: largest distance (m) by which MMG may move boundaries.
+        surface: triangles (m) from which the voxels were made, on which nodes of cells of second degree lie.
     """
     path, labels = image.path, image.names
     voxels, first = _cropped(image)
@@ -144,24 +157,31 @@ def _meshed(
     if len(crossing):
         x, y, z = image.positions(crossing[:1] + first * image.spacing)[0]
         report(f"{len(crossing)} facets of the surface cross others, such as at ({x:.4g}, {y:.4g}, {z:.4g}) m")
-    _tell_volumes(image, volumes, errors, report)
     facets, pairs = interfaces(cells, of)
     is_cut = _at_border(points, facets, first, image)
     names = _outside(points, cells, facets, pairs, image, first, size)
     groups = _groups(image.names, of, pairs, is_cut, names)
-    if np.linalg.det(image.axes) < 0:  # mirrored
-        cells = cells[:, [0, 2, 1, 3]]
     mesh = MeshSource(
         path=path,
         kind="tetrahedron",
         degree=1,
-        points=image.positions(points + first * image.spacing),
+        points=points,
         node_tags=np.arange(1, len(points) + 1),
         cells=cells,
         cell_tags=np.arange(1, len(cells) + 1),
         facets=facets,
         groups=groups,
     )
+    if degree == 2:
+        boundary: Boundary = memberships
+        if surface is not None:
+            start = image.origin + first * image.spacing
+            boundary = GivenSurface(surface.translate(-start), memberships)
+        mesh, errors = curved(mesh, of, pairs, boundary, spacing, volumes, least, report)
+    _tell_volumes(image, volumes, errors, report)
+    mesh = replace(mesh, points=image.positions(mesh.points + first * image.spacing))
+    if np.linalg.det(image.axes) < 0:
+        mesh = replace(mesh, cells=mirrored(mesh.cells))
     report_mesh(mesh, image.frame, report)
     return mesh
 
