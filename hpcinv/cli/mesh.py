@@ -23,6 +23,7 @@ from hpcinv.quantity.units import length_symbol
 if TYPE_CHECKING:
     from hpcinv.mesh import MeshSource
 
+_GRADE = "ratio of --size and the smallest size of cells, as mesh.grade of a job"
 JOBS = (".yaml", ".yml")
 """suffixes of job files"""
 
@@ -58,6 +59,7 @@ def add_mesh(commands: Any) -> None:
         metavar="NAME=NUMBER[,NUMBER…]",
         help="voxels that are not meshed, as mesh.neighbours of a job",
     )
+    image.add_argument("--grade", type=float, help=_GRADE)
     _add_degree(image)
     image.add_argument("--orientation", help="frame of the mesh, as mesh.orientation of a job; by default LPS")
     image.set_defaults(command=_from_image)
@@ -73,6 +75,7 @@ def add_mesh(commands: Any) -> None:
     surface.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
     surface.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
     surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
+    surface.add_argument("--grade", type=float, help=_GRADE)
     _add_degree(surface)
     surface.set_defaults(command=_from_surface)
 
@@ -138,7 +141,7 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
     """Mesh an image or a surface, and write the mesh."""
     if options.input.suffix not in endings:
         raise OutputError(f"{options.input}: is no {kind}; the endings are {', '.join(endings)}")
-    further = {"unit": options.unit, "geometry_degree": options.geometry_degree}
+    further = {"unit": options.unit, "geometry_degree": options.geometry_degree, "grade": options.grade}
     given |= {"size": options.size} | {key: value for key, value in further.items() if value}
     spec = mesh_spec(options.input, given)
     on_one_process("mesh")

@@ -19,7 +19,16 @@ WITH_DEFINITIONS = {LET: True}
 """Serialization context in which formulas include the definitions that they use."""
 _SETTINGS = {"solver", "method", "fixed_point", "certificate", "quantities"}
 _OPTIONAL = {"accuracy", "sensitivities"}
-_MESH = {"parameters", "unit", "geometry_degree", "labels", "neighbours", "size", "orientation"}  # not the path
+_MESH = {
+    "parameters",
+    "unit",
+    "geometry_degree",
+    "labels",
+    "neighbours",
+    "size",
+    "grade",
+    "orientation",
+}  # not the path
 
 
 def file_digest(path: Path) -> str:

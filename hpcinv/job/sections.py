@@ -244,6 +244,9 @@ class MeshSpec(MeshFile):
     right, posterior or anterior, superior or inferior"""
     size: Annotated[Size | None, Field(exclude_if=lambda size: size is None)] = None
     """largest length of edges in the mesh of an image, or of a closed surface (as 'surface' in place of 'file')"""
+    grade: Annotated[Annotated[float, Field(ge=1, le=20)] | None, Field(exclude_if=lambda grade: grade is None)] = None
+    """ratio of 'size' and the smallest size of cells, which thin walls and strong curvatures have: 1 for cells of one
+    size; by default at most 4 in walls, as far as there are not more than four times as many cells"""
     surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
     """error of the given surface, whose effect on shape and quantities the certificate tells; of an image by default
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
@@ -310,6 +313,8 @@ class MeshSpec(MeshFile):
             raise Problems((("size",), "is needed: the largest length of edges, as 5 mm"))
         if self.size is not None and not is_meshed:
             raise Problems((("size",), "is for images and surfaces only; give a generator's among its 'parameters'"))
+        if self.grade is not None and not is_meshed:
+            raise Problems((("grade",), "is for images and surfaces only"))
         return self
 
     def _faults_of_labels(self) -> Iterator[tuple[Location, str]]:

@@ -128,8 +128,15 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
             from hpcinv.mesh.imaging import BODY, surface_mesh  # loads VTK
 
             parts = {name: [beside(path, spec.file, file) for file in files] for name, files in spec.surfaces.items()}
-            degree = spec.geometry_degree or 1
-            source = surface_mesh(parts or {BODY: [path]}, spec.size, spec.unit, spec.maximum_cells, degree, report)
+            source = surface_mesh(
+                parts or {BODY: [path]},
+                spec.size,
+                spec.grade,
+                spec.unit,
+                spec.maximum_cells,
+                spec.geometry_degree or 1,
+                report,
+            )
         elif spec.size is not None:
             from hpcinv.mesh.imaging import image_mesh
 
@@ -138,6 +145,7 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
                 path,
                 spec.labels,
                 spec.size,
+                spec.grade,
                 unit,
                 spec.orientation,
                 spec.neighbours,

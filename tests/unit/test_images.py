@@ -20,6 +20,7 @@ from hpcinv.mesh.body import read_source
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.checks import check, determinants
 from hpcinv.mesh.imaging.curved_cells import curved
+from hpcinv.mesh.imaging.wall_sizes import wall_sizes
 from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.surface import surface_of
@@ -147,6 +148,45 @@ def test_two_cells_in_thin_walls_and_separate_parts(tmp_path: Path) -> None:
     on_boundary = np.isin(np.arange(len(source.points)), source.facets)
     assert not on_boundary[source.cells].all(axis=1).any()
     assert "the body has 2 parts that share no facet: each needs supports" in said
+
+
+def lengths_of_edges(source: MeshSource) -> np.ndarray:
+    corners = source.points[source.cells]
+    ends = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+    return np.concatenate([np.linalg.norm(corners[:, i] - corners[:, j], axis=1) for i, j in ends])
+
+
+def test_sizes_are_graded_to_thin_walls(tmp_path: Path) -> None:
+    """A hollow ball with a wall of 3 mm in cells of up to 5 mm."""
+    radii, said = np.linalg.norm(grid(), axis=-1), list[str]()
+    image = written(tmp_path / "shell.nii.gz", ((radii < 10.5) & (radii > 7.5)).astype(np.uint8))
+    graded = meshed(image, said, size="5 mm", grade=4)
+    assert any(", graded to walls from 2." in line or ", graded to walls from 3" in line for line in said)
+    assert not any("too thin for two cells" in line for line in said)
+    said.clear()
+    uniform = meshed(image, said, size="5 mm", grade=1)
+    assert any("100% of the surface is at walls that are too thin for two cells of 5 mm" in line for line in said)
+    for source in (graded, uniform):
+        assert volumes(source)["ball"] == pytest.approx(4 / 3 * np.pi * (10.5**3 - 7.5**3) * 1e-9, rel=0.03)
+        on_boundary = np.isin(np.arange(len(source.points)), source.facets)
+        assert not on_boundary[source.cells].all(axis=1).any()  # two cells through the wall
+    assert np.median(lengths_of_edges(graded)) < 0.75 * np.median(lengths_of_edges(uniform))
+    with pytest.raises(JobError, match=r"mesh\.grade"):
+        meshed(image, grade=0.5)
+
+
+def test_sizes_are_chosen_without_too_many_cells() -> None:
+    radii, voxel = np.linalg.norm(grid(), axis=-1), np.ones(3)
+    shell = np.pad((radii < 10.5) & (radii > 7.5), 3).astype(np.int64)
+    walls = [wall_sizes(shell, voxel, 1, size, ratio) for size, ratio in ((2.5, None), (8.0, None), (8.0, 10.0))]
+    assert walls[0].thinnest == pytest.approx(3, abs=0.3)
+    assert walls[0].floor == pytest.approx(2.5 / 4)
+    assert 8 / 2.2 < walls[1].floor < 8 / 1.5  # with four times as many cells
+    assert walls[2].floor == pytest.approx(0.8)
+    assert walls[2].at(np.array([[14.5 + 9, 14.5, 14.5]])) == pytest.approx([1.8], abs=0.4)
+    ball = wall_sizes(np.pad((radii < 10.5).astype(np.int64), 3), voxel, 1, 4.0, None)
+    assert not ball.is_graded
+    assert ball.at(np.zeros((2, 3))).tolist() == [4.0, 4.0]
 
 
 def test_other_units(tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def hollow_wall_mesh(
         MeshError: as `image_mesh`, or if the wall has another number of ends.
         SystemPartMissing: the packages for images are not installed.
     """
-    mesh = image_mesh(path, labels, size, unit, "LPS", {}, most, 2, report)
+    mesh = image_mesh(path, labels, size, None, unit, "LPS", {}, most, 2, report)
     of = {group.name: group.members for group in mesh.groups if group.dim == 3}
     normals, middles, areas = _geometry(mesh.points, mesh.facets)
     at_wall, at_cavity = (_cell_behind(mesh, of[name]) for name in (WALL, CAVITY))

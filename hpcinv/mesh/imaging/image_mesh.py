@@ -20,8 +20,9 @@ from hpcinv.mesh.imaging.curved_cells import Boundary, curved, mirrored
 from hpcinv.mesh.imaging.given_surface import GivenSurface
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of, without_outside
-from hpcinv.mesh.imaging.mesh_report import report_mesh
+from hpcinv.mesh.imaging.mesh_report import report_mesh, report_sizes
 from hpcinv.mesh.imaging.specks import check_thickness, without_lost_parts, without_specks
+from hpcinv.mesh.imaging.wall_sizes import WallSizes, wall_sizes
 from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.surface import Surface
@@ -37,6 +38,8 @@ _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing 
 _MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory
 _RIGHT = 0.01  # relative error of a volume that is not worth a word
 _REACHES = (4, 8, 10_000)  # cells of the lattice around crossing facets, in which cells outside keep surfaces apart
+_UNIFORM = 0.6  # smallest size of cells of one size, relative to the largest one
+_MOST_LATTICE = 1_500_000  # tetrahedra, unless the size of cells needs more
 _PASSES = 2  # of MMG, each with nodes moved to the boundary after it
 _WRONG = 0.1  # and from which on there is no mesh
 _WITHIN = 0.25  # distance by which MMG may move boundaries, relative to the voxels of an image
@@ -49,6 +52,7 @@ def image_mesh(
     path: Path,
     labels: Mapping[str, Sequence[int | str]],
     size: float,
+    grade: float | None,
     unit: float,
     orientation: str,
     neighbours: Mapping[str, Sequence[int | str]],
@@ -64,6 +68,7 @@ def image_mesh(
     Args:
         labels: numbers of voxels, or names of DICOM segments, by the name of their region.
         size: largest length of edges (m).
+        grade: ratio of ``size`` and the smallest size in thin walls; by default as `wall_sizes` chooses.
         unit: length unit (m) of spacing and origin in the file.
         orientation: frame of the positions, such as LPS.
         neighbours: numbers of voxels that are not meshed, by name; the body's surface next to them is ``A|NAME``.
@@ -80,13 +85,14 @@ def image_mesh(
     check_thickness(image, report)
     image = without_specks(image, size, report)
     volumes = [image.volume(label) for label in range(1, len(labels) + 1)]
-    mesh = _meshed(image, size, volumes, _WITHIN * float(image.spacing.min()), most, degree, report)
+    mesh = _meshed(image, size, grade, volumes, _WITHIN * float(image.spacing.min()), most, degree, report)
     return replace(mesh, voxel=float(image.spacing.prod() ** (1 / 3)))
 
 
 def surface_mesh(
     parts: Mapping[str, Sequence[Path]],
     size: float,
+    grade: float | None,
     unit: float,
     most: int,
     degree: int,
@@ -98,12 +104,13 @@ def surface_mesh(
     `image_mesh`.
     """
     image, volumes, surface = fill(parts, size, unit)
-    return _meshed(image, size, volumes, _WITHIN_SIZE * size, most, degree, report, surface)
+    return _meshed(image, size, grade, volumes, _WITHIN_SIZE * size, most, degree, report, surface)
 
 
 def _meshed(
     image: LabelImage,
     size: float,
+    grade: float | None,
     volumes: Sequence[float],
     tolerance: float,
     most: int,
@@ -120,12 +127,14 @@ def _meshed(
     """
     path, labels = image.path, image.names
     voxels, first = _cropped(image)
-    spacing = max(_FINE * size, _FINEST * float(image.spacing.min()))
     if (expected := sum(volumes) / (_CELLS * size**3)) > most:
         raise MeshError(
             f"{path}: about {expected:,.0f} cells of {readable(size, 'm')} are expected, more than {most:,}",
             "Make mesh.size larger, or mesh.maximum_cells.",
         )
+    sizes = wall_sizes(voxels, image.spacing, len(labels), size, grade)
+    finest, affordable = _FINEST * float(image.spacing.min()), (6 * sum(volumes) / _MOST_LATTICE) ** (1 / 3)
+    spacing = min(max(_FINE * size, finest), max(_FINE * sizes.thinnest, finest, affordable))
     memberships = Memberships(voxels, len(labels), image.spacing, 0.5 * spacing)
     axes, begin = _middles(voxels.shape, image.spacing, spacing)
     found = np.stack([memberships.likeliest(x, *axes[1:]) for x in axes[0]])
@@ -144,7 +153,7 @@ def _meshed(
         lattice = replace(lattice, points=lattice.points + begin)
         for least in (GOOD, ROUGH):  # volumes are worth more than shapes of a few cells
             fitted, points = without_outside(
-                *_fitted(lattice, memberships, spacing, volumes, least, size, tolerance, path)
+                *_fitted(lattice, memberships, spacing, volumes, least, sizes, tolerance, path)
             )
             cells, of = fitted.cells, fitted.labels
             errors = _volume_errors(points, cells, of, volumes)
@@ -183,6 +192,7 @@ def _meshed(
     if np.linalg.det(image.axes) < 0:
         mesh = replace(mesh, cells=mirrored(mesh.cells))
     report_mesh(mesh, image.frame, report)
+    report_sizes(mesh, sizes, report)
     return mesh
 
 
@@ -210,14 +220,14 @@ def _fitted(
     spacing: float,
     volumes: Sequence[float],
     least: float,
-    size: float,
+    sizes: WallSizes,
     tolerance: float,
     path: Path,
 ) -> tuple[Lattice, Floats]:
     """Cells of a good shape and size, and their nodes on smooth boundaries; arguments are those of `smoothed`."""
     points = smoothed(lattice, memberships, spacing, volumes, ROUGH)
     for _ in range(_PASSES):  # in cells of good shape, nodes that were held back come nearer to the boundary
-        lattice = Lattice(*_remeshed(replace(lattice, points=points), size, tolerance, path))
+        lattice = Lattice(*_remeshed(replace(lattice, points=points), sizes, tolerance, path))
         points = smoothed(lattice, memberships, spacing, volumes, least)
     return lattice, points
 
@@ -263,7 +273,7 @@ def _middles(shape: tuple[int, ...], voxel: Floats, spacing: float) -> tuple[lis
     return [b + (np.arange(n) + 0.5) * spacing for b, n in zip(begin, counts, strict=True)], begin
 
 
-def _remeshed(lattice: Lattice, size: float, tolerance: float, path: Path) -> tuple[Floats, Ints, Ints]:
+def _remeshed(lattice: Lattice, sizes: WallSizes, tolerance: float, path: Path) -> tuple[Floats, Ints, Ints]:
     """Improve and coarsen cells by MMG; boundaries stay within the tolerance."""
     try:
         import mmgpy
@@ -271,12 +281,15 @@ def _remeshed(lattice: Lattice, size: float, tolerance: float, path: Path) -> tu
         raise SystemPartMissing(
             "images are meshed by MMG (mmgpy), which is not installed", "Install it by: pip install simpleitk mmgpy"
         ) from None
-    scale = 1 / size  # MMG's tolerances are made for lengths of about 1
+    scale = 1 / sizes.size  # MMG's tolerances are made for lengths of about 1
     mesh = mmgpy.MmgMesh3D()
     mesh.set_mesh_size(vertices=len(lattice.points), tetrahedra=len(lattice.cells))
     mesh.set_vertices(lattice.points * scale)
     mesh.set_tetrahedra(lattice.cells.astype(np.int32), refs=lattice.labels + 1)  # 0 is none to MMG
-    options: dict[str, Any] = {"hmax": 1.0, "hmin": 0.2, "hausd": tolerance * scale, "hgrad": 1.5}
+    if sizes.is_graded:
+        mesh.set_field("metric", sizes.at(lattice.points)[:, None] * scale)
+    least = min(sizes.least * scale, _UNIFORM)
+    options: dict[str, Any] = {"hmax": 1.0, "hmin": least, "hausd": tolerance * scale, "hgrad": 1.5}
     try:
         mesh.remesh(**options, ar=60.0, verbose=-1)
     except RuntimeError as error:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from hpcinv.mesh.imaging.lattice import OUTWARD, scaled_jacobians
+from hpcinv.mesh.imaging.wall_sizes import WallSizes
 from hpcinv.mesh.source import MeshSource
 from hpcinv.quantity.units import readable
+
+_NOTED = 0.05  # share of the surface at thin walls that is worth a word
 
 
 def report_mesh(source: MeshSource, frame: str, report: Callable[[str], None]) -> None:
@@ -32,6 +36,22 @@ def report_mesh(source: MeshSource, frame: str, report: Callable[[str], None]) -
         report(f"the body has {parts} parts that share no facet: each needs supports")
     if any(group.name == "cut" for group in source.groups):
         report("the body is cut by the border of the image (region 'cut')")
+
+
+def report_sizes(source: MeshSource, sizes: WallSizes, report: Callable[[str], None]) -> None:
+    """Report the lengths of edges, to which walls they are graded, and walls that are too thin for two of them."""
+    corners = source.points[source.cells]
+    edges = np.concatenate(
+        [np.linalg.norm(corners[:, i] - corners[:, j], axis=1) for i, j in combinations(range(4), 2)]
+    )
+    low, high = (readable(float(length), "m") for length in np.percentile(edges, (2, 98)))
+    graded = f", graded to walls from {readable(sizes.thinnest, 'm')}" if sizes.is_graded else ""
+    report(f"edges from {low} to {high} (without the shortest and longest 2 %){graded}")
+    if (share := sizes.share_too_thin) > _NOTED:
+        report(
+            f"{share:.0%} of the surface is at walls that are too thin for two cells of {readable(sizes.floor, 'm')}:"
+            " cells are flat there; a larger mesh.grade or a smaller mesh.size makes them smaller"
+        )
 
 
 def _parts(source: MeshSource) -> int:
