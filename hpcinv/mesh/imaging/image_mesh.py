@@ -37,7 +37,8 @@ _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
 _MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory
 _RIGHT = 0.01  # relative error of a volume that is not worth a word
-_REACHES = (4, 8, 10_000)  # cells of the lattice around crossing facets, in which cells outside keep surfaces apart
+_GAPS = 2  # cells of the lattice: half of the width of gaps in which cells outside the body keep surfaces apart
+_REACHES = (2, 6, 10_000)  # the same: distance from crossing facets, up to which others do
 _UNIFORM = 0.6  # smallest size of cells of one size, relative to the largest one
 _MOST_LATTICE = 1_500_000  # tetrahedra, unless the size of cells needs more
 _PASSES = 2  # of MMG, each with nodes moved to the boundary after it
@@ -240,15 +241,17 @@ def _crossing(points: Floats, facets: Ints, pairs: Ints) -> Floats:
 
 
 def _cells_outside(found: Ints, places: Ints, reach: int) -> Bools:
-    """Cells (as those of ``found``) outside the body, next to it and at most ``reach`` cells from ``places`` (n, 3).
+    """Cells (as those of ``found``) beside the body in narrow gaps, and up to ``reach`` cells from ``places`` (n, 3).
 
     There, they keep apart surfaces that face each other, and the surface from folding over: a cell between would be
     turned inside out.
     """
-    near = np.zeros(found.shape, dtype=bool)
+    body, cube = found > 0, np.ones((3, 3, 3))
+    around = ndimage.binary_dilation(body, cube)
+    near = ndimage.binary_closing(np.pad(body, 3), cube, iterations=_GAPS)[3:-3, 3:-3, 3:-3]
     for place in places:
         near[tuple(slice(max(i - reach, 0), i + reach + 1) for i in place)] = True
-    return np.asarray(near & (found == 0) & ndimage.binary_dilation(found > 0, np.ones((3, 3, 3))))
+    return np.asarray(near & around & ~body)
 
 
 def _box(image: LabelImage) -> tuple[Ints, Ints]:
