@@ -15,6 +15,7 @@ from scipy import ndimage
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.boundary_shells import shells
 from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
+from hpcinv.mesh.imaging.clean_surfaces import cells_between_surfaces
 from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.curved_cells import Boundary, curved, mirrored
 from hpcinv.mesh.imaging.given_surface import GivenSurface
@@ -149,12 +150,18 @@ def _meshed(
     )
     found, begin = np.pad(found, 1), begin - spacing  # with room for cells around the body
     outside = np.zeros(found.shape, dtype=bool)
+    filled, why = cells_between_surfaces(found, begin, spacing, memberships, sizes)
+    if why:
+        report(f"{why}: meshed from a lattice, which takes longer")
     for reach in (*_REACHES, 0):
-        lattice = lattice_of(found, spacing, (found > 0) | outside)
-        lattice = replace(lattice, points=lattice.points + begin)
+        if filled is None:
+            lattice = lattice_of(found, spacing, (found > 0) | outside)
+            lattice = replace(lattice, points=lattice.points + begin)
         for least in (GOOD, ROUGH):  # volumes are worth more than shapes of a few cells
             fitted, points = without_outside(
-                *_fitted(lattice, memberships, spacing, volumes, least, sizes, tolerance, path)
+                *_fitted(
+                    filled or lattice, memberships, spacing, volumes, least, sizes, tolerance, path, filled is None
+                )
             )
             cells, of = fitted.cells, fitted.labels
             errors = _volume_errors(points, cells, of, volumes)
@@ -163,6 +170,7 @@ def _meshed(
         crossing = _crossing(points, *interfaces(cells, of))
         if not len(crossing) or not reach:
             break
+        filled = None
         outside |= _cells_outside(found, ((crossing - begin) / spacing).astype(int), reach)
     if len(crossing):
         x, y, z = image.positions(crossing[:1] + first * image.spacing)[0]
@@ -224,10 +232,13 @@ def _fitted(
     sizes: WallSizes,
     tolerance: float,
     path: Path,
+    is_rough: bool,
 ) -> tuple[Lattice, Floats]:
     """Cells of a good shape and size, and their nodes on smooth boundaries; arguments are those of `smoothed`."""
     points = smoothed(lattice, memberships, spacing, volumes, ROUGH)
-    for _ in range(_PASSES):  # in cells of good shape, nodes that were held back come nearer to the boundary
+    for _ in range(
+        _PASSES if is_rough else 1
+    ):  # in cells of good shape, nodes that were held back come nearer to the boundary
         lattice = Lattice(*_remeshed(replace(lattice, points=points), sizes, tolerance, path))
         points = smoothed(lattice, memberships, spacing, volumes, least)
     return lattice, points

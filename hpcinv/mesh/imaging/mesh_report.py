@@ -45,8 +45,11 @@ def report_sizes(source: MeshSource, sizes: WallSizes, report: Callable[[str], N
         [np.linalg.norm(corners[:, i] - corners[:, j], axis=1) for i, j in combinations(range(4), 2)]
     )
     low, high = (readable(float(length), "m") for length in np.percentile(edges, (2, 98)))
-    graded = f", graded to walls from {readable(sizes.thinnest, 'm')}" if sizes.is_graded else ""
-    report(f"edges from {low} to {high} (without the shortest and longest 2 %){graded}")
+    share = sizes.share_of_walls
+    graded = f", graded to walls of down to {readable(sizes.thinnest, 'm')} at {share:.0%} of the surface"
+    report(
+        f"edges from {low} to {high} (without 2 % at each end){graded if share > _NOTED and sizes.is_graded else ''}"
+    )
     if (share := sizes.share_too_thin) > _NOTED:
         report(
             f"{share:.0%} of the surface is at walls that are too thin for two cells of {readable(sizes.floor, 'm')}:"

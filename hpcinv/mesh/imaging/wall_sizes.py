@@ -41,7 +41,12 @@ class WallSizes:
     @property
     def is_graded(self) -> bool:
         """Whether some walls are too thin for two cells of the largest size."""
-        return bool(self.floor < self.size and (self.thickness < 2 * self.size).any())
+        return self.floor < self.size and self.share_of_walls > 0
+
+    @property
+    def share_of_walls(self) -> float:
+        """Share of the boundary at walls that are too thin for two cells of the largest size."""
+        return float((self.thickness < 2 * self.size).mean()) if len(self.thickness) else 0.0
 
     @property
     def share_too_thin(self) -> float:
