@@ -30,7 +30,7 @@ def add_compare(commands: Any) -> None:
         page="how-to/compare.md",
     )
     parser.add_argument(
-        "one", type=Path, help="a mesh, a closed surface (.stl, .ply, .obj, .vtp), a segmented image, or a run"
+        "one", type=Path, help="a mesh, a closed surface (.stl, .ply, .obj, .vtp, .vtk), a segmented image, or a run"
     )
     parser.add_argument("other", type=Path, help="the body to compare with, given likewise")
     parser.add_argument("--unit", help="length unit of the files that are no runs (default: mm of images, else m)")

@@ -45,7 +45,7 @@ def add_mesh(commands: Any) -> None:
         examples="hpcinv mesh from-image organ.nii.gz organ.msh --label organ=1 --size '5 mm'",
         page="how-to/images.md",
     )
-    image.add_argument("input", type=Path, help="image of labels (.nii, .nii.gz, .nrrd, .mha, .mhd, .dcm)")
+    image.add_argument("input", type=Path, help="image of labels (.nii, .nrrd, .mha, .mhd, .vti, also with .gz; .dcm)")
     image.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
     image.add_argument(
         "--label", action="append", required=True, metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
@@ -71,7 +71,7 @@ def add_mesh(commands: Any) -> None:
         examples="hpcinv mesh from-surface organ.stl organ.msh --size '5 mm' --unit mm",
         page="how-to/images.md",
     )
-    surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp)")
+    surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
     surface.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
     surface.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
     surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")

@@ -87,11 +87,11 @@ def add_new(commands: Any) -> None:
     )
     new.add_argument("kind", choices=sorted(_GENERATED), help="kind of body")
     new.add_argument("output", type=Path, help="job file (.yaml) that is written")
-    new.add_argument("--image", type=Path, help="image of labels (.nii, .nii.gz, .nrrd, .mha, .mhd)")
+    new.add_argument("--image", type=Path, help="image of labels (.nii, .nrrd, .mha, .mhd, .vti, also with .gz)")
     new.add_argument(
         "--label", action="append", default=[], metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
     )
-    new.add_argument("--surface", type=Path, help="closed surface of triangles (.stl, .ply, .obj, .vtp)")
+    new.add_argument("--surface", type=Path, help="closed surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
     new.add_argument("--unit", help="length unit of the image (by default mm) or of the surface")
     new.add_argument("--size", help="largest length of edges; by default for about 8000 cells")
     new.add_argument("--force", action="store_true", help="replace files that exist")

@@ -65,9 +65,9 @@ Files = Annotated[ListOf[str], BeforeValidator(lambda v: [v] if isinstance(v, st
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
-IMAGES = (".nii", ".gz", ".nrrd", ".mha", ".mhd", ".dcm")
+IMAGES = (".nii", ".gz", ".nrrd", ".mha", ".mhd", ".vti", ".dcm")
 """suffixes of segmented images"""
-SURFACES = (".stl", ".ply", ".obj", ".vtp")
+SURFACES = (".stl", ".ply", ".obj", ".vtp", ".vtk")
 """suffixes of surfaces of triangles"""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 import struct
+import tracemalloc
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,9 @@ from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.checks import check, determinants
+from hpcinv.mesh.imaging import image_files
 from hpcinv.mesh.imaging.curved_cells import curved
+from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.imaging.wall_sizes import wall_sizes
 from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import MeshSource
@@ -115,6 +118,68 @@ def test_a_folded_surface_does_not_cross_itself(tmp_path: Path) -> None:
     source = meshed(written(tmp_path / "folds.mha", body), size="3.5 mm")
     assert find_overlap(surface_of(source)).pairs == 0
     assert volumes(source)["ball"] == pytest.approx(body.sum() * 1e-9, rel=0.01)
+
+
+def as_vti(image: Path, path: Path, on: str) -> Path:
+    """The image as VTK image data, with labels of its points or cells."""
+    read = SimpleITK.ReadImage(str(image))
+    voxels = SimpleITK.GetArrayFromImage(read).transpose()
+    axes = np.array(read.GetDirection()).reshape(3, 3)
+    origin = np.array(read.GetOrigin()) - (on == "cells") * axes @ np.array(read.GetSpacing()) / 2
+    grid = pyvista.ImageData(
+        dimensions=np.array(voxels.shape) + (on == "cells"),
+        spacing=read.GetSpacing(),
+        origin=origin,
+        direction_matrix=axes,
+    )
+    (grid.cell_data if on == "cells" else grid.point_data)["labels"] = voxels.ravel(order="F")
+    grid.save(path)
+    return path
+
+
+@pytest.mark.parametrize("ending", [".mhd", ".mha.gz", ".nrrd.gz", ".vti", ".vti.gz"])
+def test_all_formats_have_the_same_voxels_in_the_same_places(ending: str, tmp_path: Path) -> None:
+    voxels = np.random.default_rng(0).integers(0, 3, (7, 6, 5)).astype(np.int64)
+    meta: dict[str, Any] = {"direction": (0, 1, 0, 1, 0, 0, 0, 0, 1), "origin": (100, -50, 7)}
+    first = written(tmp_path / "image.mha", voxels, (1, 2, 3), **meta)
+    name = ending.removesuffix(".gz")
+    other = (
+        as_vti(first, tmp_path / "other.vti", "cells" if ".gz" in ending else "points")
+        if name == ".vti"
+        else written(tmp_path / f"other{name}", voxels, (1, 2, 3), **meta)
+    )
+    if ending != name:
+        other = tmp_path / f"packed{ending}"
+        other.write_bytes(gzip.compress((tmp_path / f"other{name}").read_bytes()))
+    one, two = (read_labels(path, {"a": [2], "b": [1]}, 1e-3) for path in (first, other))
+    assert np.array_equal(one.voxels, two.voxels)
+    assert np.array_equal(one.voxels == 1, voxels == 2)
+    places = np.indices(voxels.shape).reshape(3, -1).T * one.spacing
+    assert two.positions(places) == pytest.approx(one.positions(places), abs=1e-9)
+    other.write_bytes(other.read_bytes()[: len(other.read_bytes()) // 2])
+    with pytest.raises(MeshError, match=other.name):
+        read_labels(other, {"a": [2]}, 1e-3)
+
+
+def test_voxels_of_64_bits_take_no_more_memory_than_one_copy(tmp_path: Path) -> None:
+    voxels = np.zeros((160, 160, 160), dtype=np.int64)
+    voxels[20:90, 20:90, 20:90] = 5_000_000_000
+    image = written(tmp_path / "large.mha", voxels)
+    tracemalloc.start()
+    try:
+        found = read_labels(image, {"a": [5_000_000_000]}, 1e-3, neighbours={"b": [0]})
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert found.volume(1) == pytest.approx(70**3 * 1e-9)
+    assert peak < 1.7 * voxels.nbytes  # the array that was read, labels of 16 bits and a mask
+
+
+def test_images_that_exceed_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = written(tmp_path / "image.mha", ball())
+    monkeypatch.setattr(image_files, "available", lambda _comm: 1000)
+    with pytest.raises(MeshError, match="of memory"):
+        read_labels(image, {"a": [1]}, 1e-3)
 
 
 def test_other_frames(tmp_path: Path) -> None:
@@ -344,7 +409,7 @@ def inside(surface: Path, **mesh: Any) -> MeshSource:
     return source
 
 
-@pytest.mark.parametrize("ending", [".stl", ".ply", ".obj", ".vtp"])
+@pytest.mark.parametrize("ending", [".stl", ".ply", ".obj", ".vtp", ".vtk"])
 def test_a_surface_keeps_its_place_and_volume(ending: str, tmp_path: Path) -> None:
     surface = pyvista.Sphere(radius=10, center=(100, -20, 3), theta_resolution=40, phi_resolution=40)
     if ending == ".stl":

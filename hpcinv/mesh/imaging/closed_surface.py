@@ -6,19 +6,17 @@ surfaces of scans; cells cannot be worse for it.
 
 from __future__ import annotations
 
-import contextlib
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pyvista
-import vtk
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.imaging.label_image import LabelImage
+from hpcinv.mesh.imaging.label_image import Bools, LabelImage
+from hpcinv.mesh.imaging.vtk_messages import without_messages_of_vtk
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.runtime import MPI
@@ -70,9 +68,9 @@ def fill(
     inside = [_voxels(paths[0], of, grid, unit) for paths, of in zip(parts.values(), surfaces, strict=True)]
     order = sorted(range(len(inside)), key=lambda i: -int(inside[i].sum()))
     _check_nested([list(parts)[i] for i in order], [inside[i] for i in order], first)
-    voxels = np.zeros(counts, dtype=np.int64)
+    voxels = np.zeros(counts, dtype=np.int16)
     for i in order:  # the smaller one is cut out of the larger one
-        voxels[inside[i] > 0] = i + 1
+        voxels[inside[i]] = i + 1
     volumes = []
     for i, (mask, surface) in enumerate(zip(inside, surfaces, strict=True), start=1):
         kept = np.count_nonzero(voxels == i) / np.count_nonzero(mask)
@@ -82,8 +80,8 @@ def fill(
     return LabelImage(first, tuple(parts), voxels, np.full(3, voxel), origin, np.eye(3)), volumes, triangles.scale(unit)
 
 
-def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Ints:
-    """1 for voxels inside of a surface; ``MeshError`` if their volume is not that of the triangles."""
+def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Bools:
+    """Whether voxels are inside of a surface; ``MeshError`` if their volume is not that of the triangles."""
     voxel = float(grid.spacing[0])
     volume = signed_volume(surface)
     if not volume > 0 or not np.isfinite(volume):
@@ -97,10 +95,10 @@ def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit
             " these cells",
             "Repair the surface (Blender, MeshLab), or make mesh.size smaller.",
         )
-    return (inside > 0).astype(np.int64).reshape(grid.dimensions, order="F")
+    return (inside > 0).reshape(grid.dimensions, order="F")
 
 
-def _check_nested(names: Sequence[str], inside: Sequence[Ints], path: Path) -> None:
+def _check_nested(names: Sequence[str], inside: Sequence[Bools], path: Path) -> None:
     """Check that of two regions, the larger one first, the smaller is in the other or apart from it."""
     for i, one in enumerate(inside):
         for j in range(i + 1, len(inside)):
@@ -171,15 +169,19 @@ def _read(path: Path) -> pyvista.PolyData:
             f"{path}: reading it takes about {needed / 1e9:.1f} GB of memory, but {free / 1e9:.1f} GB are available",
             "Coarsen the surface: triangles below an eighth of the cells' size are not seen.",
         )
-    with _without_messages_of_vtk():
+    with without_messages_of_vtk():
         try:
             surface = pyvista.read(path)
         except Exception as error:  # readers of VTK raise various errors
             raise MeshError(
-                f"{path}: cannot be read as a surface: {error}", "Formats are STL, PLY, OBJ and VTP."
+                f"{path}: cannot be read as a surface: {error}", "Formats are STL, PLY, OBJ, VTP and VTK."
             ) from error
+    if isinstance(surface, pyvista.UnstructuredGrid) and {cell.dimension for cell in surface.distinct_cell_types} == {
+        2
+    }:
+        surface = surface.extract_surface(algorithm=None)
     if not isinstance(surface, pyvista.PolyData) or not surface.n_cells:
-        raise MeshError(f"{path}: has no triangles", "Formats are STL, PLY, OBJ and VTP.")
+        raise MeshError(f"{path}: has no triangles", "Formats are STL, PLY, OBJ, VTP and VTK.")
     if not np.isfinite(surface.points).all():
         raise MeshError(f"{path}: has coordinates that are not finite numbers")
     if not surface.is_all_triangles:
@@ -188,19 +190,6 @@ def _read(path: Path) -> pyvista.PolyData:
     if not surface.is_all_triangles:  # triangles without an area have become lines and points
         surface = pyvista.PolyData(surface.points, faces=surface.faces)
     return surface
-
-
-@contextlib.contextmanager
-def _without_messages_of_vtk() -> Iterator[None]:
-    """VTK's readers print their errors; what is wrong is told by an exception."""
-    before = vtk.vtkObject.GetGlobalWarningDisplay()
-    vtk.vtkObject.GlobalWarningDisplayOff()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        vtk.vtkObject.SetGlobalWarningDisplay(before)
 
 
 def _without_repeated(facets: Ints) -> Iterator[Ints]:

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.errors import MeshError, SystemPartMissing
-from hpcinv.mesh.imaging.dicom_segmentation import read_segmentation
-from hpcinv.mesh.imaging.headers import check_nifti, sheared
-from hpcinv.mesh.imaging.voxel_grid import VoxelGrid
-from hpcinv.mesh.source import Floats, Ints
+from hpcinv.errors import MeshError
+from hpcinv.mesh.imaging.headers import sheared
+from hpcinv.mesh.imaging.image_files import read_voxels
+from hpcinv.mesh.source import Floats
 from hpcinv.quantity.suggestions import did_you_mean
 
+type Labels = npt.NDArray[np.int16]
 type Bools = npt.NDArray[np.bool_]
 
 LPS = "LPS"
@@ -37,7 +37,7 @@ class LabelImage:
 
     path: Path
     names: Sequence[str]
-    voxels: Ints
+    voxels: Labels
     spacing: Floats
     origin: Floats
     axes: Floats
@@ -73,7 +73,7 @@ def read_labels(
         MeshError: it cannot be read, is not one of labels in three dimensions, or lacks a label.
         SystemPartMissing: the packages for images are not installed.
     """
-    grid = _read(path)
+    grid = read_voxels(path)
     numbers = grid.numbers
     around = neighbours or {}
     if none := [name for name, of in {**labels, **around}.items() if not of]:
@@ -83,10 +83,10 @@ def read_labels(
         raise MeshError(
             f"{path}: has {numbers.ndim} dimensions", "Give an image of three dimensions, such as one time of a series."
         )
-    found = np.unique(numbers)
+    found = np.unique(np.concatenate([np.unique(part) for part in numbers]))  # in parts, for large images
     if not np.array_equal(found, np.rint(found)):
         raise MeshError(f"{path}: its values are not whole numbers", "Give a segmentation, not the scan itself.")
-    voxels = np.zeros(numbers.shape, dtype=np.int64)
+    voxels = np.zeros(numbers.shape, dtype=np.int16)
     for name, of in {**labels, **around}.items():
         if missing := [number for number in of if number not in found]:
             known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
@@ -95,8 +95,9 @@ def read_labels(
                 "Correct 'labels' in the job's section 'mesh'.",
             )
     for index, of in enumerate(labels.values(), start=1):
-        voxels[np.isin(numbers, list(of))] = index
-    masks = {name: np.isin(numbers, list(of)) for name, of in around.items()}
+        for part, labelled in zip(numbers, voxels, strict=True):
+            labelled[np.isin(part, list(of))] = index
+    masks = {name: np.array([np.isin(part, list(of)) for part in numbers]) for name, of in around.items()}
     if sheared(grid.axes):
         raise MeshError(f"{path}: the axes of its voxels are not at right angles", "Resample it to a straight grid.")
     turn = frame_of(orientation)
@@ -116,7 +117,7 @@ def frame_of(orientation: str) -> Floats:
 
 def read_numbers(path: Path) -> Floats:
     """Return the numbers (nx, ny, nz) of an image; errors are those of `read_labels`."""
-    return np.asarray(_read(path).numbers)
+    return np.asarray(read_voxels(path).numbers)
 
 
 def _numbered(
@@ -129,33 +130,3 @@ def _numbered(
         if name not in names:
             raise MeshError(f"{path}: has no segment '{name}'.{did_you_mean(name, names)}")
     return {key: [names[name] if isinstance(name, str) else name for name in of] for key, of in labels.items()}
-
-
-def _read(path: Path) -> VoxelGrid:
-    if path.suffix == ".dcm":
-        return read_segmentation(path)
-    try:
-        import SimpleITK
-    except ImportError:
-        raise SystemPartMissing(
-            "images are read by SimpleITK, which is not installed", "Install it by: pip install simpleitk mmgpy"
-        ) from None
-    SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
-    if path.suffix in (".nii", ".gz"):
-        check_nifti(path)
-    try:
-        image = SimpleITK.ReadImage(str(path))
-    except RuntimeError as error:
-        said = str(error).strip().rsplit("\n", 1)[-1]
-        raise MeshError(
-            f"{path}: cannot be read as an image: {said}",
-            "Formats are NIfTI (.nii, .nii.gz), NRRD, MetaImage (.mha, .mhd) and DICOM-SEG (.dcm); axes must be at"
-            " right angles.",
-        ) from error
-    if (colours := image.GetNumberOfComponentsPerPixel()) > 1:
-        raise MeshError(
-            f"{path}: has {colours} numbers in each voxel", "Give a segmentation, with one number in each voxel."
-        )
-    numbers = SimpleITK.GetArrayFromImage(image).transpose()
-    spacing, origin = np.array(image.GetSpacing()), np.array(image.GetOrigin())
-    return VoxelGrid(numbers, spacing, origin, np.array(image.GetDirection()).reshape(len(spacing), -1))
