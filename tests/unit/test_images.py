@@ -297,6 +297,15 @@ def test_cavities_and_neighbours_are_regions(tmp_path: Path) -> None:
         meshed(image, **spec | {"neighbours": {"blood": 1}})
 
 
+def test_a_neighbour_behind_a_thin_wall_is_not_next_to_its_other_side(tmp_path: Path) -> None:
+    radii = np.linalg.norm(grid(30), axis=-1)
+    voxels = np.where(radii < 9.5, 7, np.where(radii < 12, 1, 0)).astype(np.uint8)
+    image = written(tmp_path / "vessel.nii.gz", voxels)
+    found = meshed(image, labels={"wall": 1}, neighbours={"blood": 7}, size="5 mm")
+    assert area(found, "wall|blood") == pytest.approx(4 * np.pi * 9.5e-3**2, rel=0.15)
+    assert area(found, "wall|outside") == pytest.approx(4 * np.pi * 12e-3**2, rel=0.15)
+
+
 def test_islands_are_left_out_and_told(tmp_path: Path) -> None:
     voxels, said = ball(), list[str]()
     voxels[0:2, 0, 0] = 1

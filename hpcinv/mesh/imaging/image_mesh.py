@@ -13,7 +13,6 @@ import pyvista
 from scipy import ndimage
 
 from hpcinv.errors import MeshError, SystemPartMissing
-from hpcinv.mesh.boundary_shells import shells
 from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.clean_surfaces import cells_between_surfaces
 from hpcinv.mesh.imaging.closed_surface import fill
@@ -23,6 +22,7 @@ from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of, without_outside
 from hpcinv.mesh.imaging.mesh_report import report_mesh, report_sizes
 from hpcinv.mesh.imaging.specks import check_thickness, without_lost_parts, without_specks
+from hpcinv.mesh.imaging.surroundings import OUTSIDE, Names, surroundings
 from hpcinv.mesh.imaging.wall_sizes import WallSizes, wall_sizes
 from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -31,9 +31,7 @@ from hpcinv.quantity.units import readable
 
 type Bools = npt.NDArray[np.bool_]
 
-type Names = npt.NDArray[np.object_]
-
-OUTSIDE, CUT, CAVITY = "outside", "cut", "cavity"
+CUT = "cut"
 _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
 _MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory
@@ -153,7 +151,7 @@ def _meshed(
     filled, why = cells_between_surfaces(found, begin, spacing, memberships, sizes)
     if why:
         report(f"{why}: meshed from a lattice, which takes longer")
-    for reach in (*_REACHES, 0):
+    for beside in (*_REACHES, 0):
         if filled is None:
             lattice = lattice_of(found, spacing, (found > 0) | outside)
             lattice = replace(lattice, points=lattice.points + begin)
@@ -168,16 +166,17 @@ def _meshed(
             if max(map(abs, errors)) < 0.5 * _RIGHT:
                 break
         crossing = _crossing(points, *interfaces(cells, of))
-        if not len(crossing) or not reach:
+        if not len(crossing) or not beside:
             break
         filled = None
-        outside |= _cells_outside(found, ((crossing - begin) / spacing).astype(int), reach)
+        outside |= _cells_outside(found, ((crossing - begin) / spacing).astype(int), beside)
     if len(crossing):
         x, y, z = image.positions(crossing[:1] + first * image.spacing)[0]
         report(f"{len(crossing)} facets of the surface cross others, such as at ({x:.4g}, {y:.4g}, {z:.4g}) m")
     facets, pairs = interfaces(cells, of)
     is_cut = _at_border(points, facets, first, image)
-    names = _outside(points, cells, facets, pairs, image, first, size)
+    reach = max(_NEXT * float(image.spacing.max()), _FINE * size)
+    names = surroundings(points, facets, pairs, image, first, reach)
     groups = _groups(image.names, of, pairs, is_cut, names)
     mesh = MeshSource(
         path=path,
@@ -347,45 +346,6 @@ def _at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> 
     for is_cut, depth in ((low == 0, middles), (high == last + 1, last - middles)):
         found |= is_cut & ((depth < -0.2) | ((depth < 1) & (np.abs(normals) > 0.5)))
     return np.asarray(found.any(axis=1))
-
-
-def _outside(
-    points: Floats, cells: Ints, facets: Ints, pairs: Ints, image: LabelImage, first: Ints, size: float
-) -> Names:
-    """What is on the other side of facets of the body's surface: a neighbour, a cavity or the outside."""
-    names = np.full(len(facets), OUTSIDE, dtype=object)
-    surface = np.flatnonzero(pairs[:, 0] == 0)
-    corners = points[facets[surface]]
-    # Facets of the cells in which they were found first are turned outwards.
-    below = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
-    number = shells(facets[surface], below)
-    for cavity in range(1, int(number.max(initial=0)) + 1):
-        names[surface[number == cavity]] = CAVITY if cavity == 1 else f"{CAVITY}-{cavity}"
-    if not image.neighbours:
-        return names
-    reach = max(_NEXT * float(image.spacing.max()), _FINE * size)
-    middles = corners.mean(axis=1)
-    places = np.rint(middles / image.spacing + first).astype(int)
-    margin = np.ceil(reach / image.spacing).astype(int) + 1
-    low = np.maximum(places.min(axis=0) - margin, 0)
-    box = tuple(slice(a, b) for a, b in zip(low, places.max(axis=0) + margin + 1, strict=True))
-    distances = []
-    for name, mask in image.neighbours.items():
-        here = mask[box]
-        away = (
-            ndimage.distance_transform_edt(~here, sampling=image.spacing) if here.any() else np.full(here.shape, np.inf)
-        )
-        at = np.clip(places - low, 0, np.array(here.shape) - 1)
-        distances.append(away[tuple(at.T)])
-        if not (distances[-1] <= reach).any():
-            raise MeshError(
-                f"{image.path}: the neighbour '{name}' is nowhere next to the body (within {readable(reach, 'm')})",
-                "Is its number right?",
-            )
-    nearest = np.argmin(distances, axis=0)
-    near = np.min(distances, axis=0) <= reach
-    names[surface[near]] = np.array(list(image.neighbours), dtype=object)[nearest[near]]
-    return names
 
 
 def _groups(names: Sequence[str], of: Ints, pairs: Ints, is_cut: Bools, outside: Names) -> tuple[Group, ...]:
