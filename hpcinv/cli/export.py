@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh import on_one_process
+from hpcinv.cli.mesh_input import on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.quantity.suggestions import did_you_mean

@@ -1,38 +1,35 @@
-"""``hpcinv mesh``: meshes of images and of surfaces, and partitioned meshes; on one process."""
+"""``hpcinv mesh``: meshes of images and of surfaces, pictures of meshes, and partitioned meshes; on one process."""
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError
-
 from hpcinv.cli.help import add_command
+from hpcinv.cli.mesh_input import JOBS, mesh_spec, on_one_process
+from hpcinv.cli.show import add_picture, show
 from hpcinv.errors import JobError, OutputError
 from hpcinv.files.untrusted import add_option, is_asked, mesh_fault
 from hpcinv.job.job import load
 from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
-from hpcinv.quantity.schema import job_error
 from hpcinv.quantity.units import length_symbol
 
 if TYPE_CHECKING:
     from hpcinv.mesh import MeshSource
 
 _GRADE = "ratio of --size and the smallest size of cells, as mesh.grade of a job"
-JOBS = (".yaml", ".yml")
-"""suffixes of job files"""
 
 
 def add_mesh(commands: Any) -> None:
     mesh = add_command(
         commands,
         "mesh",
-        "Mesh an image or a surface; cut a mesh into parts that many ranks read, and put one together again.",
+        "Mesh an image or a surface; draw a mesh; cut one into parts that many ranks read, and put it together again.",
         examples=("hpcinv mesh partition body.msh body.bp --parts 64\nhpcinv mesh gather body.bp body.vtu"),
         page="how-to/large-meshes.md",
     )
@@ -78,6 +75,16 @@ def add_mesh(commands: Any) -> None:
     surface.add_argument("--grade", type=float, help=_GRADE)
     _add_degree(surface)
     surface.set_defaults(command=_from_surface)
+
+    picture = add_command(
+        actions,
+        "show",
+        "Draw a mesh with its regions as a PNG, without a display; as 'hpcinv show'.",
+        examples="hpcinv mesh show organ.msh",
+        page="how-to/images.md",
+    )
+    add_picture(picture, "a mesh, a generator of one, or a job with its supports and loads")
+    picture.set_defaults(command=show, colour=None)
 
     partition = add_command(
         actions,
@@ -235,30 +242,9 @@ def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
     return mesh_spec(options.input, given), options.input
 
 
-def mesh_spec(path: Path, given: Mapping[str, Any]) -> MeshSpec:
-    """Return the mesh section for a mesh file or generator, with further entries of the section as ``given``.
-
-    Raises:
-        JobError: an entry is wrong.
-    """
-    try:
-        context = {"directory": path.parent, "untrusted": is_asked()}
-        return MeshSpec.model_validate({"file": path.name} | dict(given), context=context)
-    except ValidationError as error:
-        raise job_error(path, error, MeshSpec) from None
-
-
 def _parameter(text: str) -> tuple[str, Any]:
     """Parse ``nx=8`` as in a job file."""
     name, equals, value = text.partition("=")
     if not equals:
         raise JobError([f"--parameter {text}: is written NAME=VALUE"])
     return name, read_text(value, f"--parameter {name}")
-
-
-def on_one_process(command: str) -> None:
-    """Raise ``OutputError`` if a command was started with several ranks."""
-    from hpcinv.parallel.ranks import MPI
-
-    if MPI.COMM_WORLD.size > 1:
-        raise OutputError(f"'hpcinv {command}' works on one process", "Start it without mpirun, or with 'mpirun -n 1'.")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh import JOBS, on_one_process
+from hpcinv.cli.mesh_input import JOBS, on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.yaml_reader import read_yaml

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh import JOBS, mesh_spec, on_one_process
+from hpcinv.cli.mesh_input import JOBS, mesh_spec, on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import load
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def add_show(commands: Any) -> None:
-    show = add_command(
+    command = add_command(
         commands,
         "show",
         "Draw a job before it runs, a mesh, or the result of a run, as a PNG, without a display.",
@@ -30,25 +30,37 @@ def add_show(commands: Any) -> None:
         ),
         page="start/results.md",
     )
-    show.add_argument("input", type=Path, help="job file, mesh or generator of one, or directory of a run")
-    show.add_argument("--output", type=Path, help="picture to write (default: NAME.png in the working directory)")
-    show.add_argument("--colour", choices=COLOURS, help="field on the bodies of a run; by default displacement")
-    show.add_argument("--unit", help="length unit of a mesh, as mesh.unit of a job")
-    add_option(show)
-    show.set_defaults(command=_show)
+    add_picture(command, "job file, mesh or generator of one, or directory of a run")
+    command.add_argument("--colour", choices=COLOURS, help="field on the bodies of a run; by default displacement")
+    command.set_defaults(command=show)
 
 
-def _show(options: argparse.Namespace) -> int:
+def add_picture(command: argparse.ArgumentParser, given: str) -> None:
+    """Add what a command is given to draw, and the options of the picture."""
+    command.add_argument("input", type=Path, help=given)
+    command.add_argument(
+        "--output",
+        type=Path,
+        help="picture to write (default: in the working directory NAME.png of a job, NAME-mesh.png of a mesh,"
+        " NAME-result.png of a run)",
+    )
+    command.add_argument("--unit", help="length unit of a mesh, as mesh.unit of a job")
+    add_option(command)
+
+
+def show(options: argparse.Namespace) -> int:
+    """Draw what ``options.input`` is."""
     given: Path = options.input
     if not given.exists():
         raise OutputError(f"{given}: no such file or directory", "Give a job file, a mesh, or the directory of a run.")
-    path = options.output or Path(f"{given.resolve().stem}.png")
+    is_run = given.is_dir() and given.suffix != ".bp"
+    kind = "-result" if is_run else "" if given.suffix in JOBS else "-mesh"
+    path = options.output or Path(f"{given.resolve().stem}{kind}.png")  # a job, its mesh and its run have one name
 
     from hpcinv.pictures.drawing import check_png
 
     check_png(path)
     on_one_process("show")
-    is_run = given.is_dir() and given.suffix != ".bp"
     if options.colour and not is_run:
         raise OutputError(f"{given}: --colour is for results, and this is not the directory of a run")
     if options.unit and (is_run or given.suffix in JOBS):

@@ -38,8 +38,11 @@ def test_supports_and_loads_are_seen_before_a_run(tmp_path: Path) -> None:
 
 
 def test_a_mesh_is_drawn(tmp_path: Path) -> None:
-    show(tmp_path, MESHES / "box.py", "--output", "box.png")
-    assert (tmp_path / "box.png").stat().st_size > 10_000
+    assert show(tmp_path, MESHES / "box.py").split() == ["box-mesh.png"]
+    assert (tmp_path / "box-mesh.png").stat().st_size > 10_000
+    done = hpcinv(1, "mesh", "show", str(MESHES / "box.py"), "--output", "other.png", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "other.png").read_bytes() == (tmp_path / "box-mesh.png").read_bytes()
 
 
 def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
@@ -52,7 +55,9 @@ def test_all_states_of_a_run_are_drawn(tmp_path: Path) -> None:
     show(tmp_path, "run")
     show(tmp_path, "run", "--colour", "error", "--output", "error.png")
     show(tmp_path, "block.yaml")
-    first, second, before = (matplotlib.image.imread(tmp_path / name) for name in ("run.png", "error.png", "block.png"))
+    first, second, before = (
+        matplotlib.image.imread(tmp_path / name) for name in ("run-result.png", "error.png", "block.png")
+    )
     assert first.shape[1] == 3 * before.shape[1] // 2  # three bodies beside each other, two views
     assert not np.array_equal(first, second)
 

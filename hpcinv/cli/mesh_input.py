@@ -1,0 +1,38 @@
+"""Meshes that commands are given: their section as in a job."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from hpcinv.errors import OutputError
+from hpcinv.files.untrusted import is_asked
+from hpcinv.job.sections import MeshSpec
+from hpcinv.quantity.schema import job_error
+
+JOBS = (".yaml", ".yml")
+"""suffixes of job files"""
+
+
+def mesh_spec(path: Path, given: Mapping[str, Any]) -> MeshSpec:
+    """Return the mesh section for a mesh file or generator, with further entries of the section as ``given``.
+
+    Raises:
+        JobError: an entry is wrong.
+    """
+    try:
+        context = {"directory": path.parent, "untrusted": is_asked()}
+        return MeshSpec.model_validate({"file": path.name} | dict(given), context=context)
+    except ValidationError as error:
+        raise job_error(path, error, MeshSpec) from None
+
+
+def on_one_process(command: str) -> None:
+    """Raise ``OutputError`` if a command was started with several ranks."""
+    from hpcinv.parallel.ranks import MPI
+
+    if MPI.COMM_WORLD.size > 1:
+        raise OutputError(f"'hpcinv {command}' works on one process", "Start it without mpirun, or with 'mpirun -n 1'.")
