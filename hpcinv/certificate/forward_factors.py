@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 SHARE = 0.5
 """Largest time of the factorization, relative to an iterative solve of the same body."""
+LOW_RANK = 3e10
+"""Operations of a factorization L U from which it pays to compress blocks of the rounded factors L D Lᵀ."""
 
 
 class ForwardFactors:
@@ -31,8 +33,14 @@ class ForwardFactors:
         model = self._model
         if not self.affordable:
             return None
+        choice = model.chooser.choose(model.job.solver)
         with self.tangent() as equilibrium, model.timings("factorization"):
-            return factorize_symmetric(equilibrium.system.matrix)
+            return factorize_symmetric(
+                equilibrium.system.matrix,
+                rounded=choice.precision == "single",
+                low_rank=model.chooser.forecast.operations >= LOW_RANK,
+                minimum_fill=choice.minimum_fill,
+            )
 
     @property
     def affordable(self) -> bool:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from petsc4py import PETSc
+
+from hpcinv.solver.petsc_options import Value
 
 
 @dataclass(frozen=True)
@@ -19,11 +23,17 @@ class Inertia:
     asymmetry: float
 
 
-_OPTIONS = {
+_OPTIONS: Mapping[str, Value] = {
     "mat_mumps_icntl_13": 1,  # no ScaLAPACK on the root, where negative pivots are not counted
     "mat_mumps_icntl_24": 1,  # detect null pivots
     "mat_mumps_icntl_14": 50,
 }
+_ROUNDED: Mapping[str, Value] = {"pc_precision": "single"}
+_LOW_RANK: Mapping[str, Value] = {"mat_mumps_icntl_35": 2, "mat_mumps_cntl_7": 1e-3}
+_MINIMUM_FILL: Mapping[str, Value] = {"mat_mumps_icntl_7": 2}
+_ITERATIONS = 30  # of GMRES, by which rounded factors are tested
+_SOLVED = 1e-8  # relative residual there
+_LEAST = 0.1  # real part of an eigenvalue there
 
 
 class SymmetricFactors:
@@ -48,10 +58,18 @@ class SymmetricFactors:
         self._symmetric.destroy()
 
 
-def factorize_symmetric(matrix: PETSc.Mat) -> SymmetricFactors | None:
+def factorize_symmetric(
+    matrix: PETSc.Mat, *, rounded: bool = False, low_rank: bool = False, minimum_fill: bool = False
+) -> SymmetricFactors | None:
     """Factorize the symmetric part of a matrix; collective.
 
     ``None`` if that fails, or if the matrix has entries that are not finite, of which MUMPS makes zero pivots.
+
+    Args:
+        rounded: whether factors in single precision will do. They are tested, and made in double precision if their
+            inertia might not be that of the matrix.
+        low_rank: whether blocks of rounded factors are compressed.
+        minimum_fill: whether to order the unknowns by approximate minimum fill; else MUMPS chooses METIS.
     """
     symmetric = matrix.transpose(PETSc.Mat())
     symmetric.aypx(-1.0, matrix)  # K - Kᵀ
@@ -63,26 +81,65 @@ def factorize_symmetric(matrix: PETSc.Mat) -> SymmetricFactors | None:
     symmetric.scale(-0.5)
     option: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
     symmetric.setOption(option, True)
+    options = {**_OPTIONS, **(_MINIMUM_FILL if minimum_fill else {})}
+    pc = None
+    if rounded:
+        pc = _factorized(symmetric, {**options, **_ROUNDED, **(_LOW_RANK if low_rank else {})})
+        if pc is not None and not _has_inertia_of(pc, symmetric):
+            pc.destroy()
+            pc = None
+    pc = pc or _factorized(symmetric, options)
+    if pc is None:
+        symmetric.destroy()
+        return None
+    return SymmetricFactors(pc, symmetric, norms[0] / (2 * norms[1]))
+
+
+def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value]) -> PETSc.PC | None:
+    """Return factors of a symmetric matrix, ``None`` if MUMPS fails; collective."""
     database, prefix = PETSc.Options("inertia_"), "inertia_"
-    for name, value in _OPTIONS.items():
+    for name, value in options.items():
         database.setValue(name, value)
     pc = PETSc.PC().create(matrix.comm)
     try:
         pc.setOptionsPrefix(prefix)
-        pc.setOperators(symmetric)
+        pc.setOperators(matrix)
         pc.setType(PETSc.PC.Type.CHOLESKY)
         pc.setFactorSolverType("mumps")
         pc.setFromOptions()
         pc.setUp()
         reason: Any = pc.getFailedReason()
     finally:
-        for name in _OPTIONS:
+        for name in options:
             database.delValue(name)
-    if reason != PETSc.PC.FailedReason.NOERROR:
-        pc.destroy()
-        symmetric.destroy()
-        return None
-    return SymmetricFactors(pc, symmetric, norms[0] / (2 * norms[1]))
+    if reason == PETSc.PC.FailedReason.NOERROR:
+        return pc
+    pc.destroy()
+    return None
+
+
+def _has_inertia_of(pc: PETSc.PC, matrix: PETSc.Mat) -> bool:
+    """Return whether factors M of a matrix K, both symmetric, have its inertia; collective.
+
+    Between them, ``M + t (K - M)`` is singular for some t if ``M⁻¹K`` has a real eigenvalue that is not positive, and
+    only then can a sign change. GMRES for a random vector shows the eigenvalues that are far from 1.
+    """
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setType(PETSc.KSP.Type.GMRES)
+    ksp.setOperators(matrix)
+    ksp.setPC(pc)
+    ksp.setComputeEigenvalues(True)
+    ksp.setGMRESRestart(_ITERATIONS)
+    ksp.setTolerances(rtol=_SOLVED, max_it=_ITERATIONS)
+    pc.setReusePreconditioner(True)
+    x, b = matrix.createVecs()
+    b.setRandom()
+    ksp.solve(b, x)
+    reason: Any = ksp.getConvergedReason()  # an int, whatever its stub says
+    found = reason > 0 and bool((np.asarray(ksp.computeEigenvalues()).real > _LEAST).all())
+    for one in (x, b, ksp):
+        one.destroy()
+    return found
 
 
 def inertia(matrix: PETSc.Mat) -> Inertia | None:

@@ -19,7 +19,7 @@ import hpcinv
 from hpcinv.certificate import Line, Verdict, at_least, at_most
 from hpcinv.certificate.check import Certificate
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
-from hpcinv.certificate.inertia import inertia
+from hpcinv.certificate.inertia import factorize_symmetric
 from hpcinv.mesh import build_body
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
@@ -125,21 +125,37 @@ def test_the_estimate_says_where_the_error_is(comm: MPI.Intracomm) -> None:
     assert clamped > 5 * free > 0
 
 
+def filled(dense: np.ndarray, comm: MPI.Intracomm) -> PETSc.Mat:
+    matrix = PETSc.Mat().createAIJ(dense.shape, comm=comm)
+    matrix.setUp()
+    begin, end = matrix.getOwnershipRange()
+    matrix.setValues(range(begin, end), range(len(dense)), dense[begin:end])
+    matrix.assemble()
+    return matrix
+
+
 @pytest.mark.parallel([1, 2])
-def test_inertia_counts_signs_of_eigenvalues(comm: MPI.Intracomm) -> None:
+@pytest.mark.parametrize("options", [{}, {"rounded": True}, {"rounded": True, "low_rank": True}, {"minimum_fill": True}])
+def test_inertia_counts_signs_of_eigenvalues(options: dict[str, bool], comm: MPI.Intracomm) -> None:
     random = np.random.default_rng(3)
     dense = random.normal(size=(30, 30))
     dense = dense + dense.T + 1e-3 * random.normal(size=(30, 30))
     values = np.linalg.eigvalsh((dense + dense.T) / 2)
-    matrix = PETSc.Mat().createAIJ((30, 30), comm=comm)
-    matrix.setUp()
-    begin, end = matrix.getOwnershipRange()
-    matrix.setValues(range(begin, end), range(30), dense[begin:end])
-    matrix.assemble()
-    found = inertia(matrix)
-    assert found is not None
+    factors = factorize_symmetric(filled(dense, comm), **options)
+    assert factors is not None
+    found = factors.inertia
     assert (found.negative, found.zero, found.positive) == ((values < 0).sum(), 0, (values > 0).sum())
     assert found.asymmetry == pytest.approx(np.linalg.norm(dense - dense.T) / 2 / np.linalg.norm(dense))
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("least", [1e-10, -1e-10])
+def test_rounded_factors_do_not_change_the_sign_of_a_small_eigenvalue(least: float, comm: MPI.Intracomm) -> None:
+    directions, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(30, 30)))
+    values = np.concatenate([[least], np.linspace(1.0, 2.0, 29)])
+    factors = factorize_symmetric(filled(directions * values @ directions.T, comm), rounded=True)
+    assert factors is not None
+    assert factors.inertia.negative == (least < 0)
 
 
 @pytest.mark.everyday("1.05", "9.5", "8.7")
