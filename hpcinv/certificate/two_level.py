@@ -1,20 +1,23 @@
 """Correction of a solution in spaces of one degree more, without a matrix or a factorization there.
 
-The linear system ``K δ = -R(u_h)`` of these spaces is solved by FGMRES to the accuracy that an estimate needs. K is
-applied by differences of the residual. The preconditioner has two levels: some iterations of GMRES with a diagonal
-take care of what the finer spaces add, and the factors of the solve, or its multigrid, of what the spaces of the
-solution can represent. The number of iterations hardly depends on the number of unknowns.
+The linear system ``K δ = -R(u_h)`` of these spaces is solved to the accuracy that an estimate needs. K is applied by
+differences of the residual, which takes nearly all of the time. The preconditioner changes between two levels: in most
+iterations it is a diagonal, for what the finer spaces add, and then the factors of the solve, or its multigrid, for
+what the spaces of the solution can represent. GCR finds the combination of all directions so far with the least
+residual, whatever the preconditioner of each was. A last correction by the factors does not have to be multiplied by K.
+The number of iterations hardly depends on the number of unknowns.
 
-Source: Elman, Silvester & Wathen, *Finite Elements and Fast Iterative Solvers* (2014), ch. 2 and 4,
-doi:10.1093/acprof:oso/9780199678792.001.0001.
+Source: Eisenstat, Elman & Schultz, SIAM J. Numer. Anal. 20, 345–357 (1983), doi:10.1137/0720023; Elman, Silvester &
+Wathen, *Finite Elements and Fast Iterative Solvers* (2014), ch. 2 and 4, doi:10.1093/acprof:oso/9780199678792.001.0001.
 """
 
-from collections.abc import Callable
+import math
 from functools import partial
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
@@ -24,18 +27,20 @@ from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
-from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.problem import Model
 
+type Singles = npt.NDArray[np.float32]
+
 MANY = 1e11
 """Operations of a factorization in the finer spaces from which iterations take less time."""
-_SMOOTHING = 16  # iterations of GMRES on the finer level
-_ITERATIONS = 10
-_ACCURACY = 0.1  # of the residual, and of the change of the displacement in one iteration, both relative
-_SOLVED = 1e-3  # relative residual at which the correction is found in any case
+_SMOOTHING = 8  # iterations with the diagonal before one with the factors
+_CYCLES = 10  # of these
+_RESIDUAL = 0.05  # relative, at which the correction may be found
+_CHANGE = 0.15  # of the displacement in one cycle, relative; each cycle about halves its error, or better
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
@@ -117,7 +122,7 @@ class _FinerProblem:
     """``K δ = -R`` of the finer problem, at the present state of its model."""
 
     def __init__(self, finer: Model, direction: Direction, coarse: _Coarse) -> None:
-        self._coarse = coarse
+        self._coarse, self._comm = coarse, finer.body.mesh.comm
         self._unknowns, self._conditions = finer.unknowns, finer.supports.conditions
         scene, state = finer.scene(direction), finer.unknowns.state.x
         scene.parameters.set_load(1.0)
@@ -128,113 +133,86 @@ class _FinerProblem:
         with finer.timings("compile"):
             self._form = fem.form(scene.residual, jit_options=JIT_OPTIONS)
         self._at: Floats = state.array.copy()
-        self._residual = fem_petsc.create_vector(self._unknowns.space)
-        self._assemble(self._residual)
-        self._diagonal, stiffness = self._residual.duplicate(), stiffness_diagonal(scene)
-        _join(self._unknowns, [stiffness.x.petsc_vec], self._diagonal)
+        self._b, self._x = (fem_petsc.create_vector(self._unknowns.space) for _ in range(2))
+        self._residual = self._assemble()
+        stiffness = stiffness_diagonal(scene)
+        _join(self._unknowns, [stiffness.x.petsc_vec], self._x)
+        self._diagonal: Singles = self._x.array.astype(np.float32)
         if self._unknowns.p is not None:
             configuration = Iterative(scene)
-            self._diagonal.array[self._unknowns.owned_pressure_dofs] = -configuration.pressure_scale()
+            self._diagonal[self._unknowns.owned_pressure_dofs] = -configuration.pressure_scale()
             configuration.destroy()
-        self._start, self._last = 0.0, fem_petsc.create_vector(self._unknowns.displacement_space)
 
     def solve(self) -> bool:
         """Add the solution to the state, if the iterations converge; return whether they did."""
-        sizes, comm = self._residual.getSizes(), self._residual.comm
-        matrix = PETSc.Mat().createPython((sizes, sizes), self, comm=comm)
-        self._smoother = _krylov(PETSc.KSP.Type.GMRES, matrix, self._divide, 1e-3, _SMOOTHING)
-        ksp = _krylov(PETSc.KSP.Type.FGMRES, matrix, self._precondition, _SOLVED, _ITERATIONS)
-        ksp.setConvergenceTest(self._test_convergence)
-        x = self._residual.duplicate()
-        ksp.solve(self._residual, x)
-        reason: Any = ksp.getConvergedReason()  # an int, whatever its stub says
-        converged = reason > 0 and bool(np.isfinite(norm(x)))
+        x = self._solution()
         state = self._unknowns.state.x
         state.array[:] = self._at
-        if converged:
-            state.petsc_vec.axpy(-1.0, x)
+        if x is not None:
+            state.array[: len(x)] -= x
             state.scatter_forward()
-        for one in (x, ksp, self._smoother, matrix, self._residual, self._diagonal, self._last):
-            one.destroy()
-        return converged
+        self._b.destroy()
+        self._x.destroy()
+        return x is not None
 
-    def mult(self, _matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Multiply by K, for PETSc."""
-        self._apply(x, y)
+    def _solution(self) -> Singles | None:
+        """Return ``K⁻¹ R`` at the owned unknowns; ``None`` if the iterations do not converge."""
+        r = self._residual.astype(np.float32)  # which is enough for an estimate
+        x, last, start = np.zeros_like(r), np.zeros_like(r), self._length(r)
+        if start == 0.0:
+            return x
+        u = self._unknowns.owned_displacement_dofs
+        directions, products = (np.empty((_CYCLES * (_SMOOTHING + 1), len(r)), r.dtype) for _ in range(2))
+        for k in range(len(directions)):
+            is_smoothing = k % (_SMOOTHING + 1) < _SMOOTHING
+            direction = r / self._diagonal if is_smoothing else self._by_factors(r)
+            if not is_smoothing:
+                found, residual = x + direction, self._length(r)
+                change, size = self._length((found - last)[u]), self._length(found[u])
+                if not np.isfinite(size + residual):
+                    return None
+                if residual <= _RESIDUAL * start and change <= _CHANGE * size:
+                    return found
+                last = found
+            product = self._times(direction)
+            parts = self._sum(products[:k] @ product)  # products of K and earlier directions, orthonormal
+            direction -= parts @ directions[:k]
+            product -= parts @ products[:k]
+            length = self._length(product)
+            directions[k], products[k] = direction / length, product / length
+            part = self._sum(products[k] @ r)
+            x += part * directions[k]
+            r -= part * products[k]
+        return None
 
-    def _apply(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Set ``y`` to ``K x``."""
-        length, state = norm(x), self._unknowns.state.x
-        if length == 0.0:
-            y.set(0.0)
-            return
-        share = _INCREMENT / length
+    def _by_factors(self, r: Singles) -> Singles:
+        """Return the solution in the given spaces for a residual."""
+        self._b.array[:] = r
+        self._coarse.apply(self._b, self._x)
+        return self._x.array.astype(np.float32)
+
+    def _times(self, x: Singles) -> Singles:
+        """Return ``K x``."""
+        state, share = self._unknowns.state.x, _INCREMENT / self._length(x)
         state.array[:] = self._at
-        state.petsc_vec.axpy(share, x)
+        state.array[: len(x)] += share * x
         state.scatter_forward()
-        self._assemble(y)
-        y.axpby(-1.0 / share, 1.0 / share, self._residual)
+        return ((self._assemble() - self._residual) / share).astype(np.float32)
 
-    def _test_convergence(self, ksp: PETSc.KSP, iteration: int, residual: float) -> Any:  # an int for PETSc
-        """Convergence test of PETSc: a small residual alone does not tell that soft motions are right."""
-        reasons, x = PETSc.KSP.ConvergedReason, self._residual.duplicate()
-        ksp.buildSolution(x)
-        displacement, *_ = _split(self._unknowns, x)
-        if iteration == 0:
-            self._start = residual
-        u = displacement.x.petsc_vec  # its memory belongs to the function
-        self._last.aypx(-1.0, u)
-        settled = norm(self._last) <= _ACCURACY * norm(u)
-        u.copy(self._last)
-        x.destroy()
-        if not np.isfinite(residual):
-            return reasons.DIVERGED_NANORINF
-        if residual <= _SOLVED * self._start or (settled and residual <= _ACCURACY * self._start):
-            return reasons.CONVERGED_RTOL
-        return reasons.DIVERGED_MAX_IT if iteration >= _ITERATIONS else reasons.CONVERGED_ITERATING
+    def _assemble(self) -> Floats:
+        """Return the residual at the state, zero at prescribed displacements."""
+        with self._b.localForm() as local:
+            local.set(0.0)
+        fem_petsc.assemble_vector(self._b, self._form)
+        self._b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        fem_petsc.set_bc(self._b, self._conditions, alpha=0.0)
+        return np.array(self._b.array)
 
-    def _assemble(self, b: PETSc.Vec) -> None:
-        """Assemble the residual at the state into ``b``, zero at prescribed displacements."""
-        vector = fem_petsc.assemble_vector(self._form)
-        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        fem_petsc.set_bc(vector, self._conditions, alpha=0.0)
-        vector.copy(b)
-        vector.destroy()
+    def _sum(self, a: Any) -> Any:
+        return self._comm.allreduce(a, op=MPI.SUM)
 
-    def _divide(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        x.pointwiseDivide(b, self._diagonal)
-
-    def _precondition(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        self._smoother.solve(b, x)
-        left, more = b.duplicate(), b.duplicate()
-        self._apply(x, left)
-        left.aypx(-1.0, b)
-        self._coarse.apply(left, more)
-        x.axpy(1.0, more)
-        left.destroy()
-        more.destroy()
-
-
-class _Preconditioner:
-    """A function as a preconditioner of PETSc."""
-
-    def __init__(self, function: Callable[[PETSc.Vec, PETSc.Vec], None]) -> None:
-        self._function = function
-
-    def apply(self, _pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        self._function(b, x)
-
-
-def _krylov(
-    kind: str, matrix: PETSc.Mat, preconditioner: Callable[[PETSc.Vec, PETSc.Vec], None], accuracy: float, limit: int
-) -> PETSc.KSP:
-    ksp = PETSc.KSP().create(matrix.comm)
-    ksp.setType(kind)
-    ksp.setOperators(matrix)
-    ksp.setTolerances(rtol=accuracy, max_it=limit)
-    ksp.pc.setType(PETSc.PC.Type.PYTHON)
-    ksp.pc.setPythonContext(_Preconditioner(preconditioner))
-    return ksp
+    def _length(self, a: Singles) -> float:
+        return math.sqrt(self._sum(float(a @ a)))
 
 
 def _split(unknowns: Unknowns, x: PETSc.Vec) -> list[fem.Function]:

@@ -107,6 +107,6 @@ def test_iterations_that_do_not_converge_are_followed_by_a_factorization(
     monkeypatch.setattr(two_level, "MANY", np.inf)
     exact = estimate(standing(), comm)
     monkeypatch.setattr(two_level, "MANY", 0.0)
-    monkeypatch.setattr(two_level, "_ITERATIONS", 1)
+    monkeypatch.setattr(two_level, "_CYCLES", 1)
     found = estimate(standing(), comm)
     assert found.shape == pytest.approx(exact.shape, rel=1e-6)
