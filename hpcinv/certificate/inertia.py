@@ -132,7 +132,8 @@ def _has_inertia_of(pc: PETSc.PC, matrix: PETSc.Mat) -> bool:
     ksp.setGMRESRestart(_ITERATIONS)
     ksp.setTolerances(rtol=_SOLVED, max_it=_ITERATIONS)
     pc.setReusePreconditioner(True)
-    x, b = matrix.createVecs()
+    b = matrix.createVecLeft()
+    x = b.duplicate()
     b.setRandom()
     ksp.solve(b, x)
     reason: Any = ksp.getConvergedReason()  # an int, whatever its stub says

@@ -189,7 +189,7 @@ class _FinerProblem:
         """Return the solution in the given spaces for a residual."""
         self._b.array[:] = r
         self._coarse.apply(self._b, self._x)
-        return self._x.array.astype(np.float32)
+        return np.array(self._x.array, dtype=np.float32)
 
     def _times(self, x: Singles) -> Singles:
         """Return ``K x``."""
@@ -197,7 +197,7 @@ class _FinerProblem:
         state.array[:] = self._at
         state.array[: len(x)] += share * x
         state.scatter_forward()
-        return ((self._assemble() - self._residual) / share).astype(np.float32)
+        return np.array((self._assemble() - self._residual) / share, dtype=np.float32)
 
     def _assemble(self) -> Floats:
         """Return the residual at the state, zero at prescribed displacements."""

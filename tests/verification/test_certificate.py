@@ -135,7 +135,9 @@ def filled(dense: np.ndarray, comm: MPI.Intracomm) -> PETSc.Mat:
 
 
 @pytest.mark.parallel([1, 2])
-@pytest.mark.parametrize("options", [{}, {"rounded": True}, {"rounded": True, "low_rank": True}, {"minimum_fill": True}])
+@pytest.mark.parametrize(
+    "options", [{}, {"rounded": True}, {"rounded": True, "low_rank": True}, {"minimum_fill": True}]
+)
 def test_inertia_counts_signs_of_eigenvalues(options: dict[str, bool], comm: MPI.Intracomm) -> None:
     random = np.random.default_rng(3)
     dense = random.normal(size=(30, 30))
