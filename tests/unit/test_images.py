@@ -22,6 +22,7 @@ from hpcinv.mesh.body import read_source
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.checks import check, determinants
 from hpcinv.mesh.imaging import image_files
+from hpcinv.mesh.imaging.clean_surfaces import _parts, _without_touching_edges
 from hpcinv.mesh.imaging.curved_cells import curved
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.imaging.wall_sizes import wall_sizes
@@ -351,6 +352,37 @@ def test_what_cannot_be_meshed_is_told(voxels: Callable[[], np.ndarray], fault: 
     assert fault in str(told.value)
 
 
+def test_labels_that_touch_in_edges_only_are_joined_before_they_are_filled() -> None:
+    """Cubes of one label side by side, over an edge, and in a corner; two labels in turn stay."""
+    found = np.zeros((6, 6, 6), dtype=np.int64)
+    found[1, 1, 1] = found[2, 2, 1] = found[4, 4, 3] = found[4, 4, 4] = 1
+    joined = _without_touching_edges(found)
+    assert joined.sum() == found.sum() + 1
+    assert joined[1, 2, 1] + joined[2, 1, 1] == 1
+    assert np.array_equal(_without_touching_edges(joined), joined)
+    parts, label_of = _parts(np.where(np.indices((4, 4, 4)).sum(axis=0) % 2, 1, 2))
+    assert len(label_of) == 65
+    assert np.array_equal(np.unique(parts), np.arange(1, 65))
+
+
+@pytest.mark.parametrize("voxels", ["touching", "apart", "nested"])
+def test_only_clean_surfaces_are_filled(voxels: str, tmp_path: Path) -> None:
+    """The rest is meshed from a lattice, and the log says why."""
+    x, radii, said = grid()[..., 0], np.linalg.norm(grid(), axis=-1), list[str]()
+    labels = {
+        "touching": np.where(x < 0, 1, 2),  # which meet along a circle on the outside
+        "apart": np.where(x < -2, 1, np.where(x > 2, 2, 0)),
+        "nested": np.where(radii < 6, 2, 1),
+    }[voxels]
+    image = written(tmp_path / "image.nii.gz", (labels * (radii < BALL)).astype(np.uint8))
+    source = meshed(image, said, labels={"one": 1, "two": 2})
+    found = volumes(source)
+    assert found["one"] == pytest.approx(((labels == 1) & (radii < BALL)).sum() * 1e-9, rel=0.01)
+    assert found["two"] == pytest.approx(((labels == 2) & (radii < BALL)).sum() * 1e-9, rel=0.01)
+    is_told = any("labels meet along curves or in points: meshed from a lattice" in line for line in said)
+    assert is_told == (voxels == "touching")
+
+
 def with_header(path: Path, *changes: tuple[str, int, tuple[float, ...]]) -> Path:
     """The ball cut in half as a NIfTI file, with values of its header in other places."""
     raw = bytearray(gzip.decompress(written(path, ball()[:, :, 12:]).read_bytes()))
@@ -452,6 +484,21 @@ def inside_each_other() -> pyvista.PolyData:
 def test_surfaces_of_several_shells(surface: Callable[[], pyvista.PolyData], volume: float, tmp_path: Path) -> None:
     surface().save(tmp_path / "body.stl")
     assert volumes(inside(tmp_path / "body.stl"))["body"] == pytest.approx(volume * 1e-9, rel=0.02)
+
+
+def test_thin_walls_between_surfaces_are_meshed_in_large_cells(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A wall of 0.3 mm in cells of up to 1.5 mm."""
+    pyvista.Sphere(radius=2, theta_resolution=40, phi_resolution=40).save(tmp_path / "outer.stl")
+    pyvista.Sphere(radius=1.7, theta_resolution=40, phi_resolution=40).save(tmp_path / "inner.stl")
+    mesh = {"surfaces": {"wall": ["outer.stl", "inner.stl"]}, "unit": "mm", "size": "1.5 mm"}
+    job = parse({**JOB, "mesh": mesh, "supports": [HELD]}, tmp_path / "job.yaml")
+    source = read_source(job.mesh, tmp_path / job.mesh.file)
+    check(source)
+    assert volumes(source)["wall"] == pytest.approx(4 / 3 * np.pi * (2**3 - 1.7**3) * 1e-9, rel=0.03)
+    assert {g.name for g in source.groups} == {"wall", "wall|outside", "wall|cavity"}
+    assert capfd.readouterr() == ("", "")
 
 
 def test_several_surfaces(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
 from hpcinv.mesh.imaging.wall_sizes import WallSizes
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.parallel.quiet import quiet_library
 
 _ROUNDS = 4  # of smoothing
 _WITHIN = 0.08  # distance by which MMG may move surfaces, relative to the size of cells
@@ -168,7 +169,8 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
         }
         for name, value in options.items():
             gmsh.option.setNumber(name, value)
-        gmsh.model.mesh.generate(3)
+        with quiet_library():  # HXT prints where surfaces cross
+            gmsh.model.mesh.generate(3)
         numbers, coordinates, _ = gmsh.model.mesh.getNodes()
         place = np.zeros(int(numbers.max()) + 1, dtype=np.int64)
         place[numbers.astype(np.int64)] = np.arange(len(numbers))

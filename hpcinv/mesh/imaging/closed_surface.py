@@ -64,6 +64,11 @@ def fill(
             f"{first}: the body of {told} is smaller than cells of {readable(size, 'm')}",
             "Make mesh.size smaller. Is mesh.unit right?",
         )
+    # Walls have four voxels at least, if there is room for them: twice the volume by the area is their thickness.
+    thickness = min(2 * abs(signed_volume(surface)) / max(surface.area, 1e-300) for surface in surfaces) * unit
+    affordable = float(np.prod(extent + 2 * _MARGIN * voxel) / _MOST) ** (1 / 3)
+    voxel = min(voxel, max(0.25 * thickness, affordable))
+    counts = np.ceil(extent / voxel).astype(int) + 2 * _MARGIN
     grid = pyvista.ImageData(dimensions=counts, spacing=[voxel / unit] * 3, origin=low - (_MARGIN - 0.5) * voxel / unit)
     inside = [_voxels(paths[0], of, grid, unit) for paths, of in zip(parts.values(), surfaces, strict=True)]
     order = sorted(range(len(inside)), key=lambda i: -int(inside[i].sum()))

@@ -43,7 +43,7 @@ _MOST_LATTICE = 1_500_000  # tetrahedra, unless the size of cells needs more
 _PASSES = 2  # of MMG, each with nodes moved to the boundary after it
 _WRONG = 0.1  # and from which on there is no mesh
 _WITHIN = 0.25  # distance by which MMG may move boundaries, relative to the voxels of an image
-_WITHIN_SIZE = 0.05  # the same of a surface, relative to the size of cells
+_WITHIN_FILLED = 0.4  # the same of a surface that was filled with voxels
 _NEXT = 2.5  # distance of a neighbour's voxels from facets next to it, relative to a voxel
 _CELLS = 3e-2  # volume of a tetrahedron, relative to the cube of its size, for the expected number
 
@@ -104,7 +104,9 @@ def surface_mesh(
     `image_mesh`.
     """
     image, volumes, surface = fill(parts, size, unit)
-    return _meshed(image, size, grade, volumes, _WITHIN_SIZE * size, most, degree, report, surface)
+    return _meshed(
+        image, size, grade, volumes, _WITHIN_FILLED * float(image.spacing.min()), most, degree, report, surface
+    )
 
 
 def _meshed(
