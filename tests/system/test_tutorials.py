@@ -1,15 +1,12 @@
 """Commands of the tutorials, typed in a directory with the project's jobs and meshes, and the files that a page has."""
 
-import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import pyvista
-from helpers.command_line import MPIRUN, environment
+from helpers.typed import type_in
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
@@ -34,13 +31,6 @@ def directory(tmp_path: Path) -> Path:
     shutil.copytree(ROOT / "jobs", tmp_path / "jobs")
     (tmp_path / "meshes").symlink_to(ROOT / "meshes")
     return tmp_path
-
-
-def type_in(line: str, directory: Path) -> None:
-    programs = os.pathsep.join([str(Path(sys.executable).parent), str(MPIRUN.parent), os.environ["PATH"]])
-    settings = environment() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1"), "PATH": programs}
-    found = subprocess.run(line, shell=True, cwd=directory, env=settings, capture_output=True, text=True, timeout=900)
-    assert found.returncode == 0, f"{line}\n{found.stdout[-2000:]}\n{found.stderr[-2000:]}"
 
 
 def type_all(page: Path, directory: Path, those: re.Pattern[str]) -> None:

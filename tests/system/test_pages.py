@@ -1,0 +1,151 @@
+"""Shell and Python blocks of README, first pages and guides, typed where the files are that a reader has.
+
+Numbers of ranks, parts and cells are made smaller. A page says above a block which of its commands are not typed here,
+and why: ``<!-- not typed: PATTERN, REASON -->``; the pattern is a regular expression.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista
+import yaml
+from helpers.command_line import BLOCK, ROOT, write_job
+from helpers.typed import type_in
+
+OTHERS = [*(ROOT / "docs").glob("tutorials/*.md"), ROOT / "docs/start/your-own-mesh.md", ROOT / "docs/reference/api.md"]
+PAGES = [ROOT / "README.md", *sorted(set((ROOT / "docs").glob("*/*.md")) - set(OTHERS))]
+LONG = {"README.md", "new.md", "start-up.md", "study.md"}  # more than some seconds: release tests
+BEFORE = {"report.md": ["hpcinv sweep run sweep.yaml", "hpcinv study study.yaml"]}
+BLOCKS = re.compile(
+    r"^(?P<marks>(?:<!-- not typed: .*? -->\n)*)```(?P<language>sh|python)\n(?P<text>.*?)^```", re.M | re.S
+)
+SMALLER = (
+    (r"mpirun -n \d+", "mpirun -n 2"),
+    (r"--parts \d+", "--parts 2"),
+    (r"=34\b", "=3"),
+    (r"--ranks-per-case 4", "--ranks-per-case 2"),
+    (r"jobs/\*\.yaml", "jobs/single-tetrahedron.yaml jobs/column.yaml"),
+    (r"/(?:shared|project)/kernels", "kernels"),
+    (r"^python3 -m uv run ", ""),
+)
+
+
+def blocks(page: Path) -> Iterator[tuple[str, str]]:
+    """Languages and texts of a page's blocks, without what is not typed."""
+    for block in BLOCKS.finditer(page.read_text()):
+        patterns = re.findall(r"<!-- not typed: (.*?), ", block["marks"])
+        lines = block["text"].splitlines()
+        for pattern in patterns:
+            kept = [line for line in lines if not re.search(pattern, line)]
+            assert len(kept) < len(lines), f"{page.name}: {pattern}"
+            lines = kept
+        yield block["language"], "\n".join(lines)
+
+
+def pages() -> Iterator[object]:
+    for page in PAGES:
+        if any(text for _, text in blocks(page)):
+            marks = [pytest.mark.release] if page.name in LONG else []
+            yield pytest.param(page, id=page.stem, marks=marks)
+
+
+def smaller(line: str) -> str:
+    for pattern, other in SMALLER:
+        line = re.sub(pattern, other, line)
+    return line
+
+
+STATES = [
+    {"name": "prone", "given": True, "effects": BLOCK["effects"]},
+    {"name": "rest"},
+    {"name": "supine", "effects": [BLOCK["effects"][0] | {"acceleration": [0, 0, 9.81]}]},
+]
+SWEEP = {
+    "sweep": "block",
+    "job": "job.yaml",
+    "set": {"output.mesh": ["vtu"]},
+    "axes": [
+        {
+            "sobol": {
+                "material.mu": {"normal": ["10 kPa", "0.5 kPa"]},
+                "material.lam": {"normal": ["40 kPa", "1 kPa"]},
+            },
+            "count": 8,
+            "seed": 1,
+        }
+    ],
+}
+STUDY = {
+    "study": "block",
+    "job": "job.yaml",
+    "series": [{"name": "P2", "vary": {"mesh.parameters.nx": [1, 2]}}],
+    "measure": ["tip"],
+    "reference": {"tip": "0.1 m"},
+}
+
+
+def ball(path: Path, radius: float) -> None:
+    """An image of a ball, with its middle at one ``radius`` (mm) along each axis, of labels 5, then 6 and 7 inside."""
+    SimpleITK = pytest.importorskip("SimpleITK")
+    spacing = radius / 12
+    axis = (np.arange(31) - 3) * spacing - radius
+    distance = np.sqrt(sum(x**2 for x in np.meshgrid(axis, axis, axis, indexing="ij")))
+    voxels = np.select([distance < x * radius for x in (0.3, 0.5, 1)], [7, 6, 5])
+    image = SimpleITK.GetImageFromArray(voxels.astype(np.uint8))
+    image.SetSpacing([spacing] * 3)
+    image.SetOrigin([-3 * spacing] * 3)
+    SimpleITK.WriteImage(image, str(path))
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the reader of the pages has."""
+    directory = tmp_path_factory.mktemp("reader")
+    shutil.copytree(ROOT / "jobs", directory / "jobs")
+    (directory / "meshes").symlink_to(ROOT / "meshes")
+    (directory / "download").mkdir()
+    tip = [{"name": "tip", "of": "uz", "at": [0.5, 0.5, 1]}]
+    write_job(directory / "job.yaml", BLOCK, quantities=tip)
+    for name, text in (("sweep", SWEEP), ("study", STUDY)):
+        (directory / f"{name}.yaml").write_text(yaml.safe_dump(text))
+    write_job(directory / "breast.yaml", {k: v for k, v in BLOCK.items() if k != "effects"}, states=STATES)
+    write_job(directory / "liver.yaml", BLOCK)
+    write_job(directory / "large.yaml", BLOCK, mesh={"file": "body.bp"})
+    write_job(directory / "download" / "job.yaml", BLOCK, mesh={"file": "body.msh"})
+    for line in (
+        "mpirun -n 2 hpcinv run liver.yaml",
+        "mpirun -n 2 hpcinv run breast.yaml",
+        "rm liver.yaml && cp -r results/liver results/pdms-beam",
+        """sed -i 's/"x0"/"spine"/' results/liver/shape.msh""",
+        "cp results/liver/shape.msh body.msh",
+        "cp body.msh download",
+    ):
+        type_in(line, directory)
+    ball(directory / "scan.nii.gz", 20)
+    ball(directory / "later.nii.gz", 500)
+    for name in ("straight.stl", "scan.stl"):
+        pyvista.Cube(center=(500, 500, 500), x_length=1000, y_length=1000, z_length=1000).triangulate().save(
+            directory / name
+        )
+    return directory
+
+
+@pytest.mark.parametrize("page", list(pages()))
+def test_what_a_page_tells_to_type(page: Path, prepared: Path, tmp_path: Path) -> None:
+    directory = tmp_path / "reader"
+    shutil.copytree(prepared, directory, symlinks=True)
+    for line in BEFORE.get(page.name, ()):
+        type_in(line, directory)
+    for language, text in blocks(page):
+        if language == "python":
+            (directory / "typed.py").write_text(text)
+            type_in("python typed.py", directory)
+        for line in text.splitlines() if language == "sh" else ():
+            if line and not line.startswith("#"):
+                type_in(smaller(line), directory)
