@@ -42,6 +42,7 @@ from hpcinv.results.solution import solution_of
 from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
+    from hpcinv.effects import Direction
     from hpcinv.job.job import Job
     from hpcinv.job.sections import QuantityOfInterest
     from hpcinv.mesh import Body
@@ -135,18 +136,18 @@ def estimate(
             equilibrium = finer.equilibrium(finer.scene(solution.direction))
             equilibrium.correct(1.0)
             equilibrium.destroy()
-        better = solution_of(finer, solution.direction, finer.scene(solution.direction), ())
-        at_nodes = better if body is model.body else _at_given_nodes(model, better)
-        moved = solution.sign * (at_nodes.u - solution.u)
+        u, _ = finer.solution()
+        at_nodes = finer.unknowns.at_nodes(u) if body is model.body else _at_given_nodes(model, u)
+        moved = solution.sign * (at_nodes - solution.u)
         if given is not None:
             moved += given.nodes
         mine = np.linalg.norm(moved, axis=1)
         # The largest of NaN and a number depends on their order.
         largest = float(mine.max(initial=0.0)) if np.isfinite(mine).all() else np.inf
         largest = body.mesh.comm.allreduce(largest, op=MPI.MAX)
-        corrected = _corrected(quantities, model, at_nodes, better, finer) if isfinite(largest) else {}
-        displacement = on_mesh(model.body.mesh, better.displacement).copy()
-        delta = better.displacement
+        has_values = bool(quantities) and isfinite(largest)
+        corrected = _corrected(quantities, model, at_nodes, solution.direction, finer) if has_values else {}
+        displacement, delta = on_mesh(model.body.mesh, u).copy(), u
         delta.x.array[:] -= before.x.array
         return Estimate(
             quantities={
@@ -218,8 +219,8 @@ def finer_forecast(model: Model) -> Forecast:
     return forecast.of_degree(forecast.degree + 1)
 
 
-def _at_given_nodes(model: Model, better: Solution) -> Solution:
-    """Evaluate ``better``, a solution on a body of the same cells, at the geometry nodes of the model's body.
+def _at_given_nodes(model: Model, u: fem.Function) -> Floats:
+    """Evaluate ``u``, on a body of the same cells, at the geometry nodes of the model's body, (n, 3).
 
     These lie on the true surface of the body, and reductions over nodes must be compared at the same nodes.
     """
@@ -227,15 +228,19 @@ def _at_given_nodes(model: Model, better: Solution) -> Solution:
     dofmap = geometry.dofmaps[0]
     cells = np.empty(len(geometry.x), dtype=np.int32)
     cells[dofmap] = np.arange(len(dofmap), dtype=np.int32)[:, None]
-    u = better.displacement.eval(geometry.x, cells)
-    return replace(better, mesh_nodes=geometry.x * model.body.length_scale, u=u.reshape(-1, 3))
+    return np.asarray(u.eval(geometry.x, cells)).reshape(-1, 3)
 
 
 def _corrected(
-    quantities: Sequence[QuantityOfInterest], model: Model, at_nodes: Solution, better: Solution, finer: Model
+    quantities: Sequence[QuantityOfInterest], model: Model, u: Floats, direction: Direction, finer: Model
 ) -> dict[str, Value]:
-    """Return the quantities of interest of the corrected solution, without reactions, in the order of the job."""
-    body = finer.body
+    """Return the quantities of interest of the corrected solution, without reactions, in the order of the job.
+
+    Args:
+        u: its displacement (m) at the nodes of the model's body.
+    """
+    body, better = finer.body, solution_of(finer, direction, finer.scene(direction), ())
+    at_nodes = replace(better, mesh_nodes=model.body.mesh.geometry.x * model.body.length_scale, u=u)
     of_nodes = [q for q in quantities if q.on is not None and not q.by_quadrature]
     others = [_on(q, model.body, body) for q in quantities if q not in of_nodes]
     found = evaluate(of_nodes, model.body, at_nodes) | evaluate(others, body, better, finer)
