@@ -1,4 +1,7 @@
-"""Factors of the forward tangent at a solution, which stability and round trip share."""
+"""Factors of the forward tangent at a solution, which stability and round trip share.
+
+Those of a forward solve on one rank are taken, if they are symmetric and have the inertia of the tangent at the end.
+"""
 
 from __future__ import annotations
 
@@ -37,6 +40,7 @@ class ForwardFactors:
         with self.tangent() as equilibrium, model.timings("factorization"):
             return factorize_symmetric(
                 equilibrium.system.matrix,
+                equilibrium.linear.symmetric_factors,
                 rounded=choice.precision == "single",
                 low_rank=model.chooser.forecast.operations >= LOW_RANK,
                 minimum_fill=choice.minimum_fill,

@@ -31,9 +31,10 @@ _OPTIONS: Mapping[str, Value] = {
 _ROUNDED: Mapping[str, Value] = {"pc_precision": "single"}
 _LOW_RANK: Mapping[str, Value] = {"mat_mumps_icntl_35": 2, "mat_mumps_cntl_7": 1e-3}
 _MINIMUM_FILL: Mapping[str, Value] = {"mat_mumps_icntl_7": 2}
-_ITERATIONS = 30  # of GMRES, by which rounded factors are tested
+_ITERATIONS = 30  # of GMRES, by which rounded and kept factors are tested
 _SOLVED = 1e-8  # relative residual there
 _LEAST = 0.1  # real part of an eigenvalue there
+_ASYMMETRY = 1e-12  # of matrices for which factors of a symmetric one will do
 
 
 class SymmetricFactors:
@@ -59,13 +60,19 @@ class SymmetricFactors:
 
 
 def factorize_symmetric(
-    matrix: PETSc.Mat, *, rounded: bool = False, low_rank: bool = False, minimum_fill: bool = False
+    matrix: PETSc.Mat,
+    kept: PETSc.PC | None = None,
+    *,
+    rounded: bool = False,
+    low_rank: bool = False,
+    minimum_fill: bool = False,
 ) -> SymmetricFactors | None:
-    """Factorize the symmetric part of a matrix; collective.
+    """Factorize the symmetric part of a matrix, unless kept factors will do; collective.
 
     ``None`` if that fails, or if the matrix has entries that are not finite, of which MUMPS makes zero pivots.
 
     Args:
+        kept: factors L D Lᵀ of a similar matrix, which are taken if they have the inertia of this one.
         rounded: whether factors in single precision will do. They are tested, and made in double precision if their
             inertia might not be that of the matrix.
         low_rank: whether blocks of rounded factors are compressed.
@@ -82,6 +89,9 @@ def factorize_symmetric(
     option: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
     symmetric.setOption(option, True)
     options = {**_OPTIONS, **(_MINIMUM_FILL if minimum_fill else {})}
+    asymmetry = norms[0] / (2 * norms[1])
+    if kept is not None and asymmetry <= _ASYMMETRY and _has_inertia_of(kept, symmetric):
+        return SymmetricFactors(kept, symmetric, asymmetry)
     pc = None
     if rounded:
         pc = _factorized(symmetric, {**options, **_ROUNDED, **(_LOW_RANK if low_rank else {})})
@@ -92,7 +102,7 @@ def factorize_symmetric(
     if pc is None:
         symmetric.destroy()
         return None
-    return SymmetricFactors(pc, symmetric, norms[0] / (2 * norms[1]))
+    return SymmetricFactors(pc, symmetric, asymmetry)
 
 
 def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value]) -> PETSc.PC | None:

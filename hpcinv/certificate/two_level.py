@@ -22,6 +22,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.certificate.stiffness_diagonal import stiffness_diagonal
+from hpcinv.certificate.transfer import Transfer
 from hpcinv.effects import Direction
 from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.mesh.source import Floats
@@ -82,40 +83,22 @@ class _Coarse:
     """Solution in the spaces of the solution, of residuals in the finer ones."""
 
     def __init__(self, given: Model, finer: Unknowns, linear: LinearSolver) -> None:
-        self._given, self._finer, self._linear = given.unknowns, finer, linear
-        self._conditions = given.supports.conditions
-        pairs = [(self._given.displacement_space, finer.displacement_space)]
-        if finer.p is not None:
-            pairs.append((self._given.pressure_space, finer.pressure_space))
-        self._interpolations = [fem_petsc.interpolation_matrix(*pair) for pair in pairs]
-        for one in self._interpolations:
-            one.assemble()
-        self._b, self._x = (fem_petsc.create_vector(self._given.space) for _ in range(2))
+        self._linear, self._conditions = linear, given.supports.conditions
+        self._transfer = Transfer(given.unknowns, finer)
+        self._b, self._x = (fem_petsc.create_vector(given.unknowns.space) for _ in range(2))
 
-    def apply(self, residual: PETSc.Vec, correction: PETSc.Vec) -> None:
-        """Set ``correction`` to the solution for a residual."""
-        parts = [one.createVecRight() for one in self._interpolations]
-        for interpolation, of_finer, part in zip(
-            self._interpolations, _split(self._finer, residual), parts, strict=True
-        ):
-            interpolation.multTranspose(of_finer.x.petsc_vec, part)
-        _join(self._given, parts, self._b)
+    def solve(self, residual: Singles) -> Singles:
+        """Return the solution for a residual, both at the owned unknowns of the finer spaces."""
+        self._b.array[:] = self._transfer.restrict(residual)
         fem_petsc.set_bc(self._b, self._conditions, alpha=0.0)
         self._linear.limit_iterations()
         self._linear.back_substitute(self._b, self._x)
-        found = [one.createVecLeft() for one in self._interpolations]
-        for interpolation, of_given, part in zip(
-            self._interpolations, _split(self._given, self._x), found, strict=True
-        ):
-            interpolation.mult(of_given.x.petsc_vec, part)
-        _join(self._finer, found, correction)
-        for vector in (*parts, *found):
-            vector.destroy()
+        return self._transfer.interpolate(self._x.array).astype(np.float32)
 
     def destroy(self) -> None:
         """Free PETSc objects."""
-        for one in (*self._interpolations, self._b, self._x):
-            one.destroy()
+        self._b.destroy()
+        self._x.destroy()
 
 
 class _FinerProblem:
@@ -133,11 +116,11 @@ class _FinerProblem:
         with finer.timings("compile"):
             self._form = fem.form(scene.residual, jit_options=JIT_OPTIONS)
         self._at: Floats = state.array.copy()
-        self._b, self._x = (fem_petsc.create_vector(self._unknowns.space) for _ in range(2))
+        self._b = fem_petsc.create_vector(self._unknowns.space)
         self._residual = self._assemble()
-        stiffness = stiffness_diagonal(scene)
-        _join(self._unknowns, [stiffness.x.petsc_vec], self._x)
-        self._diagonal: Singles = self._x.array.astype(np.float32)
+        self._unknowns.set_displacement(stiffness_diagonal(scene))
+        self._diagonal = np.array(state.array[: len(self._residual)], dtype=np.float32)
+        state.array[:] = self._at
         if self._unknowns.p is not None:
             configuration = Iterative(scene)
             self._diagonal[self._unknowns.owned_pressure_dofs] = -configuration.pressure_scale()
@@ -152,7 +135,6 @@ class _FinerProblem:
             state.array[: len(x)] -= x
             state.scatter_forward()
         self._b.destroy()
-        self._x.destroy()
         return x is not None
 
     def _solution(self) -> Singles | None:
@@ -165,7 +147,7 @@ class _FinerProblem:
         directions, products = (np.empty((_CYCLES * (_SMOOTHING + 1), len(r)), r.dtype) for _ in range(2))
         for k in range(len(directions)):
             is_smoothing = k % (_SMOOTHING + 1) < _SMOOTHING
-            direction = r / self._diagonal if is_smoothing else self._by_factors(r)
+            direction = r / self._diagonal if is_smoothing else self._coarse.solve(r)
             if not is_smoothing:
                 found, residual = x + direction, self._length(r)
                 change, size = self._length((found - last)[u]), self._length(found[u])
@@ -184,12 +166,6 @@ class _FinerProblem:
             x += part * directions[k]
             r -= part * products[k]
         return None
-
-    def _by_factors(self, r: Singles) -> Singles:
-        """Return the solution in the given spaces for a residual."""
-        self._b.array[:] = r
-        self._coarse.apply(self._b, self._x)
-        return np.array(self._x.array, dtype=np.float32)
 
     def _times(self, x: Singles) -> Singles:
         """Return ``K x``."""
@@ -213,29 +189,3 @@ class _FinerProblem:
 
     def _length(self, a: Singles) -> float:
         return math.sqrt(self._sum(float(a @ a)))
-
-
-def _split(unknowns: Unknowns, x: PETSc.Vec) -> list[fem.Function]:
-    """Return displacement and pressure of a vector of all unknowns."""
-    state = unknowns.state.x
-    kept = state.array.copy()
-    x.copy(state.petsc_vec)
-    state.scatter_forward()
-    parts = [unknowns.displacement(), unknowns.pressure()]
-    state.array[:] = kept
-    return [part for part in parts if part is not None]
-
-
-def _join(unknowns: Unknowns, parts: list[PETSc.Vec], x: PETSc.Vec) -> None:
-    """Set a vector of all unknowns to displacement and pressure; the latter may be left out."""
-    state = unknowns.state.x
-    kept = state.array.copy()
-    spaces = [unknowns.displacement_space, *([] if unknowns.p is None else [unknowns.pressure_space])]
-    setters = (unknowns.set_displacement, unknowns.set_pressure)
-    for space, part, take in zip(spaces, parts, setters, strict=False):
-        function = fem.Function(space)
-        part.copy(function.x.petsc_vec)
-        function.x.scatter_forward()
-        take(function)
-    state.petsc_vec.copy(x)
-    state.array[:] = kept

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.solver.linear.direct import Direct
+from hpcinv.solver.linear.direct import Direct, is_mumps
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.linear.selection import Choice, Used
@@ -44,6 +44,7 @@ class LinearSolver:
         self._iterations, self._has_changed = 0, False
         self._is_rounded = choice.precision == "single"
         self._factorized = -1  # number of the tangent that was factorized last
+        self._has_factors = False
         with system.timings("set-up"):
             self.options = SolverOptions(options)
             self.ksp = PETSc.KSP().create(system.comm)
@@ -58,7 +59,7 @@ class LinearSolver:
             configuration = Refined(low_rank=self.choice.low_rank, minimum_fill=self.choice.minimum_fill)
         else:
             configuration = Direct(symmetric=not self.choice.is_own, minimum_fill=self.choice.minimum_fill)
-        self._factorized = -1
+        self._factorized, self._has_factors = -1, False
         self.options.use(configuration.options)
         self.ksp.reset()
         self.ksp.setOperators(self.system.matrix)
@@ -92,7 +93,7 @@ class LinearSolver:
                 self.ksp.setUp()
             self.ksp.setUpOnBlocks()
             self.ksp.pc.setReusePreconditioner(True)
-        self._factorized = self.system.tangents
+        self._factorized, self._has_factors = self.system.tangents, True
         self.factorizations += 1
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
@@ -176,9 +177,17 @@ class LinearSolver:
 
     def forget_factors(self) -> None:
         """Discard the factors after a failed factorization, with which MUMPS cannot continue."""
-        self._factorized = -1
+        self._factorized, self._has_factors = -1, False
         self.options.restore()
         self.ksp.pc.reset()
+
+    @property
+    def symmetric_factors(self) -> PETSc.PC | None:
+        """Factors L D Lᵀ of an earlier tangent; on one rank only, since ScaLAPACK hides signs of a root."""
+        pc = self.ksp.pc
+        if self.system.comm.size > 1 or not self._has_factors or pc.getType() != PETSc.PC.Type.CHOLESKY:
+            return None
+        return pc if is_mumps(pc) and pc.getFactorMatrix().getMumpsInfog(1) == 0 else None
 
     def sign_of_determinant(self) -> int:
         """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""

@@ -4,11 +4,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_unit_cube
 from helpers.verification import box, job
 
 import hpcinv
 from hpcinv.certificate import two_level
 from hpcinv.certificate.estimate import Estimate
+from hpcinv.certificate.transfer import Transfer
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 
 ONLY = {"level": "off", "estimate": True}
@@ -110,3 +114,29 @@ def test_iterations_that_do_not_converge_are_followed_by_a_factorization(
     monkeypatch.setattr(two_level, "_CYCLES", 1)
     found = estimate(standing(), comm)
     assert found.shape == pytest.approx(exact.shape, rel=1e-6)
+
+
+@pytest.mark.parallel([1, 3])
+@pytest.mark.parametrize(
+    ("cell", "degrees"), [("tetrahedron", (2, 1)), ("tetrahedron", (3, 2)), ("hexahedron", (1, None))]
+)
+def test_transfer_interpolates_and_its_transpose_is_one(
+    cell: str, degrees: tuple[int, int | None], comm: MPI.Intracomm
+) -> None:
+    mesh = create_unit_cube(comm, 3, 2, 2, CellType[cell])
+    u, p = degrees
+    given, finer = Unknowns(mesh, u, p), Unknowns(mesh, u + 1, None if p is None else p + 1)
+    transfer, random = Transfer(given, finer), np.random.default_rng(comm.rank)
+    x, r = (one.state.x.petsc_vec.duplicate() for one in (given, finer))
+    x.array[:], r.array[:] = random.normal(size=x.local_size), random.normal(size=r.local_size)
+    x.copy(given.state.x.petsc_vec)
+    given.state.x.scatter_forward()
+    for part, of_given in (("displacement", given.displacement()), ("pressure", given.pressure())):
+        if of_given is not None:
+            of_finer = fem.Function(getattr(finer, f"{part}_space"))
+            of_finer.interpolate(of_given)
+            getattr(finer, f"set_{part}")(of_finer)
+    expected = finer.state.x.petsc_vec
+    assert transfer.interpolate(x.array) == pytest.approx(expected.array, abs=1e-12)
+    x_with_transpose = comm.allreduce(float(transfer.restrict(r.array) @ x.array))
+    assert x_with_transpose == pytest.approx(expected.dot(r), rel=1e-10)

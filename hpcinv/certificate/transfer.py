@@ -1,0 +1,67 @@
+"""Transfer between spaces of different degrees on one mesh, by the interpolation of each cell."""
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la
+
+from hpcinv.mesh.source import Floats
+from hpcinv.model.spaces import Unknowns
+
+type Integers = npt.NDArray[np.int32]
+
+
+class Transfer:
+    """Interpolation P of unknowns in finer spaces, and its transpose; all methods are collective.
+
+    All matrices of cells are the same, so that P needs less time cell by cell than to be made as a sparse matrix.
+    """
+
+    def __init__(self, given: Unknowns, finer: Unknowns) -> None:
+        self._tables: list[Floats] = [
+            basix.compute_interpolation_operator(coarse.basix_element, fine.basix_element)
+            for coarse, fine in zip(given.scalar_elements, finer.scalar_elements, strict=True)
+        ]
+        self._coarse, self._fine = _dofs(given), _dofs(finer)
+        self._given, self._finer = (_vector(unknowns) for unknowns in (given, finer))
+        self._owned = tuple(len(unknowns.state.x.petsc_vec.array) for unknowns in (given, finer))
+        # A residual at an unknown of several cells counts in one of them.
+        self._counts = []
+        for dofs in self._fine:
+            cell = np.full(len(self._finer.array), -1, dtype=np.int64)
+            places = np.arange(dofs.size).reshape(dofs.shape)
+            cell[dofs] = places
+            self._counts.append(cell[dofs] == places)
+
+    def interpolate(self, given: Floats) -> Floats:
+        """Return ``P x`` of owned unknowns."""
+        self._given.array[: len(given)] = given
+        self._given.scatter_forward()
+        for table, coarse, fine in zip(self._tables, self._coarse, self._fine, strict=True):
+            self._finer.array[fine] = table @ self._given.array[coarse]
+        return np.array(self._finer.array[: self._owned[1]])
+
+    def restrict(self, finer: npt.NDArray[np.floating]) -> Floats:
+        """Return ``Pᵀ r`` of owned unknowns."""
+        self._given.array[:] = 0.0
+        self._finer.array[:] = 0.0
+        self._finer.array[: len(finer)] = finer
+        for table, coarse, fine, counts in zip(self._tables, self._coarse, self._fine, self._counts, strict=True):
+            np.add.at(self._given.array, coarse, table.T @ np.where(counts, self._finer.array[fine], 0.0))
+        self._given.scatter_reverse(la.InsertMode.add)
+        return np.array(self._given.array[: self._owned[0]])
+
+
+def _dofs(unknowns: Unknowns) -> list[Integers]:
+    """Return local unknowns of displacement and pressure, (cells, nodes, components) each."""
+    dofmap, elements = unknowns.space.dofmap, unknowns.scalar_elements
+    bs = dofmap.index_map_bs
+    dofs = (bs * dofmap.list[:, :, None] + np.arange(bs, dtype=np.int32)).reshape(len(dofmap.list), -1)
+    first = 3 * elements[0].dim
+    parts = [dofs[:, :first].reshape(len(dofs), -1, 3), dofs[:, first:, None]]
+    return parts[: len(elements)]
+
+
+def _vector(unknowns: Unknowns) -> la.Vector:
+    dofmap = unknowns.space.dofmap
+    return la.vector(dofmap.index_map, dofmap.index_map_bs)
