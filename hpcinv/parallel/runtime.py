@@ -14,9 +14,16 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from numpy import complexfloating
+
 from hpcinv.errors import SystemPartMissing
 from hpcinv.parallel.ranks import MPI, abort, agree, failing_together, on_root, require_ranks, wait_for_all
 from hpcinv.parallel.signals import handlers_kept
+
+DOLFINX = "0.11"
+"""The version whose interface is used; others differ in it."""
+
+INSTALLING = "docs/start/installing.md tells how DOLFINx is installed with hpcinv, and what one of your own has to be."
 
 
 def _load_stack() -> None:
@@ -26,7 +33,15 @@ def _load_stack() -> None:
     ):  # in the wheel; an installation of DOLFINx by the site has no such package
         importlib.import_module("dolfinx_solver")
     for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios4dolfinx"):
-        importlib.import_module(name)
+        try:
+            module = importlib.import_module(name)
+        except ImportError as exc:
+            raise SystemPartMissing(f"{name.partition('.')[0]} cannot be imported: {exc}", INSTALLING) from None
+        if name == "petsc4py.PETSc" and issubclass(module.ScalarType, complexfloating):
+            raise SystemPartMissing("PETSc has complex scalars, and hpcinv needs real ones", INSTALLING)
+        if name == "dolfinx" and not module.__version__.startswith(f"{DOLFINX}."):
+            found = f"DOLFINx {module.__version__} is installed, and hpcinv needs {DOLFINX}"
+            raise SystemPartMissing(found, INSTALLING)
 
 
 with handlers_kept():  # PETSc installs a handler of SIGTERM that ends the process

@@ -20,7 +20,7 @@ from helpers.typed import type_in
 
 OTHERS = [*(ROOT / "docs").glob("tutorials/*.md"), ROOT / "docs/start/your-own-mesh.md", ROOT / "docs/reference/api.md"]
 PAGES = [ROOT / "README.md", *sorted(set((ROOT / "docs").glob("*/*.md")) - set(OTHERS))]
-LONG = {"README.md", "new.md", "start-up.md", "study.md"}  # more than some seconds: release tests
+LONG = {"README.md", "fit.md", "identify.md", "new.md", "start-up.md", "study.md"}  # minutes: release tests
 BEFORE = {"report.md": ["hpcinv sweep run sweep.yaml", "hpcinv study study.yaml"]}
 BLOCKS = re.compile(
     r"^(?P<marks>(?:<!-- not typed: .*? -->\n)*)```(?P<language>sh|python)\n(?P<text>.*?)^```", re.M | re.S
@@ -103,11 +103,22 @@ def ball(path: Path, radius: float) -> None:
     SimpleITK.WriteImage(image, str(path))
 
 
+def rubber_tests(directory: Path) -> None:
+    """Tables of two tests of an incompressible material of Mooney and Rivlin."""
+    stretch = np.linspace(1.1, 2.0, 10)
+    for mode, power in (("uniaxial", -2), ("planar", -3)):
+        stress = 0.4 * (stretch - stretch**power) + 0.1 * (1 - stretch ** (power - 1))
+        rows = "".join(f"{a:.4f}, {b:.4f}\n" for a, b in zip(stretch, stress, strict=True))
+        (directory / f"{mode}.csv").write_text(f"# mode: {mode}\nstretch, nominal stress [MPa]\n{rows}")
+
+
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the reader of the pages has."""
     directory = tmp_path_factory.mktemp("reader")
-    shutil.copytree(ROOT / "jobs", directory / "jobs")
+    for name in ("jobs", "benchmarks"):
+        shutil.copytree(ROOT / name, directory / name)
+    (directory / "docs" / "pictures").mkdir(parents=True)
     (directory / "meshes").symlink_to(ROOT / "meshes")
     (directory / "download").mkdir()
     tip = [{"name": "tip", "of": "uz", "at": [0.5, 0.5, 1]}]
@@ -127,6 +138,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "cp body.msh download",
     ):
         type_in(line, directory)
+    rubber_tests(directory)
     ball(directory / "scan.nii.gz", 20)
     ball(directory / "later.nii.gz", 500)
     for name in ("straight.stl", "scan.stl"):
@@ -149,3 +161,9 @@ def test_what_a_page_tells_to_type(page: Path, prepared: Path, tmp_path: Path) -
         for line in text.splitlines() if language == "sh" else ():
             if line and not line.startswith("#"):
                 type_in(smaller(line), directory)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_stand_in_blocks_of_shell(page: Path) -> None:
+    """An indented command would not be typed."""
+    assert not re.findall(r"^ {4,}(?:mpirun -n \d+ )?(?:python3? -m )?hpcinv (?!:).*", page.read_text(), re.M)
