@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.petsc_options import Value
 
 
 @dataclass(frozen=True)
 class Inertia:
-    """Numbers of eigenvalues of the symmetric part, by sign; ``asymmetry`` is ``‖K - Kᵀ‖/2‖K‖`` (Frobenius)."""
+    """Numbers of eigenvalues of the symmetric part, by sign.
+
+    Attributes:
+        asymmetry: ``‖K - Kᵀ‖/2‖K‖`` (Frobenius), 0 if it is rounding errors.
+    """
 
     negative: int
     zero: int
@@ -34,7 +39,7 @@ _MINIMUM_FILL: Mapping[str, Value] = {"mat_mumps_icntl_7": 2}
 _ITERATIONS = 30  # of GMRES, by which rounded and kept factors are tested
 _SOLVED = 1e-8  # relative residual there
 _LEAST = 0.1  # real part of an eigenvalue there
-_ASYMMETRY = 1e-12  # of matrices for which factors of a symmetric one will do
+_ASYMMETRY = 1e-12  # relative, of products with a vector, by rounding errors
 
 
 class SymmetricFactors:
@@ -44,8 +49,8 @@ class SymmetricFactors:
         inertia: number of signs in ``D``.
     """
 
-    def __init__(self, pc: PETSc.PC, symmetric: PETSc.Mat, asymmetry: float) -> None:
-        self._pc, self._symmetric = pc, symmetric
+    def __init__(self, pc: PETSc.PC, asymmetry: float) -> None:
+        self._pc = pc
         negative, zero, positive = pc.getFactorMatrix().getInertia()
         self.inertia = Inertia(int(negative), int(zero), int(positive), asymmetry)
 
@@ -56,7 +61,6 @@ class SymmetricFactors:
     def destroy(self) -> None:
         """Free PETSc objects."""
         self._pc.destroy()
-        self._symmetric.destroy()
 
 
 def factorize_symmetric(
@@ -78,31 +82,45 @@ def factorize_symmetric(
         low_rank: whether blocks of rounded factors are compressed.
         minimum_fill: whether to order the unknowns by approximate minimum fill; else MUMPS chooses METIS.
     """
-    symmetric = matrix.transpose(PETSc.Mat())
-    symmetric.aypx(-1.0, matrix)  # K - Kᵀ
-    norms: list[Any] = [m.norm(PETSc.NormType.FROBENIUS) for m in (symmetric, matrix)]
-    if not all(math.isfinite(norm) for norm in norms):
-        symmetric.destroy()
+    symmetric, asymmetry = _symmetric_part(matrix)
+    if not math.isfinite(asymmetry):
         return None
-    symmetric.axpy(-2.0, matrix)  # -(K + Kᵀ)
-    symmetric.scale(-0.5)
     option: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
     symmetric.setOption(option, True)
     options = {**_OPTIONS, **(_MINIMUM_FILL if minimum_fill else {})}
-    asymmetry = norms[0] / (2 * norms[1])
-    if kept is not None and asymmetry <= _ASYMMETRY and _has_inertia_of(kept, symmetric):
-        return SymmetricFactors(kept, symmetric, asymmetry)
-    pc = None
-    if rounded:
+    pc = kept if kept is not None and asymmetry == 0.0 and _has_inertia_of(kept, symmetric) else None
+    if pc is None and rounded:
         pc = _factorized(symmetric, {**options, **_ROUNDED, **(_LOW_RANK if low_rank else {})})
         if pc is not None and not _has_inertia_of(pc, symmetric):
             pc.destroy()
             pc = None
     pc = pc or _factorized(symmetric, options)
-    if pc is None:
+    if symmetric is not matrix:
         symmetric.destroy()
-        return None
-    return SymmetricFactors(pc, symmetric, asymmetry)
+    return None if pc is None else SymmetricFactors(pc, asymmetry)
+
+
+def _symmetric_part(matrix: PETSc.Mat) -> tuple[PETSc.Mat, float]:
+    """Return ``½(K + Kᵀ)`` and the asymmetry; K itself and 0 if K is symmetric to rounding errors; collective."""
+    x = matrix.createVecRight()
+    x.setRandom()
+    y, z = x.duplicate(), x.duplicate()
+    matrix.mult(x, y)
+    matrix.multTranspose(x, z)
+    z.axpy(-1.0, y)
+    difference, size = norm(z), norm(y)
+    for one in (x, y, z):
+        one.destroy()
+    if not math.isfinite(size):
+        return matrix, math.nan
+    if difference <= _ASYMMETRY * size:
+        return matrix, 0.0
+    symmetric = matrix.transpose(PETSc.Mat())
+    symmetric.aypx(-1.0, matrix)  # K - Kᵀ
+    norms: list[Any] = [m.norm(PETSc.NormType.FROBENIUS) for m in (symmetric, matrix)]
+    symmetric.axpy(-2.0, matrix)  # -(K + Kᵀ)
+    symmetric.scale(-0.5)
+    return symmetric, norms[0] / (2 * norms[1])
 
 
 def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value]) -> PETSc.PC | None:
@@ -118,6 +136,7 @@ def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value]) -> PETSc.PC | N
         pc.setFactorSolverType("mumps")
         pc.setFromOptions()
         pc.setUp()
+        pc.setReusePreconditioner(True)  # the matrix may be assembled again
         reason: Any = pc.getFailedReason()
     finally:
         for name in options:
@@ -136,12 +155,11 @@ def _has_inertia_of(pc: PETSc.PC, matrix: PETSc.Mat) -> bool:
     """
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setType(PETSc.KSP.Type.GMRES)
-    ksp.setOperators(matrix)
     ksp.setPC(pc)
+    ksp.setOperators(matrix)
     ksp.setComputeEigenvalues(True)
     ksp.setGMRESRestart(_ITERATIONS)
     ksp.setTolerances(rtol=_SOLVED, max_it=_ITERATIONS)
-    pc.setReusePreconditioner(True)
     b = matrix.createVecLeft()
     x = b.duplicate()
     b.setRandom()
