@@ -51,8 +51,9 @@ def main() -> None:
             size = f"{given.size} mm"
             report(f"{voxel:g} mm", {"image": str(image), "labels": {"silicone": 1}, "size": size})
             moved = Path(place) / "moved.msh"
-            put_right(image, given.size, mesh, moved)
+            distance = put_right(image, given.size, mesh, moved)
             report("without", {"file": str(moved)})
+            print(f"        its nodes were {distance * 1e3 / voxel:.3f} voxels beside the surface, rms", flush=True)
 
 
 def voxelise(mesh: Path, voxel: float, path: Path) -> None:
@@ -73,8 +74,11 @@ def voxelise(mesh: Path, voxel: float, path: Path) -> None:
     SimpleITK.WriteImage(image, str(path))
 
 
-def put_right(image: Path, size: float, mesh: Path, path: Path) -> None:
-    """Write the image's mesh with its surface moved to that of the beam, where cells allow; size in mm."""
+def put_right(image: Path, size: float, mesh: Path, path: Path) -> float:
+    """Write the image's mesh with its surface moved to that of the beam, where cells allow; size in mm.
+
+    Returns the distance (m, root mean square) between the nodes of both surfaces.
+    """
     spec = {"image": image.name, "labels": {"silicone": 1}, "size": f"{size} mm"}
     found = read_source(MeshSpec.model_validate(spec, context={"directory": image.parent}), image)
     source = read_msh(mesh).in_metres(1.0)
@@ -83,6 +87,7 @@ def put_right(image: Path, size: float, mesh: Path, path: Path) -> None:
     (side,) = (group.members for group in found.groups if group.name == "silicone|outside")
     nodes, points = np.unique(found.facets[side]), found.points.copy()
     points[nodes] = true.find_closest_cell(points[nodes], return_closest_point=True)[1]
+    distance = float(np.sqrt(((points - found.points)[nodes] ** 2).sum(axis=1).mean()))
     share = np.ones((len(points), 1))
     while True:
         moved = found.points + share * (points - found.points)
@@ -92,6 +97,7 @@ def put_right(image: Path, size: float, mesh: Path, path: Path) -> None:
             break
         share[np.unique(found.cells[inverted])] *= 0.5
     save(path, found, moved)
+    return distance
 
 
 def report(name: str, mesh: dict[str, Any]) -> None:
