@@ -472,6 +472,11 @@ def cube(left: float) -> pyvista.PolyData:
     return pyvista.Cube(bounds=(left, left + 10, 0, 10, 0, 10)).triangulate()
 
 
+def over_an_edge() -> pyvista.PolyData:
+    """Two that touch in an edge, which has four triangles."""
+    return cube(0).append_polydata(cube(10).translate((0, 10, 0)))
+
+
 def twice() -> pyvista.PolyData:
     return cube(0).append_polydata(cube(0))
 
@@ -480,7 +485,9 @@ def inside_each_other() -> pyvista.PolyData:
     return pyvista.Sphere(radius=10).append_polydata(pyvista.Sphere(radius=5))
 
 
-@pytest.mark.parametrize(("surface", "volume"), [(cubes, 2000), (twice, 1000), (inside_each_other, 3600)])
+@pytest.mark.parametrize(
+    ("surface", "volume"), [(cubes, 2000), (over_an_edge, 2000), (twice, 1000), (inside_each_other, 3600)]
+)
 def test_surfaces_of_several_shells(surface: Callable[[], pyvista.PolyData], volume: float, tmp_path: Path) -> None:
     surface().save(tmp_path / "body.stl")
     assert volumes(inside(tmp_path / "body.stl"))["body"] == pytest.approx(volume * 1e-9, rel=0.02)

@@ -168,9 +168,15 @@ def _meshed(
             if max(map(abs, errors)) < 0.5 * _RIGHT:
                 break
         crossing = _crossing(points, *interfaces(cells, of))
+        is_right = max(map(abs, errors)) < _RIGHT
+        if filled is not None and (len(crossing) or not is_right):
+            filled = None
+            why = "cross" if len(crossing) else "lose volume"
+            report(f"smooth surfaces {why}: meshed from a lattice, which takes longer")
+            if not len(crossing):
+                continue
         if not len(crossing) or not beside:
             break
-        filled = None
         outside |= _cells_outside(found, ((crossing - begin) / spacing).astype(int), beside)
     if len(crossing):
         x, y, z = image.positions(crossing[:1] + first * image.spacing)[0]
