@@ -187,7 +187,10 @@ class LinearSolver:
         pc = self.ksp.pc
         if self.system.comm.size > 1 or not self._has_factors or pc.getType() != PETSc.PC.Type.CHOLESKY:
             return None
-        return pc if is_mumps(pc) and pc.getFactorMatrix().getMumpsInfog(1) == 0 else None
+        if not is_mumps(pc):
+            return None
+        factors = pc.getFactorMatrix()
+        return pc if factors.getMumpsInfog(1) == 0 and factors.getMumpsIcntl(24) == 1 else None  # else no inertia
 
     def sign_of_determinant(self) -> int:
         """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""

@@ -107,9 +107,20 @@ def test_what_is_no_solution_does_not_pass(direction: str, form: str, curved: bo
         assert case.line(case.perturbed(change)).verdict is not Verdict.PASS
 
 
-@pytest.mark.parametrize("direction", ["inverse", "forward"])
+@pytest.mark.parametrize(
+    ("direction", "petsc", "factorizations"),
+    [
+        ("inverse", {}, 1),
+        ("forward", {}, 0),  # those of the solve serve
+        ("forward", {"pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}, 1),  # which does not count signs
+    ],
+)
 def test_one_factorization_serves_round_trip_and_stability(
-    direction: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+    direction: str,
+    petsc: dict[str, str],
+    factorizations: int,
+    comm: MPI.Intracomm,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     count = 0
 
@@ -122,8 +133,9 @@ def test_one_factorization_serves_round_trip_and_stability(
     monkeypatch.setattr(inertia, "_factorized", factorize)
     one = cantilever(direction, "mixed", curved=False)
     certificate = one.certificate.model_copy(update={"stability": True})
-    result = hpcinv.run(one.model_copy(update={"certificate": certificate}), comm)
-    assert count == (1 if direction == "inverse" else 0)  # forward, the factors of the solve serve
+    solver = one.solver.model_copy(update={"petsc": petsc})
+    result = hpcinv.run(one.model_copy(update={"certificate": certificate, "solver": solver}), comm)
+    assert count == factorizations
     verdicts = {line.name.split(",")[0]: line.verdict for line in result.certificate.lines}
     assert verdicts["stability"] is Verdict.PASS
     assert verdicts["round trip"] is not Verdict.SKIPPED
