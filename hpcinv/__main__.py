@@ -32,7 +32,14 @@ from hpcinv.parallel.early_exit import refuse_exit_without_end
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 from hpcinv.version import __version__
 
-EPILOG = """exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
+EPILOG = """examples:
+  hpcinv new liver liver.yaml
+  mpirun -n 2 hpcinv run liver.yaml
+  hpcinv run --help
+
+more: docs/index.md
+
+exit codes: 0 success, 1 internal error, 2 wrong job, mesh or output directory, 3 the load was not reached,
 4 no usable checkpoint, 5 a system part is missing, 6 the certificate fails, 7 it has warnings or is
 not decided (--strict), 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C,
 141 the output was closed"""
@@ -71,7 +78,10 @@ def _is_other_rank() -> bool:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="hpcinv", description="The undeformed shape of a soft body from its deformed one.", epilog=EPILOG
+        prog="hpcinv",
+        description="Find the undeformed shape of a soft body from its deformed one.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="command")

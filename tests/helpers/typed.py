@@ -1,15 +1,33 @@
-"""Commands of pages, typed in a shell where `hpcinv`, `python` and `mpirun` are those of the tests."""
+"""Blocks of pages, typed in a shell where `hpcinv`, `python` and `mpirun` are those of the tests."""
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from helpers.command_line import MPIRUN, environment
 
 PROGRAMS = os.pathsep.join([str(Path(sys.executable).parent), str(MPIRUN.parent)])
+
+BLOCKS = re.compile(
+    r"^(?P<marks>(?:<!-- not typed: .*? -->\n)*)```(?P<language>sh|python)\n(?P<text>.*?)^```", re.M | re.S
+)
+
+
+def blocks(page: Path) -> Iterator[tuple[str, str]]:
+    """Languages and texts of a page's blocks, without what is not typed."""
+    for block in BLOCKS.finditer(page.read_text()):
+        patterns = re.findall(r"<!-- not typed: (.*?), ", block["marks"])
+        lines = block["text"].splitlines()
+        for pattern in patterns:
+            kept = [line for line in lines if not re.search(pattern, line)]
+            assert len(kept) < len(lines), f"{page.name}: {pattern}"
+            lines = kept
+        yield block["language"], "\n".join(lines)
 
 
 def type_in(line: str, directory: Path) -> None:

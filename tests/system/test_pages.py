@@ -16,15 +16,12 @@ import pytest
 import pyvista
 import yaml
 from helpers.command_line import BLOCK, ROOT, write_job
-from helpers.typed import type_in
+from helpers.typed import blocks, type_in
 
 OTHERS = [*(ROOT / "docs").glob("tutorials/*.md"), ROOT / "docs/start/your-own-mesh.md", ROOT / "docs/reference/api.md"]
 PAGES = [ROOT / "README.md", *sorted(set((ROOT / "docs").glob("*/*.md")) - set(OTHERS))]
 LONG = {"README.md", "fit.md", "identify.md", "new.md", "start-up.md", "study.md"}  # minutes: release tests
 BEFORE = {"report.md": ["hpcinv sweep run sweep.yaml", "hpcinv study study.yaml"]}
-BLOCKS = re.compile(
-    r"^(?P<marks>(?:<!-- not typed: .*? -->\n)*)```(?P<language>sh|python)\n(?P<text>.*?)^```", re.M | re.S
-)
 SMALLER = (
     (r"mpirun -n \d+", "mpirun -n 2"),
     (r"--parts \d+", "--parts 2"),
@@ -34,18 +31,6 @@ SMALLER = (
     (r"/(?:shared|project)/kernels", "kernels"),
     (r"^python3 -m uv run ", ""),
 )
-
-
-def blocks(page: Path) -> Iterator[tuple[str, str]]:
-    """Languages and texts of a page's blocks, without what is not typed."""
-    for block in BLOCKS.finditer(page.read_text()):
-        patterns = re.findall(r"<!-- not typed: (.*?), ", block["marks"])
-        lines = block["text"].splitlines()
-        for pattern in patterns:
-            kept = [line for line in lines if not re.search(pattern, line)]
-            assert len(kept) < len(lines), f"{page.name}: {pattern}"
-            lines = kept
-        yield block["language"], "\n".join(lines)
 
 
 def pages() -> Iterator[object]:
