@@ -21,7 +21,7 @@ from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.surface import surface_of
 from hpcinv.quantity.units import readable
 
-_ROUNDS = 4
+_ROUNDS = 6
 _KEPT = 0.5  # share of a straight cell's determinant that the curved cell keeps everywhere
 _HALVINGS = 5  # of the way of a node; then it stays in the middle of its edge
 _AT_ONCE = 20_000  # cells
