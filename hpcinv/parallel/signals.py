@@ -55,6 +55,7 @@ _end: Callable[[], NoReturn] | None = None
 _interrupt: Callable[[], NoReturn] | None = None
 _in_library = False
 _watcher: threading.Thread | None = None
+_HANDLED = (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)
 _GRACE = 0.2  # seconds for the main thread to handle a signal itself
 
 
@@ -171,8 +172,18 @@ def end_on_interrupt(end: Callable[[], NoReturn]) -> None:
 @contextmanager
 def handlers_kept() -> Iterator[None]:
     """Context in which signals wait, and after which the signal handlers of Python are restored."""
-    handled = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, handled)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _HANDLED)
+    try:
+        with handlers_restored():
+            yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def handlers_restored() -> Iterator[None]:
+    """Context after which the signal handlers of Python are restored; in it, signals reach those of a library."""
+    handled = {number: signal.getsignal(number) for number in _HANDLED}
     try:
         yield
     finally:
@@ -180,4 +191,3 @@ def handlers_kept() -> Iterator[None]:
             for number, handler in handled.items():
                 if callable(handler):
                     signal.signal(number, handler)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import os
 import re
+import signal
 import struct
 import tracemalloc
 from collections.abc import Callable, Mapping
@@ -191,6 +193,17 @@ def test_other_frames(tmp_path: Path) -> None:
     assert "in SRA (x, y, z to head, right, front)" in "".join(said)
     with pytest.raises(JobError, match="no right-handed frame"):
         meshed(image, orientation="LAS")
+
+
+def test_signals_reach_a_run_after_its_image_was_meshed(tmp_path: Path) -> None:
+    received = list[int]()
+    before = signal.signal(signal.SIGTERM, lambda number, _frame: received.append(number))
+    try:
+        meshed(written(tmp_path / "ball.nii.gz", ball()), size="8 mm")
+        os.kill(os.getpid(), signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert received == [signal.SIGTERM]
 
 
 def test_small_holes_and_parts_are_told(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from hpcinv.mesh.imaging.wall_sizes import WallSizes
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.parallel.quiet import quiet_library
+from hpcinv.parallel.signals import handlers_restored
 
 _ROUNDS = 4  # of smoothing
 _WITHIN = 0.08  # distance by which MMG may move surfaces, relative to the size of cells
@@ -68,7 +69,8 @@ def cells_between_surfaces(
         mesh.set_field("metric", _COARSE * scale * sizes.at(points)[:, None])
     least = min(_FINEST, sizes.least * scale)
     try:
-        mesh.remesh(hmax=_COARSE, hmin=least, hausd=_WITHIN, hgrad=1.5, ar=60.0, verbose=-1)
+        with handlers_restored():  # MMG takes those of SIGTERM and SIGINT away
+            mesh.remesh(hmax=_COARSE, hmin=least, hausd=_WITHIN, hgrad=1.5, ar=60.0, verbose=-1)
         found, refs = mesh.get_triangles_with_refs()[:2]
         filled = _filled(
             np.asarray(mesh.get_vertices()) / scale, np.asarray(found), np.asarray(refs) - 1, shells[:, :2]

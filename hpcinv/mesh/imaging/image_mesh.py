@@ -27,6 +27,7 @@ from hpcinv.mesh.imaging.wall_sizes import WallSizes, wall_sizes
 from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.surface import Surface
+from hpcinv.parallel.signals import handlers_restored
 from hpcinv.quantity.units import readable
 
 type Bools = npt.NDArray[np.bool_]
@@ -312,7 +313,8 @@ def _remeshed(lattice: Lattice, sizes: WallSizes, tolerance: float, path: Path) 
     least = min(sizes.least * scale, _UNIFORM)
     options: dict[str, Any] = {"hmax": 1.0, "hmin": least, "hausd": tolerance * scale, "hgrad": 1.5}
     try:
-        mesh.remesh(**options, ar=60.0, verbose=-1)
+        with handlers_restored():  # MMG takes those of SIGTERM and SIGINT away
+            mesh.remesh(**options, ar=60.0, verbose=-1)
     except RuntimeError as error:
         raise MeshError(f"{path}: MMG could not mesh it: {error}", "Try another mesh.size.") from error
     found, of = mesh.get_tetrahedra_with_refs()[:2]
