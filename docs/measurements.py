@@ -19,6 +19,10 @@ PRINTED = Path(__file__).parent / "printed"
 COMMANDS = {
     "strategies": "python benchmarks/strategies.py",
     "contact": "python benchmarks/contact.py",
+    "assembly": "python benchmarks/assembly.py --repeat 3",
+    "stability-modes": "python benchmarks/stability.py modes",
+    "stability-counts": "python benchmarks/stability.py counts",
+    "stability-price": "python benchmarks/stability.py price",
     "effectivity": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2",
     "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",
 }
@@ -35,7 +39,8 @@ def main() -> None:
     for name in sys.argv[1:] or COMMANDS:
         command, note = COMMANDS[name], f"load average {os.getloadavg()[0]:.1f} before it began"
         words = [sys.executable, *shlex.split(command)[1:]]
-        done = subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        quiet = os.environ | {"PETSC_OPTIONS": "-options_left 0"}
+        done = subprocess.run(words, cwd=ROOT, env=quiet, stdout=subprocess.PIPE, text=True)
         if done.returncode:
             sys.exit(f"{command} fails")
         PRINTED.mkdir(parents=True, exist_ok=True)
