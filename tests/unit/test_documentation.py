@@ -3,6 +3,7 @@
 import argparse
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -16,6 +17,8 @@ from hpcinv.__main__ import _parser
 from hpcinv.cli.study import with_action
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.study.plan import load_study
+from hpcinv.sweep.plan import load_sweep
 
 ROOT = Path(__file__).parents[2]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("**/*.md")]
@@ -110,6 +113,27 @@ def test_outputs_that_pages_show_are_of_scripts_and_tests_that_exist() -> None:
         named = re.match(r"\$ python3 -m uv run (?:python|pytest -n 0 -s) (\S+\.py)", command)
         assert named, file
         assert (ROOT / named[1]).is_file(), command
+
+
+def sweeps_and_studies() -> list[Any]:
+    """Sweep and study files in all pages."""
+    found = []
+    for page in PAGES:
+        for number, block in enumerate(re.findall(r"^```yaml\n(.*?)^```", page.read_text(), re.M | re.S), start=1):
+            if re.match(r"(sweep|study):", block):
+                found.append(pytest.param(block, id=f"{page.relative_to(ROOT)}:{number}"))
+    return found
+
+
+@pytest.mark.parametrize("block", sweeps_and_studies())
+def test_sweeps_and_studies_in_the_pages_are_valid(block: str, tmp_path: Path) -> None:
+    """Their jobs are those of the project."""
+    (tmp_path / "meshes").symlink_to(ROOT / "meshes")
+    shutil.copytree(ROOT / "jobs", tmp_path / "jobs")
+    file = tmp_path / "jobs" / "of-a-page.yaml"
+    file.write_text(block)
+    plan: Any = load_sweep(file) if block.startswith("sweep:") else load_study(file)
+    assert plan.cases if block.startswith("sweep:") else plan.runs
 
 
 def fragments() -> Iterator[Any]:
