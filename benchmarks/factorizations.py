@@ -22,7 +22,7 @@ SOLVERS: Mapping[str, Mapping[str, Any]] = {
     "single, low rank": {"linear": "direct", "petsc": {"pc_precision": "single", "mat_mumps_icntl_35": 2}},
     "iterative": {"linear": "iterative"},
 }
-FIGURES = ("tangents factorized", "corrections", "Krylov", "solver (s)", "factorizations (s)", "processor (s)", "MB")
+FIGURES = ("tangents factorized", "corrections", "Krylov", "solver (s)", "factorizations (s)", "MB")
 
 
 def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
@@ -47,7 +47,6 @@ def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
             "Krylov": sum(solution["linear"]["iterations"] for solution in of[0].found["solutions"]),
             "solver (s)": median(of, lambda run: run.solver),
             "factorizations (s)": median(of, lambda run: run.phases["factorization"]),
-            "processor (s)": median(of, lambda run: run.cpu),
             "MB": median(of, lambda run: sum(run.memory)) / 1e6,
             "fallback": of[0].found["solutions"][0]["linear"]["fallback"] or "",
         }
