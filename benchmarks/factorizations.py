@@ -1,7 +1,6 @@
 """Factors in double and single precision, with and without blocks of low rank, and the iterative solver.
 
-Seconds are those of the solver (wall), and of the processor for the whole command, kernels compiled, which other
-programs on the machine change less.
+Seconds are those of the solver (wall), kernels compiled; other work on the machine lengthens them.
 
 Command: python benchmarks/factorizations.py [--sizes 41000 160000] [--analyses inverse forward] [--repeat 1]
 """
