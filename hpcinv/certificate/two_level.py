@@ -36,8 +36,8 @@ from hpcinv.solver.problem import Model
 
 type Singles = npt.NDArray[np.float32]
 
-MANY = 1e11
-"""Operations of a factorization in the finer spaces from which iterations take less time."""
+MANY = 5e10
+"""Operations of a factorization in the finer spaces from which iterations are worth their error: it takes seconds."""
 _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
 _RESIDUAL = 0.05  # relative, at which the correction may be found
