@@ -23,6 +23,7 @@ COMMANDS = {
     "stability-modes": "python benchmarks/stability.py modes",
     "stability-counts": "python benchmarks/stability.py counts",
     "stability-price": "python benchmarks/stability.py price",
+    "certificate": "python benchmarks/certificate.py --repeat 1 --ranks 1 2",
     "effectivity": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2",
     "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",
 }

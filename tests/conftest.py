@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -58,6 +60,16 @@ def is_left_for_a_release(item: pytest.Item) -> bool:
     here = getattr(item, "callspec", None)
     chosen = [name for mark in item.iter_markers("everyday") for name in mark.args]
     return bool(chosen) and here is not None and not any(name in here.id for name in chosen)
+
+
+@pytest.fixture(autouse=True)
+def handlers_of_signals() -> Iterator[None]:
+    """Handlers as they were: commands run in this process leave signals ignored, and children would inherit that."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)}
+    yield
+    for number, handler in before.items():
+        if handler is not None and signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
