@@ -106,7 +106,10 @@ def test_a_case_whose_process_is_killed_is_tried_more_often(tmp_path: Path) -> N
     sweep = crashing(tmp_path, ["killed"], good=1)
     ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
     assert ended.returncode == 3, ended.stdout + ended.stderr
-    assert statuses(sweep) == ["converged", "the process that ran it was killed 5 times"]
+    good, killed = statuses(sweep)
+    assert good == "converged"
+    # On a busy machine the other rank may take the case between its fifth death and the record of that.
+    assert re.fullmatch("the process that ran it was killed [56] times", killed)
 
 
 @pytest.mark.parametrize(("supervised", "solved"), [(True, True), (False, False)])
