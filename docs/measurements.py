@@ -24,6 +24,19 @@ COMMANDS = {
     "stability-counts": "python benchmarks/stability.py counts",
     "stability-price": "python benchmarks/stability.py price",
     "certificate": "python benchmarks/certificate.py --repeat 1 --ranks 1 2",
+    "ranks": "python benchmarks/beam_and_block.py ranks",
+    "linear": "python benchmarks/beam_and_block.py linear --sizes 16000 25000 35000 50000 100000 180000 --repeat 1",
+    "phases": "python benchmarks/beam_and_block.py phases",
+    "factorizations": "python benchmarks/factorizations.py",
+    "linear-solvers": "mpirun -n 1 python benchmarks/linear_solvers.py",
+    "scaling": "python benchmarks/scaling.py --per-rank 4000",
+    "alternatives": "mpirun -n 1 python benchmarks/alternatives.py",
+    "coo-assembly": "mpirun -n 1 python benchmarks/coo_assembly.py --repeat 3",
+    "hard-cases": "mpirun -n 1 python benchmarks/hard_cases.py",
+    "sweep-throughput": "python benchmarks/sweep_throughput.py",
+    "sweep-shares": "python benchmarks/sweep_shares.py --cases 32",
+    "stability-without-factors": "mpirun -n 1 python benchmarks/stability.py without-factors",
+    "newton": "mpirun -n 1 python benchmarks/newton.py",
     "effectivity": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2",
     "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",
 }
@@ -32,14 +45,14 @@ COMMANDS = {
 def heading(command: str, note: str) -> str:
     """Return the first lines of what a command printed: the command, the date, the machine, and a note."""
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text()) if sys.platform == "linux" else None
-    machine = f"{model[1] if model else 'processor'}, {os.cpu_count()} cores"
+    machine = f"{model[1] if model else 'processor'}, {len(os.sched_getaffinity(0))} cores"
     return f"$ python3 -m uv run {command}\n{datetime.datetime.now(datetime.UTC).date()}, {machine}: {note}\n\n"
 
 
 def main() -> None:
     for name in sys.argv[1:] or COMMANDS:
         command, note = COMMANDS[name], f"load average {os.getloadavg()[0]:.1f} before it began"
-        words = [sys.executable, *shlex.split(command)[1:]]
+        words = [sys.executable if word == "python" else word for word in shlex.split(command)]
         quiet = os.environ | {"PETSC_OPTIONS": "-options_left 0"}
         done = subprocess.run(words, cwd=ROOT, env=quiet, stdout=subprocess.PIPE, text=True)
         if done.returncode:
