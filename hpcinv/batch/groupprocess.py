@@ -10,7 +10,6 @@ stop = StopRequest()
 stop.install()  # before anything that takes time
 
 import sys  # noqa: E402
-import time  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import NoReturn  # noqa: E402
 
@@ -24,7 +23,7 @@ def main(directory: Path) -> int:
     """Solve cases until none is left, and report the end; the exit code is 0 unless the processes ended otherwise."""
     from hpcinv.batch.grouptask import EventWriter, GroupTask
     from hpcinv.batch.worker import work
-    from hpcinv.parallel.runtime import MPI, abort, failing_together, on_root
+    from hpcinv.parallel.runtime import MPI, abort, failing_together, on_root, wait_for_all
 
     stop.install()
     world = MPI.COMM_WORLD
@@ -56,11 +55,8 @@ def main(directory: Path) -> int:
         stop.ignore()
         if events is not None:
             events.ended(error)
-        everyone, deadline = world.Ibarrier(), time.monotonic() + _PATIENCE
-        while not everyone.Test():
-            if time.monotonic() > deadline:
-                abort(world, 1)
-            time.sleep(0.01)
+        if not wait_for_all(world, _PATIENCE):
+            abort(world, 1)
     return 0
 
 

@@ -64,6 +64,11 @@ class Faults:
         return f"{self.path}: {title}{also}: {text}"
 
 
+def texts_of(parameters: Mapping[str, Any]) -> list[str]:
+    """Return each parameter as text of a label, by the last part of its key."""
+    return [f"{key.rpartition('.')[2]} {text_of(value)}" for key, value in parameters.items()]
+
+
 def text_of(value: Any) -> str:
     """Return a value as text of a label."""
     match value:

@@ -11,7 +11,6 @@ from typing import Any
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST, Claim, Ledger
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.ledger.store import open_store
 from hpcinv.batch.task import Batch, BatchTask, Pause, Schedule
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError
 from hpcinv.output.progress import SilentProgress
@@ -44,15 +43,14 @@ def work(
         HpcinvError: the same on every rank, from `Worker.work`.
     """
     with ExitStack() as held, compilation_explained(group):
+        ledger: Ledger | None = None
 
-        def open_ledger() -> Ledger:
-            open_store(batch.store)
+        def open_ledger() -> None:
+            nonlocal ledger
             holder = held.enter_context(Holder(batch.store))
-            return Ledger(batch.store, holder, lease=lease, supervised=holding is not None)
+            ledger = Ledger(batch.store, holder, lease=lease, supervised=holding is not None)
 
-        ledgers: list[Ledger] = []
-        on_root(group, lambda: ledgers.append(open_ledger()))
-        ledger = ledgers[0] if ledgers else None
+        on_root(group, open_ledger)
         Worker(batch, group, ledger, begin, note, stop_asked, holding or (lambda task: None)).work()
 
 

@@ -51,7 +51,7 @@ class RunDirectory:
     def summary(self) -> dict[str, Any] | None:
         """Return the content of ``summary.json``, ``None`` if it is missing or not that of a run."""
         try:
-            found: dict[str, Any] = json.loads((self.path / "summary.json").read_text())
+            found: dict[str, Any] = json.loads((self.path / "summary.json").read_bytes())
             _ = found["status"]
         except (OSError, ValueError, KeyError, TypeError):
             return None

@@ -45,7 +45,7 @@ from hpcinv.parallel.kernel_files import (
     unsealed,
 )
 from hpcinv.parallel.ownership import foreign_writer, foreign_writer_above
-from hpcinv.parallel.ranks import wait_for_root
+from hpcinv.parallel.ranks import wait_for_all
 from hpcinv.parallel.runtime import MPI
 
 _TRUST = "HPCINV_TRUST_KERNELS"
@@ -223,7 +223,7 @@ def _jit(comm: MPI.Intracomm, *arguments: Any, **further: Any) -> Any:
             compiled = _jit_here(*arguments, **further)
         except Exception as error:  # anything that FFCx, CFFI or the compiler raises
             fault = str(error) or type(error).__name__
-    wait_for_root(comm)
+    wait_for_all(comm)
     if fault := comm.bcast(fault):
         raise RuntimeError(f"Failed JIT compilation of form: {fault}")
     fault = ""

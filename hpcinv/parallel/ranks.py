@@ -3,6 +3,7 @@
 This module loads MPI alone, in tenths of a second; `runtime` adds PETSc and DOLFINx.
 """
 
+import math
 import os
 import sys
 import time
@@ -52,7 +53,7 @@ def on_root[T](comm: MPI.Intracomm, function: Callable[[], T]) -> T:
         except BaseException as exc:  # also SystemExit: the other ranks wait below
             _print_traceback(comm, exc)
             error = RootFailure(f"rank 0: {type(exc).__name__}: {exc}")
-    wait_for_root(comm)
+    wait_for_all(comm)
     error = comm.bcast(error)
     if error is not None:
         raise error
@@ -60,22 +61,18 @@ def on_root[T](comm: MPI.Intracomm, function: Callable[[], T]) -> T:
     return shared
 
 
-def wait_for_root(comm: MPI.Intracomm) -> None:
-    """Wait on all other ranks until rank 0 comes here, and let their processors free meanwhile; collective.
+def wait_for_all(comm: MPI.Intracomm, patience: float = math.inf) -> bool:
+    """Wait until all ranks come here, and let processors free meanwhile; ``False`` after ``patience`` (s).
 
-    MPI itself waits busily: ranks that outnumber the cores would take turns with what rank 0 does.
+    MPI itself waits busily: ranks that outnumber the cores would take turns with those that still work.
     """
-    done, pause = comm.Ibarrier(), 1e-5
-    while not done.Test():
+    everyone, pause, deadline = comm.Ibarrier(), 1e-5, time.monotonic() + patience
+    while not everyone.Test():
+        if time.monotonic() > deadline:
+            return False
         time.sleep(pause)
         pause = min(2 * pause, 1e-2)
-
-
-def wait_for_all(world: MPI.Intracomm) -> None:
-    """Wait for all ranks without using the cores of those that still work."""
-    everyone = world.Ibarrier()
-    while not everyone.Test():
-        time.sleep(0.02)
+    return True
 
 
 def agree(comm: MPI.Intracomm, error: HpcinvError | None) -> None:
@@ -99,12 +96,9 @@ def failing_together(comm: MPI.Intracomm, patience: float = 5.0) -> Iterator[Non
     try:
         yield
     except HpcinvError as error:
-        everyone, deadline = ending.Ibarrier(), time.monotonic() + patience
-        while not everyone.Test():
-            if time.monotonic() > deadline:
-                print(f"[rank {comm.rank}] {error}", file=sys.stderr, flush=True)
-                abort(comm, error.exit_code)
-            time.sleep(0.01)
+        if not wait_for_all(ending, patience):
+            print(f"[rank {comm.rank}] {error}", file=sys.stderr, flush=True)
+            abort(comm, error.exit_code)
         if comm.rank == 0:
             print(error, file=sys.stderr, flush=True)
         raise SystemExit(error.exit_code) from None

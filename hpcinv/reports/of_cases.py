@@ -45,6 +45,13 @@ class Cases:
     gallery_note: str = ""
 
 
+def outcome_of(*, converged: bool, verdict: str) -> str:
+    """Return the outcome of a finished case: good, doubtful or bad."""
+    if not converged or verdict == "fail":
+        return "bad"
+    return "doubtful" if verdict in ("warning", "not decided") else "good"
+
+
 def cases_page(cases: Cases) -> bytes:
     """Return the page."""
     names = [name for name, values in cases.columns.items() if any(v not in (None, "") for v in values)]

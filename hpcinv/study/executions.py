@@ -155,15 +155,10 @@ class Executions:
     def _prepared(self, run: int) -> tuple[Job, str] | CaseRecord:
         """Return job and hash of a ready run, or the reason why there is none, such as the failure of another run."""
         if run not in self._jobs:
-            job = self._completed(run)
-            if not isinstance(job, CaseRecord):
-                # The hash of everything that the result and the time of a run depend on.
-                self._jobs[run] = job, content_key(job, ranks=self.ranks, partition=job.mesh.partition)
-            else:
-                self._jobs[run] = job
+            self._jobs[run] = self._completed(run)
         return self._jobs[run]
 
-    def _completed(self, number: int) -> Job | CaseRecord:
+    def _completed(self, number: int) -> tuple[Job, str] | CaseRecord:
         run, values = self.plan.runs[number], {}
         for key, source in self._sources(number):
             taken, record = self.plan.study.series_called(run.place.series).take[key], self._first(source)
@@ -175,9 +170,11 @@ class Executions:
                 return _not_run(f"{key} is taken from series '{taken.series}', which {why}")
             values[key] = max(value, taken.at_least)
         try:
-            return run.with_values(values) if values else run.job
+            job = run.job.with_(values) if values else run.job
         except JobError as error:
             return _not_run("; ".join(error.problems))
+        # The hash of everything that the result and the time of a run depend on.
+        return job, content_key(job, ranks=self.ranks, partition=job.mesh.partition)
 
 
 def _not_run(why: str) -> CaseRecord:

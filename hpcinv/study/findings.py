@@ -5,6 +5,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from hpcinv.batch.tables import unit_of
 from hpcinv.study.convergence import fitted_order, orders
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue, find_reference
@@ -79,8 +80,19 @@ class Accuracy:
         """The reason why a case has no reference; ``None`` if all have one."""
         return next((r for r in self.references if isinstance(r, str)), None)
 
+    def front(self) -> str:
+        """Return the titles of the points on the Pareto front, from fast to accurate; empty without points."""
+        on_front = [point for point in self.points if point.on_front]
+        best = sorted(on_front, key=lambda point: point.costs["time"] or 0.0)
+        return "; ".join(", ".join(filter(None, (point.series, point.label))) for point in best)
+
     def point_of(self, row: StudyRow) -> StepStatistics:
         return next(p for p in self.points if (p.series, p.step) == (row.place.series, row.place.step))
+
+
+def findings(plan: StudyPlan, rows: Sequence[StudyRow]) -> list[Accuracy]:
+    """Return errors and orders of each measured quantity in the rows."""
+    return [accuracy(plan, rows, name, unit_of(key, plan.runs[0].job)) for name, key in plan.measured.items()]
 
 
 def accuracy(plan: StudyPlan, rows: Sequence[StudyRow], name: str, unit: str) -> Accuracy:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hpcinv.batch.tables import unit_of
 from hpcinv.errors import OutputError
-from hpcinv.reports.of_cases import Cases, cases_page
+from hpcinv.reports.of_cases import Cases, cases_page, outcome_of
 from hpcinv.reports.page import write_page
 from hpcinv.study.executions import Executions
-from hpcinv.study.findings import accuracy
+from hpcinv.study.findings import findings
 from hpcinv.study.references import ReferenceValue
-from hpcinv.study.rows import StudyRow, rows_of
+from hpcinv.study.rows import rows_of
 from hpcinv.study.run import diagrams
 from hpcinv.study.tables import run_columns, run_units
 
@@ -29,7 +28,7 @@ def write_study_report(executions: Executions, path: Path) -> Path:
             f"{plan.path}: {done} of {total} runs are done", f"Finish them: python -m hpcinv study {plan.path}"
         )
     rows = rows_of(executions)
-    found = [accuracy(plan, rows, name, unit_of(key, plan.runs[0].job)) for name, key in plan.measured.items()]
+    found = findings(plan, rows)
     pictures = [
         (name.removesuffix(".png").replace("-", " "), data)
         for name, data in diagrams(plan, rows, found, executions.ranks).items()
@@ -43,10 +42,8 @@ def write_study_report(executions: Executions, path: Path) -> Path:
             notes.append(f"Errors of {one.name} are against {reference.value:.10g} {one.unit} ({reference.origin}).")
         else:
             notes.append(f"{one.name} has no errors: {reference}.")
-        if front := [point for point in one.points if point.on_front]:
-            best = sorted(front, key=lambda point: point.costs["time"] or 0.0)
-            titles = "; ".join(", ".join(filter(None, (point.series, point.label))) for point in best)
-            notes.append(f"Pareto front of {one.name}, from fast to accurate: {titles}.")
+        if front := one.front():
+            notes.append(f"Pareto front of {one.name}, from fast to accurate: {front}.")
     converged = sum(row.converged for row in rows)
     numbers = [name for name in columns if name in ("unknowns", "time", *(one.name for one in found))]
     errors = [name for name in columns if "error" in name and "estimated" not in name]
@@ -58,14 +55,8 @@ def write_study_report(executions: Executions, path: Path) -> Path:
         units=run_units(found),
         parameters=numbers,
         results=errors,
-        outcome=[_outcome(row) for row in rows],
+        outcome=[outcome_of(converged=row.converged, verdict=row.certificate) for row in rows],
         diagrams=pictures,
     )
     write_page(path, cases_page(cases))
     return path
-
-
-def _outcome(row: StudyRow) -> str:
-    if not row.converged or row.certificate == "fail":
-        return "bad"
-    return "doubtful" if row.certificate in ("warning", "not decided") else "good"

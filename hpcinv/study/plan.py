@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.axes import combined, sections_first
-from hpcinv.batch.specification import Faults, read_base, read_spec, text_of
+from hpcinv.batch.specification import Faults, read_base, read_spec, text_of, texts_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.quantity.keys import assigned
-from hpcinv.quantity.schema import Location, Problems, at, raise_if_any
 from hpcinv.study.spec import Study, measured_key
 
 
@@ -34,8 +33,7 @@ class Place:
 
     @property
     def title(self) -> str:
-        case = ", ".join(f"{key.rpartition('.')[2]} {text_of(value)}" for key, value in self.parameters.items())
-        return ", ".join(part for part in (self.series, self.label, case) if part)
+        return ", ".join(part for part in (self.series, self.label, *texts_of(self.parameters)) if part)
 
 
 @dataclass(frozen=True)
@@ -44,16 +42,6 @@ class Run:
 
     place: Place
     job: Job
-    data: Mapping[str, Any]
-
-    def with_values(self, values: Mapping[str, Any]) -> Job:
-        """Return the job with values taken from other runs.
-
-        Raises:
-            JobError: it is not valid with them.
-        """
-        assert self.job.path is not None
-        return parse(assigned(self.data, values), self.job.path, untrusted=self.job.is_untrusted)
 
 
 @dataclass(frozen=True)
@@ -108,20 +96,16 @@ def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: Faults, unt
                 least = {key: taken.at_least for key, taken in series.take.items()}
                 try:
                     settings = _merged(study.set, (series.set, of_case, varied, least))
-                    changed = assigned(data, settings)
-                    job = parse(changed, base, untrusted=untrusted)
-                    raise_if_any(_unmeasurable(study, job))
-                except Problems as error:
-                    problems = [f"{at(where)}: {text}" for where, text in error.found]
+                    job = parse(assigned(data, settings), base, untrusted=untrusted)
+                    problems = [*_unmeasurable(study, job)]
                 except ValueError as error:
                     problems = [str(error)]
                 except JobError as error:
                     problems = [problem.removeprefix(f"{base}: ") for problem in error.problems]
-                else:
-                    problems = []
-                    yield Run(place, job, changed)
                 for problem in problems:
                     faults.add(place.title, problem)
+                if not problems:
+                    yield Run(place, job)
 
 
 def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
@@ -135,18 +119,18 @@ def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) 
     return sections_first({**defaults, **merged})
 
 
-def _unmeasurable(study: Study, job: Job) -> Iterator[tuple[Location, str]]:
-    """Yield the entries of ``measure`` that a job does not have."""
+def _unmeasurable(study: Study, job: Job) -> Iterator[str]:
+    """Yield lines on the entries of ``measure`` that a job does not have."""
     for i, name in enumerate(study.measure):
         try:
             key = measured_key(name, _quantities(job))
         except ValueError as error:
-            yield ("measure", i), str(error)
+            yield f"measure[{i}]: {error}"
             continue
         if key.startswith("errors.round_trip") and job.analysis != "round_trip":
-            yield ("measure", i), f"{key} needs 'analysis: round_trip' in the job"
+            yield f"measure[{i}]: {key} needs 'analysis: round_trip' in the job"
         if key.startswith("errors.expected_shape") and job.expected_shape is None:
-            yield ("measure", i), f"{key} needs an 'expected_shape' in the job"
+            yield f"measure[{i}]: {key} needs an 'expected_shape' in the job"
 
 
 def _quantities(job: Job) -> dict[str, bool]:

@@ -81,10 +81,8 @@ def _notes(plan: StudyPlan, accuracy: Accuracy) -> Iterator[str]:
     if accuracy.fitted:
         orders = ", ".join(f"{series} {order:.2f}" for series, order in accuracy.fitted.items())
         yield f"orders of convergence (least squares): {orders}"
-    if on_front := [point for point in accuracy.points if point.on_front]:
-        best = sorted(on_front, key=lambda point: point.costs["time"] or 0.0)
-        titles = "; ".join(", ".join(filter(None, (p.series, p.label))) for p in best)
-        yield f"Pareto front, from fast to accurate: {titles}"
+    if front := accuracy.front():
+        yield f"Pareto front, from fast to accurate: {front}"
     if (beside := plan.study.beside) is None:
         return
     reference = accuracy.references[0]

@@ -84,7 +84,7 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
     values = {name: look_up(found, k) if converged else None for name, k in plan.measured.items()}
     estimates = {name: look_up(found, f"certificate.estimate.{k}") for name, k in plan.measured.items()}
     size = _size(run, costs["cells"], parameter) if _refines(run) else None
-    geometry = str((found.get("certificate", {}).get("estimate") or {}).get("geometry", ""))
+    geometry = str(records[0].estimate.get("geometry", ""))
     times = tuple(seconds[study.time])
     return StudyRow(
         run.place, key, records[0].status, costs, times, values, records[0].verdict, estimates, size, geometry

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hpcinv.batch.conduct import conduct
 from hpcinv.batch.ledger.ledger import ledger_of
-from hpcinv.batch.tables import as_csv, unit_of
+from hpcinv.batch.tables import as_csv
 from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.signals import StopRequest
@@ -14,7 +14,7 @@ from hpcinv.study.diagram import over_cases, work_precision
 from hpcinv.study.directory import StudyDirectory
 from hpcinv.study.execution import StudyBatch
 from hpcinv.study.executions import Executions
-from hpcinv.study.findings import Accuracy, accuracy
+from hpcinv.study.findings import Accuracy, findings
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.report import show
 from hpcinv.study.rows import StudyRow, rows_of
@@ -60,16 +60,13 @@ def run_study(
         note(f"{plan.study.study}: {len(plan.runs)} runs, {ranks}; results in {directory}{before}")
 
     on_root(comm, begin)
-    interrupted = False
     try:
         conduct(batch, comm, ranks_per_case=comm.size, isolated=False, note=note, stop=stop)
     except Interrupted:
-        interrupted = True
-    if interrupted:
         done, total = on_root(comm, lambda: known().count())
         raise Interrupted(
             f"stopped by a signal; {done} of {total} runs are done and kept", "The same command continues."
-        )
+        ) from None
     on_root(comm, lambda: conclude(known(), StudyDirectory(directory, plan.study.study)))
 
 
@@ -82,8 +79,7 @@ def conclude(executions: Executions, directory: StudyDirectory) -> None:
     """
     plan = executions.plan
     rows = rows_of(executions)
-    units = {name: unit_of(key, plan.runs[0].job) for name, key in plan.measured.items()}
-    found = [accuracy(plan, rows, name, unit) for name, unit in units.items()]
+    found = findings(plan, rows)
     for name, content in _files(plan, rows, found, executions.ranks).items():
         directory.write(name, content)
     show(plan, rows, found)

@@ -11,7 +11,7 @@ from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.pictures.boundary import NAME, Boundary, read_boundary
 from hpcinv.reports.arrays import Arrays
-from hpcinv.reports.of_cases import Cases, cases_page
+from hpcinv.reports.of_cases import Cases, cases_page, outcome_of
 from hpcinv.reports.of_run import write_run_report
 from hpcinv.reports.page import NAME as PAGE
 from hpcinv.reports.page import write_page
@@ -70,11 +70,7 @@ def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: boo
 
 
 def _outcome(record: CaseRecord | None) -> str:
-    if record is None:
-        return "open"
-    if not record.converged or record.verdict == "fail":
-        return "bad"
-    return "doubtful" if record.verdict in ("warning", "not decided") else "good"
+    return "open" if record is None else outcome_of(converged=record.converged, verdict=record.verdict)
 
 
 def _found(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> str:

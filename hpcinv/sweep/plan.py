@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.axes import combined, sections_first
-from hpcinv.batch.specification import Faults, read_base, read_spec, text_of
+from hpcinv.batch.specification import Faults, read_base, read_spec, texts_of
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.fingerprint import content_key, file_digest
@@ -139,5 +139,4 @@ def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[st
 
 
 def _title(number: int, parameters: Mapping[str, Any]) -> str:
-    values = (f"{key.rpartition('.')[2]} {text_of(value)}" for key, value in parameters.items())
-    return ", ".join((f"case {number}", *values))
+    return ", ".join((f"case {number}", *texts_of(parameters)))

@@ -1,7 +1,6 @@
 """Runner of a sweep's cases, which reuses mesh, model and solutions of earlier cases, and resumes from checkpoints."""
 
 import contextlib
-import json
 import shutil
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -17,7 +16,6 @@ from hpcinv.errors import CheckpointError
 from hpcinv.methods.initial_guess import Guess
 from hpcinv.output.progress import SilentProgress
 from hpcinv.output.result import Result
-from hpcinv.output.run_directory import RunDirectory
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.problem_cache import Workspace
 from hpcinv.sweep.neighbours import Neighbour, Neighbours
@@ -51,7 +49,8 @@ class SweepRunner(Runner[SweepTask]):
         self.workspace.clear()
 
     def run(self, task: SweepTask, progress: SilentProgress, stop_asked: Callable[[], bool]) -> dict[str, Any]:
-        if (known := on_root(self.comm, lambda: _summary(task.directory))) is not None:
+        known = on_root(self.comm, task.directory.summary)
+        if known is not None and known["status"] == "converged":
             progress.statistics = known  # an earlier attempt was killed just before its commit
             return {}
         start, guess = self._guess(task)
@@ -114,14 +113,6 @@ def _clear(path: Path) -> None:
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)
-
-
-def _summary(directory: RunDirectory) -> Mapping[str, Any] | None:
-    """Return the summary of a run that is finished but not committed."""
-    if not directory.is_finished:
-        return None
-    found: Mapping[str, Any] = json.loads((directory.path / "summary.json").read_text(encoding="utf-8"))
-    return found
 
 
 def _began_with_guess(statistics: Mapping[str, Any]) -> bool:

@@ -15,9 +15,7 @@ from hpcinv.sweep.plan import SweepPlan
 OUTCOME: Mapping[str, Callable[[CaseRecord], Any]] = {
     "status": lambda record: record.status,
     "certificate": lambda record: record.verdict,
-    "geometry_error": lambda record: (record.statistics.get("certificate", {}).get("estimate") or {}).get(
-        "geometry", ""
-    ),
+    "geometry_error": lambda record: record.estimate.get("geometry", ""),
 }
 COSTS: Mapping[str, Callable[[CaseRecord], Any]] = {
     "seconds": lambda record: record.seconds,
@@ -119,16 +117,16 @@ def _of_solutions(record: CaseRecord, key: str) -> int | None:
 
 def _results(rows: list[CaseRecord | None]) -> Iterator[tuple[str, list[Any]]]:
     """Yield the columns of quantities of interest, of their estimated errors, and of their sensitivities."""
-    every: list[dict[str, Any]] = [{} if row is None else dict(_values(row.statistics)) for row in rows]
+    every: list[dict[str, Any]] = [{} if row is None else dict(_values(row)) for row in rows]
     for name in dict.fromkeys(name for values in every for name in values):
         yield name, [values.get(name) for values in every]
 
 
-def _values(statistics: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
+def _values(record: CaseRecord) -> Iterator[tuple[str, float | None]]:
     """Yield the numbers of one case by column."""
-    estimate = (statistics.get("certificate", {}).get("estimate") or {}).get("quantities", {})
-    sensitivities = (statistics.get("sensitivities") or {}).get("quantities", {})
-    for name, value in statistics.get("quantities", {}).items():
+    estimate = record.estimate.get("quantities", {})
+    sensitivities = (record.statistics.get("sensitivities") or {}).get("quantities", {})
+    for name, value in record.statistics.get("quantities", {}).items():
         yield from _parts(name, value).items()
         if name in estimate:
             yield from _parts(name, estimate[name], " estimated error").items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,36 +36,19 @@ class History:
     @classmethod
     def from_names(cls, names: Iterable[str]) -> History:
         """Return the history that the names of the files of a case give."""
-        rounds, records = [1], set[int]()
-        claims, released, crashed = dict[int, set[int]](), dict[int, set[int]](), dict[int, set[int]]()
-        temporary = []
-        for name in names:
-            if (found := _NAME.fullmatch(name)) is None:
-                continue
-            kind, number, claim = found["kind"], int(found["round"]), int(found["claim"] or 0)
-            if found["partial"] or kind in ("claim", "crashed", "released"):
-                temporary.append(name)
-            if found["partial"]:
-                continue
-            match kind:
-                case "reopened":
-                    rounds.append(number)
-                case "record":
-                    records.add(number)
-                case "claim":
-                    claims.setdefault(number, set()).add(claim)
-                case "crashed":
-                    crashed.setdefault(number, set()).add(claim)
-                case _:
-                    released.setdefault(number, set()).add(claim)
-        latest = max(rounds)
+        files = [found for found in map(_NAME.fullmatch, names) if found is not None]
+        numbers = defaultdict[tuple[str, int], set[int]](set)  # of claims, by kind of file and round
+        for file in files:
+            if not file["partial"]:
+                numbers[file["kind"], int(file["round"])].add(int(file["claim"] or 0))
+        latest = max((number for kind, number in numbers if kind == "reopened"), default=1)
         return cls(
             round=latest,
-            finished=latest in records,
-            claims=max(claims.get(latest, ()), default=0),
-            released=frozenset(released.get(latest, ())),
-            crashed=frozenset(crashed.get(latest, ())),
-            temporary=tuple(temporary),
+            finished=("record", latest) in numbers,
+            claims=max(numbers["claim", latest], default=0),
+            released=frozenset(numbers["released", latest]),
+            crashed=frozenset(numbers["crashed", latest]),
+            temporary=tuple(file[0] for file in files if file["partial"] or file["claim"]),
         )
 
     @property

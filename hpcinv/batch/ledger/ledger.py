@@ -33,7 +33,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from hpcinv.batch.ledger.history import Histories, History
 from hpcinv.batch.ledger.holder import Holder
@@ -221,32 +221,25 @@ class Ledger:
 
     def _last_holder(self, key: str, history: History) -> Identity | None:
         """Return the holder of the last claim; ``None`` if the claim is damaged or was removed meanwhile."""
-        file = self._files.file(key, f"claim-{history.round}-{history.claims}.json")
-        with as_output_error(file):
-            try:
-                return Identity.from_json(json.loads(file.read_bytes())["holder"])
-            except (FileNotFoundError, ValueError, KeyError, TypeError):
-                return None
+        with contextlib.suppress(ValueError):
+            return Identity.from_json(self._entry(key, f"claim-{history.round}-{history.claims}", "holder"))
+        return None
 
     def _lost(self, key: str, history: History) -> int:
         """Return the number of claims that ended without a note of the supervisor that they had."""
-        lost = 0
-        for number in {*range(1, history.claims + 1)} - history.released - history.crashed:
-            file = self._files.file(key, f"claim-{history.round}-{number}.json")
-            with as_output_error(file), contextlib.suppress(FileNotFoundError, ValueError, AttributeError):
-                lost += json.loads(file.read_bytes()).get("supervised") is True
-        return lost
+        ended = {*range(1, history.claims + 1)} - history.released - history.crashed
+        return sum(self._entry(key, f"claim-{history.round}-{number}", "supervised") is True for number in ended)
 
     def _crashes(self, key: str, history: History) -> tuple[str, ...]:
-        found = []
-        for number in sorted(history.crashed):
-            file = self._files.file(key, f"crashed-{history.round}-{number}.json")
-            with as_output_error(file):
-                try:
-                    found.append(str(json.loads(file.read_bytes())["how"]))
-                except (FileNotFoundError, ValueError, KeyError, TypeError):
-                    found.append("not known how")
-        return tuple(found)
+        found = (self._entry(key, f"crashed-{history.round}-{number}", "how") for number in sorted(history.crashed))
+        return tuple("not known how" if how is None else str(how) for how in found)
+
+    def _entry(self, key: str, name: str, entry: str) -> Any:
+        """Return an entry of one of a case's files; ``None`` if the file is damaged or was removed meanwhile."""
+        file = self._files.file(key, f"{name}.json")
+        with as_output_error(file), contextlib.suppress(FileNotFoundError, ValueError, KeyError, TypeError):
+            return json.loads(file.read_bytes())[entry]
+        return None
 
     def _read_record(self, key: str, history: History) -> CaseRecord | None:
         if not history.finished:

@@ -47,6 +47,11 @@ class CaseRecord:
         verdict: str = self.statistics.get("certificate", {}).get("verdict", "")
         return verdict
 
+    @property
+    def estimate(self) -> Mapping[str, Any]:
+        """Error estimate of the certificate; empty without one."""
+        return self.statistics.get("certificate", {}).get("estimate") or {}
+
     def encoded(self) -> bytes:
         """Return the content of its file; numbers that are not finite become null, tuples lists."""
         return _sealed(json.dumps(json_data(asdict(self)), ensure_ascii=False).encode())
