@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
+from hpcinv.cli.options import positive
 from hpcinv.errors import OutputError, SolveError
 
 if TYPE_CHECKING:
@@ -51,24 +52,17 @@ def add_bench(commands: Any) -> None:
     bench.add_argument("sections", nargs="*", metavar="section", help=f"{', '.join(SECTIONS)} (default: all)")
     bench.add_argument(
         "--sizes",
-        type=_whole,
+        type=positive,
         nargs="+",
         metavar="N",
         help="unknowns, about (linear: 5000 15000 50000; ranks: 40000; states: 15000)",
     )
     bench.add_argument(
-        "--ranks", type=_whole, nargs="+", metavar="N", help="ranks that are compared (1, 2, 4 … up to the cores)"
+        "--ranks", type=positive, nargs="+", metavar="N", help="ranks that are compared (1, 2, 4 … up to the cores)"
     )
-    bench.add_argument("--repeat", type=_whole, default=3, metavar="N", help="rounds, for medians (3)")
+    bench.add_argument("--repeat", type=positive, default=3, metavar="N", help="rounds, for medians (3)")
     bench.add_argument("--out", type=Path, metavar="FILE", help="write all figures as JSON")
     bench.set_defaults(command=_bench)
-
-
-def _whole(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError("must be 1 or more")
-    return number
 
 
 def _bench(options: argparse.Namespace) -> int:

@@ -18,10 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from rich.table import Table
 
 from hpcinv.errors import OutputError, SolveError, SystemPartMissing
-from hpcinv.output.console import Console
+from hpcinv.output.console import table_console, table_of_numbers
 
 type JobData = Mapping[str, Any]
 
@@ -156,13 +155,9 @@ class Findings:
 
     def show(self) -> None:
         """Print the table; without styles to a file or a pipe."""
-        console = Console(highlight=False, markup=False)
-        if not console.is_terminal:
-            console.width = 160  # a file has no width of its own
+        console = table_console(160)
         console.print(self.title, style="bold")
-        table = Table(box=None, pad_edge=False, header_style="")
-        for i, title in enumerate(self.columns):
-            table.add_column(title, justify="right" if i else "left", no_wrap=True)
+        table = table_of_numbers(*self.columns)
         for row in self.rows:
             table.add_row(*row)
         console.print(table)

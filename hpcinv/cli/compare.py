@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import on_one_process
+from hpcinv.cli.mesh_input import length_unit, on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.files.untrusted import add_option
-from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import LENGTH_UNITS, parse_quantity, readable
+from hpcinv.quantity.units import readable
 
 
 def add_compare(commands: Any) -> None:
@@ -65,15 +64,13 @@ def _labels(text: str) -> list[int]:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    if options.unit is not None and options.unit not in LENGTH_UNITS:
-        raise OutputError(f"--unit {options.unit}: is no unit of length.{did_you_mean(options.unit, LENGTH_UNITS)}")
+    unit = None if options.unit is None else length_unit(options.unit)
     if options.to is not None and options.to.suffix != ".vtp":
         raise OutputError(f"{options.to}: a surface with distances ends in .vtp", "Name it *.vtp.")
     on_one_process("compare")
     from hpcinv.results.surface_comparison import compare
     from hpcinv.workshop.comparison import surface_in
 
-    unit = None if options.unit is None else parse_quantity(f"1 {options.unit}")[0]
     one, other = (surface_in(path, unit, options.shape, options.label) for path in (options.one, options.other))
     align = None
     if options.align is not None:

@@ -50,21 +50,15 @@ def _explain(options: argparse.Namespace) -> int:
 
 
 def show(job: Job, found: Explanation) -> None:
-    from rich.table import Table
+    from hpcinv.output.console import table_console, table_of_numbers
 
-    from hpcinv.output.console import Console
-
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = 140  # a file has no width of its own
+    console = table_console()
     unknowns = f"{found.displacements} displacements" + (f", {found.pressures} pressures" if found.pressures else "")
     console.print(f"{job.job}: {found.direction}, {found.cells} cells, {unknowns}")
     if found.families:
         console.print(f"fibres: {', '.join(found.families)}")
-    table = Table(box=None, pad_edge=False, header_style="")
-    table.add_column("part", no_wrap=True)
-    for title in ("integrals", "constants", "fields", "compile (CPU)", "residual", "tangent", "of an iteration"):
-        table.add_column(title, justify="right", no_wrap=True)
+    titles = ("part", "integrals", "constants", "fields", "compile (CPU)", "residual", "tangent", "of an iteration")
+    table = table_of_numbers(*titles)
     for i, row in enumerate((*found.rows, found.total)):
         table.add_row(*_cells(row, found, signed=0 < i < len(found.rows)))
     first = "factorization" if found.linear_solver == "direct" else "preconditioner"

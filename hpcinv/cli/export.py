@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import on_one_process
+from hpcinv.cli.mesh_input import length_unit, on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
-from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import LENGTH_UNITS, Dimension, parse_quantity, readable
+from hpcinv.quantity.units import Dimension, parse_quantity, readable
 
 if TYPE_CHECKING:
     from hpcinv.workshop.mould import Split
@@ -65,7 +64,7 @@ def add_export(commands: Any) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    unit = _unit(options.unit)
+    unit = length_unit(options.unit)
     wall = _length("--wall", options.wall) / unit
     tolerance = None if options.tolerance is None else _length("--tolerance", options.tolerance)
     if not (options.scale > 0 and math.isfinite(options.scale)):
@@ -118,12 +117,6 @@ def _warn(options: argparse.Namespace, part: Solid, split: Split | None) -> None
     elif warns_of(share := undercut(part, split)):
         text = f"{share:.1%} of the shape's surface are undercuts for this split"
         print(f"warning: {options.mould}: {text}; a soft part may still come out", file=sys.stderr)
-
-
-def _unit(symbol: str) -> float:
-    if symbol not in LENGTH_UNITS:
-        raise OutputError(f"--unit {symbol}: is no unit of length.{did_you_mean(symbol, LENGTH_UNITS)}")
-    return parse_quantity(f"1 {symbol}")[0]
 
 
 def _length(option: str, text: str, *, positive: bool = True) -> float:

@@ -162,7 +162,7 @@ def _show_ranking(outcomes: list[Outcome]) -> None:
     from rich.table import Table
 
     from hpcinv.fitting.report import ranking
-    from hpcinv.output.console import Console
+    from hpcinv.output.console import table_console
 
     scatter = "residual / its sd" if outcomes[0].fit.deviations_known else "residual"
     table = Table(
@@ -172,11 +172,8 @@ def _show_ranking(outcomes: list[Outcome]) -> None:
     )
     for row in ranking(outcomes):
         table.add_row(*row)
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = 140  # a file has no width of its own
     print()
-    console.print(table)
+    table_console().print(table)
 
 
 def _write(options: argparse.Namespace, outcomes: list[Outcome], best: Outcome) -> None:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from rich.console import Console
 from rich.table import Table
 
 from hpcinv.effects import effects
@@ -11,6 +10,7 @@ from hpcinv.job.sections import COORDINATES, FIELDS
 from hpcinv.job.sections import POSITIONS as OF_QUANTITIES
 from hpcinv.materials import laws
 from hpcinv.materials.formula_law.invariants import ISOTROPIC
+from hpcinv.output.console import Console
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.schema import metadata_in

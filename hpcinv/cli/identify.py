@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
+from hpcinv.cli.options import add_ranks
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
@@ -38,7 +39,7 @@ def add_identify(commands: Any) -> None:
         metavar="N",
         help="ranks of each team that solves some of the states (default: all)",
     )
-    identify.add_argument("--ranks", type=int, help="refuse to run on another number of ranks")
+    add_ranks(identify)
     add_option(identify)
     identify.set_defaults(command=_identify)
 

@@ -12,6 +12,8 @@ from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.sections import MeshSpec
 from hpcinv.quantity.schema import job_error
+from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import LENGTH_UNITS, parse_quantity
 
 JOBS = (".yaml", ".yml")
 """suffixes of job files"""
@@ -28,6 +30,13 @@ def mesh_spec(path: Path, given: Mapping[str, Any]) -> MeshSpec:
         return MeshSpec.model_validate({"file": path.name} | dict(given), context=context)
     except ValidationError as error:
         raise job_error(path, error, MeshSpec) from None
+
+
+def length_unit(symbol: str) -> float:
+    """Return the size (m) of the unit in ``--unit``; raises ``OutputError`` if it is none of length."""
+    if symbol not in LENGTH_UNITS:
+        raise OutputError(f"--unit {symbol}: is no unit of length.{did_you_mean(symbol, LENGTH_UNITS)}")
+    return parse_quantity(f"1 {symbol}")[0]
 
 
 def on_one_process(command: str) -> None:

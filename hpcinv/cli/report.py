@@ -65,21 +65,17 @@ def _of_sweep(path: Path, output: Path | None, *, each: bool) -> Path:
     from hpcinv.sweep.plan import load_sweep
 
     plan = load_sweep(path)
-    page = output or Path("results") / plan.sweep.sweep / "report.html"
+    page = output or plan.results / "report.html"
     return write_sweep_report(plan, ledger_of(plan.store), page, each=each)
 
 
 def _of_study(path: Path, output: Path | None, results: Path | None) -> Path:
-    from hpcinv.batch.ledger.ledger import ledger_of
-    from hpcinv.study.directory import check_content, ranks_in, store_in
-    from hpcinv.study.executions import Executions
+    from hpcinv.study.executions import executions_in
     from hpcinv.study.page import write_study_report
     from hpcinv.study.plan import load_study
 
     plan = load_study(path)
-    directory = results or Path("results") / plan.study.study
+    directory = results or plan.results
     if not directory.is_dir():
         raise OutputError(f"{directory}: no such directory", f"Run it first: python -m hpcinv study {path}")
-    check_content(directory, plan.study.study)
-    executions = Executions(plan, ledger_of(store_in(directory)), ranks_in(directory))
-    return write_study_report(executions, output or directory / "report.html")
+    return write_study_report(executions_in(plan, directory), output or directory / "report.html")

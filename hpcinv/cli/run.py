@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from hpcinv.cli.help import add_command
+from hpcinv.cli.options import add_ranks
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
@@ -57,9 +58,7 @@ def add_run(commands: Any) -> None:
             action="store_true",
             help="end with exit code 7 if the certificate has warnings or is not decided",
         )
-        parallel.add_argument(
-            "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
-        )
+        add_ranks(parallel)
         parallel.add_argument(
             "--report",
             action="store_true",

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.cli.help import add_command
+from hpcinv.cli.options import add_ranks
 from hpcinv.files.untrusted import add_option
 from hpcinv.study.plan import load_study
 
@@ -37,9 +38,7 @@ def add_study(commands: Any) -> None:
         page="how-to/study.md",
     )
     run.add_argument("--retry-failed", action="store_true", help="try runs that have failed before once more")
-    run.add_argument(
-        "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
-    )
+    add_ranks(run)
     run.set_defaults(command=_run)
     status = add_command(
         actions,
@@ -67,20 +66,15 @@ def _run(options: argparse.Namespace) -> int:
         from hpcinv.study.run import run_study
 
         plan = on_root(comm, lambda: load_study(options.study))
-        directory = options.output or Path("results") / plan.study.study
-        run_study(plan, comm, directory=directory, retry_failed=options.retry_failed, stop=stop)
+        run_study(plan, comm, directory=options.output or plan.results, retry_failed=options.retry_failed, stop=stop)
     return 0
 
 
 def _status(options: argparse.Namespace) -> int:
-    from hpcinv.batch.ledger.ledger import ledger_of
     from hpcinv.batch.status import show
-    from hpcinv.study.directory import check_content, ranks_in, store_in
-    from hpcinv.study.executions import Executions
+    from hpcinv.study.executions import executions_in
 
     plan = load_study(options.study)
-    directory = options.output or Path("results") / plan.study.study
-    check_content(directory, plan.study.study)
-    executions = Executions(plan, ledger_of(store_in(directory)), options.ranks or ranks_in(directory))
+    executions = executions_in(plan, options.output or plan.results, options.ranks)
     show(executions.status, followed=options.follow)
     return 0

@@ -10,13 +10,14 @@ from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.batch.status import lines
 from hpcinv.cli.help import add_command
+from hpcinv.cli.options import add_ranks, positive
+from hpcinv.cli.sweep_results import add_results
+from hpcinv.cli.sweep_submit import add_submit
 from hpcinv.errors import Interrupted
 from hpcinv.files.untrusted import add_option
 from hpcinv.sweep.execution import SweepBatch
 from hpcinv.sweep.plan import load_sweep
-from hpcinv.sweep.reporting import add_reports
 from hpcinv.sweep.results import results, status_of
-from hpcinv.sweep.submit import add_submit
 
 
 def add_sweep(commands: Any) -> None:
@@ -42,15 +43,13 @@ def add_sweep(commands: Any) -> None:
         return parser
 
     plan = action("plan", _plan, "Show the number and size of the cases, and a forecast of their time.", "--groups 4")
-    plan.add_argument("--groups", type=_positive, default=1, metavar="N", help="groups of ranks for the forecast")
+    plan.add_argument("--groups", type=positive, default=1, metavar="N", help="groups of ranks for the forecast")
 
     run = action(
         "run", _run, "Solve those cases that are not done yet (under mpirun; several may run at once).", "--first 100"
     )
-    run.add_argument(
-        "--ranks-per-case", type=_positive, default=1, metavar="K", help="ranks that solve a case together"
-    )
-    run.add_argument("--ranks", type=int, metavar="N", help="refuse to run on another number of ranks")
+    run.add_argument("--ranks-per-case", type=positive, default=1, metavar="K", help="ranks that solve a case together")
+    add_ranks(run)
     run.add_argument(
         "--shard",
         type=_shard,
@@ -58,7 +57,7 @@ def add_sweep(commands: Any) -> None:
         metavar="I/N",
         help="begin with this share of the cases, then go on with the others",
     )
-    run.add_argument("--first", type=_positive, metavar="N", help="only the first N cases: of a sample, a smaller one")
+    run.add_argument("--first", type=positive, metavar="N", help="only the first N cases: of a sample, a smaller one")
     run.add_argument(
         "--lease", type=_lease, default=LEASE, metavar="S", help="seconds after which a silent machine counts as lost"
     )
@@ -75,15 +74,8 @@ def add_sweep(commands: Any) -> None:
     retry = action("retry", _retry, "Mark cases as open, so that the next start solves them again.", "--failed")
     retry.add_argument("--failed", action="store_true", required=True, help="all cases that have failed")
 
-    add_reports(action)
+    add_results(action)
     add_submit(action)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError("must be 1 or more")
-    return number
 
 
 def _lease(text: str) -> float:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import rich.console
+from rich.table import Table
 
 from hpcinv.parallel.signals import discard_output
 
@@ -16,6 +17,22 @@ class Console(rich.console.Console):
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
+
+
+def table_console(width: int = 140) -> Console:
+    """Return a console for tables: as wide as the terminal, or ``width``, since a file or a pipe has none."""
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = width
+    return console
+
+
+def table_of_numbers(*titles: str, texts: int = 1, header_style: str = "") -> Table:
+    """Return a table without lines, with the numbers on the right, after some columns with ``texts``."""
+    table = Table(box=None, pad_edge=False, header_style=header_style)
+    for i, title in enumerate(titles):
+        table.add_column(title, justify="left" if i < texts else "right", no_wrap=True)
+    return table
 
 
 class RunConsole(rich.console.Console):

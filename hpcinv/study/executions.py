@@ -4,17 +4,21 @@ Each run is executed several times, to time it. An execution is a case of the le
 content, of the number of ranks, and of its number among the repetitions.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
-from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, status
 from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import Job
 from hpcinv.quantity.keys import look_up
+from hpcinv.study.directory import check_content, ranks_in, store_in
 from hpcinv.study.plan import StudyPlan
 
 RETRY = "study --retry-failed"
@@ -26,6 +30,19 @@ class Execution(NamedTuple):
     key: str
     title: str
     reuse_group: str
+
+
+def executions_in(plan: StudyPlan, directory: Path, ranks: int | None = None) -> Executions:
+    """Return the executions of a study in a directory, for reading.
+
+    Args:
+        ranks: their number of ranks; by default that of the last start.
+
+    Raises:
+        OutputError: the directory holds anything else than this study.
+    """
+    check_content(directory, plan.study.study)
+    return Executions(plan, ledger_of(store_in(directory)), ranks or ranks_in(directory))
 
 
 class Executions:

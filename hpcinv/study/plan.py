@@ -53,6 +53,11 @@ class StudyPlan:
     runs: tuple[Run, ...]
 
     @property
+    def results(self) -> Path:
+        """Directory of the results, unless another one is given."""
+        return Path("results") / self.study.study
+
+    @property
     def cases(self) -> int:
         return self.runs[-1].place.case + 1
 

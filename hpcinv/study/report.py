@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
-from hpcinv.output.console import Console
+from hpcinv.output.console import table_console, table_of_numbers
 from hpcinv.study.findings import Accuracy
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue
@@ -14,9 +14,7 @@ from hpcinv.study.tables import relative
 
 
 def show(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> None:
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = 160  # files have no width
+    console = table_console(160)
     for accuracy in found:
         console.print()
         console.print(_heading(plan, accuracy), soft_wrap=True)
@@ -46,7 +44,9 @@ def _heading(plan: StudyPlan, accuracy: Accuracy) -> str:
 def _of_runs(rows: Sequence[StudyRow], accuracy: Accuracy) -> Table:
     estimated = any(e is not None for e in accuracy.effectivities)
     extra = [name for name in rows[0].costs if name not in (*_COSTS, *_LEFT_OUT)]
-    table = _table("series", "run", *_COSTS.values(), *extra, "value", "error", "relative", "order")
+    table = table_of_numbers(
+        "series", "run", *_COSTS.values(), *extra, "value", "error", "relative", "order", texts=2, header_style="bold"
+    )
     if estimated:
         table.add_column("effectivity", justify="right", no_wrap=True)
     table.add_column("front", justify="center")
@@ -68,7 +68,7 @@ def _of_cases(plan: StudyPlan, accuracy: Accuracy) -> Table:
     published = beside.statistics.get(accuracy.name, {}) if beside else {}
     extra = list(plan.study.costs)
     names = (*STATISTICS, *_COSTS, *extra, "ratio", "failed")
-    table = _table("series", "run", *(_COSTS.get(name, name) for name in names))
+    table = table_of_numbers("series", "run", *(_COSTS.get(name, name) for name in names), texts=2, header_style="bold")
     for point in accuracy.points:
         table.add_row(point.series, point.label, *(_statistic(name, point.statistic(name)) for name in names))
         if point.series in published and point.step == 0:
@@ -103,14 +103,6 @@ _COSTS = {
     "time": "time",
 }
 _LEFT_OUT = ("run", "solver", "compile", "cells")
-
-
-def _table(*titles: str) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for title in titles:
-        left = title in ("series", "run")
-        table.add_column(title, justify="left" if left else "right", no_wrap=True)
-    return table
 
 
 def _cost(name: str, value: float | None) -> str:

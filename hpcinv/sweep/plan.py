@@ -69,6 +69,11 @@ class SweepPlan:
         """Directory of the store, which sweeps may share."""
         return _STORE if self.sweep.store is None else self.path.parent / self.sweep.store
 
+    @property
+    def results(self) -> Path:
+        """Directory of tables, diagrams and scripts, unless another one is given."""
+        return Path("results") / self.sweep.sweep
+
     def job(self, case: Case) -> Job:
         """Return the job of a case; raises ``JobError`` if a file that it needs was removed meanwhile."""
         return parse(self.content(case), self.base, untrusted=self.is_untrusted)

@@ -107,10 +107,11 @@ def start(*arguments: str | bytes | Path, **options: Any) -> subprocess.Popen[by
     return subprocess.Popen(command, env=environment(), stderr=subprocess.PIPE, cwd=ROOT, **options)
 
 
-def test_a_reader_that_goes_away_ends_the_command_quietly() -> None:
+@pytest.mark.parametrize("command", ["schema", "laws", "formulas"])
+def test_a_reader_that_goes_away_ends_the_command_quietly(command: str) -> None:
     read, write = os.pipe()
     os.close(read)
-    with start("schema", stdout=write) as process:
+    with start(command, stdout=write) as process:
         os.close(write)
         _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (141, b"")

@@ -53,7 +53,7 @@ def _submit(options: argparse.Namespace) -> int:
         )
     plan = load_sweep(options.sweep)
     open_store(plan.store)  # fails here, rather than in the queue, if the store cannot be written
-    directory = Path("results") / plan.sweep.sweep
+    directory = plan.results
     run, collect = _write_scripts(plan, options, directory)
     print(f"{plan.sweep.sweep}: {len(plan.cases)} cases; store {plan.store}")
     if options.dry_run:

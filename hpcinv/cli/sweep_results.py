@@ -11,6 +11,7 @@ from pathlib import Path
 from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, show
+from hpcinv.cli.options import file_ending, positive
 from hpcinv.errors import JobError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.files.json_data import json_data
@@ -18,7 +19,7 @@ from hpcinv.sweep.plan import SweepPlan, load_sweep
 from hpcinv.sweep.results import provenance, results, status_of
 
 
-def add_reports(action: Callable[..., argparse.ArgumentParser]) -> None:
+def add_results(action: Callable[..., argparse.ArgumentParser]) -> None:
     """Add the commands; ``action`` makes a parser from name, function, sentence and options of an example."""
     status = action(
         "status",
@@ -31,7 +32,9 @@ def add_reports(action: Callable[..., argparse.ArgumentParser]) -> None:
     table = action(
         "table", _table, "Write a row for each case: parameters, quantities, certificate, costs.", "--output table.csv"
     )
-    table.add_argument("--output", type=_table_file, metavar="FILE", help=".csv or .h5 (default: CSV to the screen)")
+    table.add_argument(
+        "--output", type=file_ending(".csv", ".h5"), metavar="FILE", help=".csv or .h5 (default: CSV to the screen)"
+    )
 
     action("statistics", _statistics, "Write means, standard deviations and quantiles of the quantities, as CSV.")
 
@@ -41,13 +44,16 @@ def add_reports(action: Callable[..., argparse.ArgumentParser]) -> None:
     indices.add_argument(
         "--plan", action="store_true", help="only show how many cases each degree needs, and their time"
     )
-    indices.add_argument("--first", type=_positive, metavar="N", help="only the first N cases: a smaller sample")
+    indices.add_argument("--first", type=positive, metavar="N", help="only the first N cases: a smaller sample")
     indices.add_argument(
         "--confidence", type=_share, default=0.95, metavar="P", help="confidence level of the intervals (default 0.95)"
     )
-    indices.add_argument("--output", type=_json_file, metavar="FILE", help="write all figures (.json)")
+    indices.add_argument("--output", type=file_ending(".json"), metavar="FILE", help="write all figures (.json)")
     indices.add_argument(
-        "--shape", type=_vtu_file, metavar="FILE", help="standard deviation and dominating parameter at nodes (.vtu)"
+        "--shape",
+        type=file_ending(".vtu"),
+        metavar="FILE",
+        help="standard deviation and dominating parameter at nodes (.vtu)",
     )
 
     plot = action(
@@ -156,39 +162,13 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _stem(plan: SweepPlan, quantity: str, over: list[str]) -> Path:
     name = re.sub(r"[^\w.]+", "-", f"{quantity} over {' '.join(over)}").strip("-")
-    return Path("results") / plan.sweep.sweep / name
-
-
-def _positive(text: str) -> int:
-    if (number := int(text)) < 1:
-        raise argparse.ArgumentTypeError("must be 1 or more")
-    return number
+    return plan.results / name
 
 
 def _share(text: str) -> float:
     if not 0 < (share := float(text)) < 1:
         raise argparse.ArgumentTypeError("must be between 0 and 1, such as 0.95")
     return share
-
-
-def _json_file(text: str) -> Path:
-    return _ending(text, ".json")
-
-
-def _vtu_file(text: str) -> Path:
-    return _ending(text, ".vtu")
-
-
-def _ending(text: str, suffix: str) -> Path:
-    if not text.endswith(suffix):
-        raise argparse.ArgumentTypeError(f"'{text}' must end with {suffix}")
-    return Path(text)
-
-
-def _table_file(text: str) -> Path:
-    if not text.endswith((".csv", ".h5")):
-        raise argparse.ArgumentTypeError(f"'{text}' must end with .csv or .h5")
-    return Path(text)
 
 
 def _write(path: Path, content: bytes) -> None:
