@@ -25,5 +25,8 @@ def file_ending(*suffixes: str) -> Callable[[str], Path]:
 
 def add_ranks(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--ranks", type=int, help="refuse to run on another number of ranks (a launcher can start N runs of one)"
+        "--ranks",
+        type=int,
+        metavar="N",
+        help="refuse to run on another number of ranks (a launcher can start N runs of one)",
     )
