@@ -1,12 +1,12 @@
 """Choice of the next discretisation: the cheapest one that is predicted to meet the demands, and its mesh."""
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.accuracy.forecast import TARGET, RefinementChoice, RefinementForecast, cautious, choose
 from hpcinv.accuracy.marking import MarkingPlan, plan
 from hpcinv.accuracy.meshes import Meshes, Variant
 from hpcinv.accuracy.trial import Trial
+from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import on_root
 
 DEEPEST = 2  # largest number of halvings of a marked cell in one step
@@ -52,7 +52,7 @@ def decide(
     return variant, choice.degree
 
 
-def indicators_of(trial: Trial) -> npt.NDArray[np.float64]:
+def indicators_of(trial: Trial) -> Floats:
     """Return each cell's share of the estimate on rank 0, in the order of the source, else nothing; collective."""
     assert trial.estimate is not None
     mesh = trial.body.mesh

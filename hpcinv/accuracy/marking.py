@@ -7,9 +7,9 @@ smallest if all cells have the same share, as far as halving allows.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.accuracy.forecast import Places
+from hpcinv.mesh.source import Floats, Ints
 
 # Factor on the number of added cells, for those that are bisected to keep the mesh conforming.
 CLOSURE = 1.5
@@ -20,11 +20,11 @@ DEEPEST = 40
 class MarkingPlan:
     """Number of halvings of each cell (n,), and the predicted effect."""
 
-    levels: npt.NDArray[np.int64]
+    levels: Ints
     places: Places
 
 
-def plan(indicators: npt.NDArray[np.float64], reduction: float, order: float) -> MarkingPlan:
+def plan(indicators: Floats, reduction: float, order: float) -> MarkingPlan:
     """Return levels that divide the sum of the cells' ``indicators`` (n,) by ``reduction`` with the fewest cells.
 
     Args:
@@ -33,7 +33,7 @@ def plan(indicators: npt.NDArray[np.float64], reduction: float, order: float) ->
     shares = indicators / indicators.sum()
     positive = np.maximum(shares, 1e-300)
 
-    def levels(threshold: float) -> npt.NDArray[np.int64]:
+    def levels(threshold: float) -> Ints:
         wanted = np.round(np.log2(positive / threshold) / (order + 3))
         return np.asarray(np.clip(wanted, 0, DEEPEST), dtype=np.int64)
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import Resolution, is_generator, resolution_of
@@ -12,7 +11,7 @@ from hpcinv.mesh.body import Body, build_body, read_source
 from hpcinv.mesh.cells import sub_entities
 from hpcinv.mesh.refine.degree import inner_dofs
 from hpcinv.mesh.refine.refinement import refine
-from hpcinv.mesh.source import MeshSource
+from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
 
 MOST = 16  # largest refinement factor
@@ -88,7 +87,7 @@ class Meshes:
         size = None if variant.size is None else variant.size / factor
         return Variant(variant.resolution, given, True, size, f"each cell cut into {8**times}")
 
-    def in_places(self, variant: Variant, body: Body, levels: npt.NDArray[np.int64]) -> Variant:
+    def in_places(self, variant: Variant, body: Body, levels: Ints) -> Variant:
         """Return the mesh with each cell of the source halved ``levels`` times; ``levels`` is used on rank 0."""
         given, marked = None, self.comm.bcast(int(np.count_nonzero(levels)))
         if self.comm.rank == 0:

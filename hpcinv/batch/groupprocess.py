@@ -11,12 +11,9 @@ stop.install()  # before anything that takes time
 
 import sys  # noqa: E402
 from pathlib import Path  # noqa: E402
-from typing import NoReturn  # noqa: E402
 
 from hpcinv.errors import HpcinvError  # noqa: E402
 from hpcinv.parallel.signals import STOPPED, end_on_interrupt  # noqa: E402
-
-_PATIENCE = 5.0  # seconds after which another rank is assumed not to end any more
 
 
 def main(directory: Path) -> int:
@@ -27,15 +24,8 @@ def main(directory: Path) -> int:
 
     stop.install()
     world = MPI.COMM_WORLD
-
-    def interrupted() -> NoReturn:
-        abort(world, 130)
-
-    def end_in_library() -> NoReturn:  # the supervisor releases the case
-        abort(world, STOPPED)
-
-    end_on_interrupt(interrupted)
-    stop.set_end_in_library(end_in_library)
+    end_on_interrupt(lambda: abort(world, 130))
+    stop.set_end_in_library(lambda: abort(world, STOPPED))  # the supervisor releases the case
     with failing_together(world):
         events = EventWriter(directory) if world.rank == 0 else None
         task = on_root(world, lambda: GroupTask.read(directory))
@@ -55,7 +45,7 @@ def main(directory: Path) -> int:
         stop.ignore()
         if events is not None:
             events.ended(error)
-        if not wait_for_all(world, _PATIENCE):
+        if not wait_for_all(world, patience=5.0):
             abort(world, 1)
     return 0
 

@@ -128,12 +128,14 @@ class _Supervisor:
                 if outcome.held is not None:
                     self.ledger.release(outcome.held.claim)
                 raise Interrupted("stopped by a signal")
-            if outcome.held is not None:
-                self._note_crash(outcome.held, outcome.code)
+            how = _how(outcome.code)
+            if (held := outcome.held) is not None:
+                self.ledger.crashed(held.claim, how)
+                self.note(f"{held.title}: crashed its process ({how}); other cases continue in a new process")
             fruitless = 0 if outcome.begun else fruitless + 1
             if fruitless == _FRUITLESS:
                 raise SystemPartMissing(
-                    f"{_FRUITLESS} times the processes of a group {_how(outcome.code)} before they began a case",
+                    f"{_FRUITLESS} times the processes of a group {how} before they began a case",
                     "See what they printed. With --no-isolation the ranks of the launcher solve cases themselves.",
                 )
 
@@ -191,11 +193,6 @@ class _Supervisor:
         record = self.task.batch.overdue_record(held.claim)
         if self.ledger.commit(held.claim, record):
             self.note(f"{held.title}: {record.status}, and did not stop: its process was killed")
-
-    def _note_crash(self, held: Held, code: int) -> None:
-        how = _how(code)
-        self.ledger.crashed(held.claim, how)
-        self.note(f"{held.title}: crashed its process ({how}); other cases continue in a new process")
 
 
 def _how(code: int) -> str:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from hpcinv.batch.forecast import in_words, remaining_seconds
 
@@ -20,19 +20,15 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 5
 """lines of each kind"""
+_PAUSE = 2.0  # seconds between two looks
 
 
-class BatchCase(Protocol):
-    """A case of the ledger: its key, its title, and its reuse group (cases of one group take similar times)."""
+class BatchCase(NamedTuple):
+    """A case of the ledger; cases of one reuse group take similar times."""
 
-    @property
-    def key(self) -> str: ...
-
-    @property
-    def title(self) -> str: ...
-
-    @property
-    def reuse_group(self) -> str: ...
+    key: str
+    title: str
+    reuse_group: str
 
 
 @dataclass(frozen=True)
@@ -166,15 +162,9 @@ def show(look: Callable[[], Status], *, followed: bool) -> None:
 def follow(
     look: Callable[[], Status],
     console: Console,
-    *,
-    every: float = 2.0,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Status:
-    """Print the status until all cases are finished: as a live bar on a terminal, else whenever it changes.
-
-    Args:
-        every: seconds between two calls of it.
-    """
+    """Print the status until all cases are finished: as a live bar on a terminal, else whenever it changes."""
     from rich.live import Live
 
     shown: list[str] = []
@@ -188,7 +178,7 @@ def follow(
                 shown = text
             if not found.unfinished:
                 return found
-            sleep(every)
+            sleep(_PAUSE)
 
 
 def _bar(found: Status) -> RenderableType:

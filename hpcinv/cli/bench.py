@@ -25,6 +25,8 @@ from hpcinv.errors import OutputError, SolveError
 if TYPE_CHECKING:
     from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun
 
+    type Bodies = Mapping[str, Callable[[int], JobData]]
+
 SECTIONS = ("setup", "linear", "ranks", "states")
 LINEAR_SOLVERS = ("direct", "iterative")
 _SIZES = {"linear": (5_000, 15_000, 50_000), "ranks": (40_000,), "states": (15_000,)}
@@ -98,7 +100,7 @@ def _up_to_the_cores() -> list[int]:
     return [2**k for k in range(len(os.sched_getaffinity(0)).bit_length())]
 
 
-def bodies(bench: Bench) -> Mapping[str, Callable[[int], JobData]]:
+def bodies(bench: Bench) -> Bodies:
     """Return functions that make a job of about a number of unknowns, with its geometry in the bench's directory."""
     return {
         "cube": lambda unknowns: _body(bench, unknowns, 1.0, 1, [-9.81, 0, 0]),
@@ -170,9 +172,7 @@ def setup(bench: Bench, counts: Sequence[int]) -> Findings:
     )
 
 
-def linear(
-    bench: Bench, measured: Mapping[str, Callable[[int], JobData]], sizes: Sequence[int], repeat: int
-) -> Findings:
+def linear(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) -> Findings:
     """Compare direct and iterative linear solver over size on one rank: seconds, memory, and the crossover."""
     from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings
 
@@ -252,13 +252,7 @@ def _cells(found: Mapping[str, float]) -> list[str]:
     ]
 
 
-def ranks(
-    bench: Bench,
-    measured: Mapping[str, Callable[[int], JobData]],
-    sizes: Sequence[int],
-    counts: Sequence[int],
-    repeat: int,
-) -> Findings:
+def ranks(bench: Bench, measured: Bodies, sizes: Sequence[int], counts: Sequence[int], repeat: int) -> Findings:
     """Measure the speed-up of more ranks, with the linear solver that hpcinv selects."""
     from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings, median
 
@@ -298,9 +292,7 @@ def ranks(
     )
 
 
-def states(
-    bench: Bench, measured: Mapping[str, Callable[[int], JobData]], sizes: Sequence[int], repeat: int
-) -> Findings:
+def states(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) -> Findings:
     """Compare jobs of several states of one body on one rank: what does a further state cost beside its solve?"""
     from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings, median
 

@@ -87,7 +87,8 @@ def _export(options: argparse.Namespace) -> int:
     factor = options.scale / unit
     part = solid_of(source, cells, tolerance and tolerance / options.scale).scaled(factor)
     moulds = mould(part, wall, split) if halves else []
-    _describe(options.to, part, unit, f"; of the body {readable(body, 'm^3')}, ratio {_ratio(part, unit, body)}")
+    ratio = part.volume * unit**3 / body
+    _describe(options.to, part, unit, f"; of the body {readable(body, 'm^3')}, ratio {ratio:.6f}")
     write(options.to, part, options.unit)
     for path, solid in zip(halves, moulds, strict=True):
         _describe(path, solid, unit)
@@ -102,19 +103,15 @@ def _describe(path: Path, solid: Solid, unit: float, more: str = "") -> None:
     print(f"{path}: {len(solid.triangles):,} triangles, closed, {size}, volume {volume}{more}")
 
 
-def _ratio(part: Solid, unit: float, body: float) -> str:
-    return f"{part.volume * unit**3 / body:.6f}"
-
-
 def _warn(options: argparse.Namespace, part: Solid, split: Split | None) -> None:
     """Tell what keeps the part from coming out of its mould."""
     if options.mould is None:
         return
-    from hpcinv.workshop.mould import undercut, warns_of
+    from hpcinv.workshop.mould import UNDERCUT, undercut
 
     if split is None:
         print(f"warning: {options.mould}: the cavity is closed all around; --split opens the mould", file=sys.stderr)
-    elif warns_of(share := undercut(part, split)):
+    elif (share := undercut(part, split)) > UNDERCUT:
         text = f"{share:.1%} of the shape's surface are undercuts for this split"
         print(f"warning: {options.mould}: {text}; a soft part may still come out", file=sys.stderr)
 

@@ -9,9 +9,9 @@ from hpcinv.quantity.component import Ingredient
 
 
 def add_laws(commands: Any) -> None:
-    for name, said, example, command in (
-        ("laws", "material laws", "yeoh", _laws),
-        ("effects", "loads and inelastic strains", "gravity", _effects),
+    for name, said, example in (
+        ("laws", "material laws", "yeoh"),
+        ("effects", "loads and inelastic strains", "gravity"),
     ):
         catalogue = add_command(
             commands,
@@ -21,7 +21,7 @@ def add_laws(commands: Any) -> None:
             page=f"reference/{name}.md",
         )
         catalogue.add_argument("name", nargs="?", help="name, as in job files")
-        catalogue.set_defaults(command=command)
+        catalogue.set_defaults(command=_catalogue, catalogue=name)
     formulas = add_command(
         commands,
         "formulas",
@@ -32,30 +32,21 @@ def add_laws(commands: Any) -> None:
     formulas.set_defaults(command=_formulas)
 
 
-def _laws(options: argparse.Namespace) -> int:
+def _catalogue(options: argparse.Namespace) -> int:
+    from hpcinv.cli.catalogue import describe, overview
+    from hpcinv.effects import effects
     from hpcinv.materials import laws
 
-    return _catalogue(laws(), "law", options.name)
-
-
-def _effects(options: argparse.Namespace) -> int:
-    from hpcinv.effects import effects
-
-    return _catalogue(effects(), "effect", options.name)
+    members: Mapping[str, type[Ingredient]] = laws() if options.catalogue == "laws" else effects()
+    if options.name is None:
+        overview(members)
+    else:
+        describe(members, options.catalogue.removesuffix("s"), options.name)
+    return 0
 
 
 def _formulas(_options: argparse.Namespace) -> int:
     from hpcinv.cli.formula_guide import show
 
     show()
-    return 0
-
-
-def _catalogue(members: Mapping[str, type[Ingredient]], tag: str, name: str | None) -> int:
-    from hpcinv.cli.catalogue import describe, overview
-
-    if name is None:
-        overview(members)
-    else:
-        describe(members, tag, name)
     return 0

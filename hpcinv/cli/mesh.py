@@ -22,7 +22,7 @@ from hpcinv.quantity.units import length_symbol
 if TYPE_CHECKING:
     from hpcinv.mesh import MeshSource
 
-_GRADE = "ratio of --size and the smallest size of cells, as mesh.grade of a job"
+_OUTPUT = "mesh to write or replace (.msh, .vtu)"
 
 
 def add_mesh(commands: Any) -> None:
@@ -43,11 +43,10 @@ def add_mesh(commands: Any) -> None:
         page="how-to/images.md",
     )
     image.add_argument("input", type=Path, help="image of labels (.nii, .nrrd, .mha, .mhd, .vti, also with .gz; .dcm)")
-    image.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
+    _add_meshing(image)
     image.add_argument(
         "--label", action="append", required=True, metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
     )
-    image.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
     image.add_argument("--unit", help="length unit of the image, as mesh.unit of a job; by default mm")
     image.add_argument(
         "--neighbour",
@@ -56,8 +55,6 @@ def add_mesh(commands: Any) -> None:
         metavar="NAME=NUMBER[,NUMBER…]",
         help="voxels that are not meshed, as mesh.neighbours of a job",
     )
-    image.add_argument("--grade", type=float, help=_GRADE)
-    _add_degree(image)
     image.add_argument("--orientation", help="frame of the mesh, as mesh.orientation of a job; by default LPS")
     image.set_defaults(command=_from_image)
 
@@ -69,11 +66,8 @@ def add_mesh(commands: Any) -> None:
         page="how-to/images.md",
     )
     surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
-    surface.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
-    surface.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
+    _add_meshing(surface)
     surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
-    surface.add_argument("--grade", type=float, help=_GRADE)
-    _add_degree(surface)
     surface.set_defaults(command=_from_surface)
 
     picture = add_command(
@@ -117,9 +111,18 @@ def add_mesh(commands: Any) -> None:
         page="how-to/large-meshes.md",
     )
     gather.add_argument("input", type=Path, help="partitioned mesh (.bp)")
-    gather.add_argument("output", type=Path, help="mesh to write or replace (.msh, .vtu)")
+    gather.add_argument("output", type=Path, help=_OUTPUT)
     add_option(gather)
     gather.set_defaults(command=_gather)
+
+
+def _add_meshing(action: argparse.ArgumentParser) -> None:
+    action.add_argument("output", type=Path, help=_OUTPUT)
+    action.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
+    action.add_argument(
+        "--grade", type=float, help="ratio of --size and the smallest size of cells, as mesh.grade of a job"
+    )
+    _add_degree(action)
 
 
 def _add_degree(action: argparse.ArgumentParser) -> None:
@@ -127,17 +130,14 @@ def _add_degree(action: argparse.ArgumentParser) -> None:
 
 
 def _from_image(options: argparse.Namespace) -> int:
-    labels, neighbours = dict[str, list[int | str]](), dict[str, list[int | str]]()
     parsed: Callable[[str], tuple[str, Sequence[int | str]]] = label_of
     if options.input.suffix == ".dcm":
         parsed = _segments_of
-    for texts, regions in ((options.label, labels), (options.neighbour, neighbours)):
+    given: dict[str, Any] = {"labels": {}, "neighbours": {}, "orientation": options.orientation}
+    for texts, regions in ((options.label, given["labels"]), (options.neighbour, given["neighbours"])):
         for name, numbers in map(parsed, texts):  # a region may be given in several options
             regions[name] = [*regions.get(name, []), *numbers]
-    given = {"orientation": options.orientation} if options.orientation else {}
-    return _meshed(
-        options, IMAGES, "image", {"labels": labels, **({"neighbours": neighbours} if neighbours else {})} | given
-    )
+    return _meshed(options, IMAGES, "image", given)
 
 
 def _from_surface(options: argparse.Namespace) -> int:
@@ -148,8 +148,7 @@ def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, gi
     """Mesh an image or a surface, and write the mesh."""
     if options.input.suffix not in endings:
         raise OutputError(f"{options.input}: is no {kind}; the endings are {', '.join(endings)}")
-    further = {"unit": options.unit, "geometry_degree": options.geometry_degree, "grade": options.grade}
-    given |= {"size": options.size} | {key: value for key, value in further.items() if value}
+    given |= {name: getattr(options, name) for name in ("size", "unit", "geometry_degree", "grade")}
     spec = mesh_spec(options.input, given)
     on_one_process("mesh")
     from hpcinv.mesh.body import read_source
@@ -233,9 +232,8 @@ def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
         "unit": options.unit,
         "geometry_degree": options.geometry_degree,
     }
-    given = {key: value for key, value in given.items() if value}
     if options.input.suffix in JOBS:
-        if given:
+        if any(given.values()):
             raise JobError([f"{options.input}: says itself which parameters, unit and degree its mesh has"])
         job = load(options.input)
         return job.mesh, job.resolve(job.mesh.file)

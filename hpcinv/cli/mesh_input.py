@@ -20,14 +20,15 @@ JOBS = (".yaml", ".yml")
 
 
 def mesh_spec(path: Path, given: Mapping[str, Any]) -> MeshSpec:
-    """Return the mesh section for a mesh file or generator, with further entries of the section as ``given``.
+    """Return the mesh section for a mesh file or generator, with those entries that are ``given`` and not empty.
 
     Raises:
         JobError: an entry is wrong.
     """
     try:
         context = {"directory": path.parent, "untrusted": is_asked()}
-        return MeshSpec.model_validate({"file": path.name} | dict(given), context=context)
+        entries = {"file": path.name} | {key: value for key, value in given.items() if value}
+        return MeshSpec.model_validate(entries, context=context)
     except ValidationError as error:
         raise job_error(path, error, MeshSpec) from None
 

@@ -11,7 +11,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
@@ -54,10 +54,15 @@ class PartCosts:
     """One part of the scene: its name, its contributions to the forms, and its costs."""
 
     name: str
-    integrals: dict[str, int]
+    integrals: Counter[str]
     constants: int
     fields: int
     cost: Cost
+
+    def more_than(self, other: PartCosts, name: str) -> PartCosts:
+        """Return the part that is in these and not in the others."""
+        constants, fields = self.constants - other.constants, self.fields - other.fields
+        return PartCosts(name, self.integrals - other.integrals, constants, fields, self.cost - other.cost)
 
 
 @dataclass(frozen=True)
@@ -110,12 +115,10 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
             note(f"compiling {name}")
             compiled[scene] = _Compiled(scene, model.supports.conditions)
     measured = _measured(compiled)
-    costs = {name: measured[scene] for name, scene in scenes.items()}
-    total = _row("scene", everything, None, costs["the whole scene"], None)
-    rows = [_row(_laws(job), scenes["the laws alone"], None, costs["the laws alone"], None)]
-    for (where, effect), name in zip(job.named_effects, list(scenes)[2:], strict=True):
-        label = f"{where} {effect.effect}"  # type: ignore[attr-defined]
-        rows.append(_row(label, everything, scenes[name], costs["the whole scene"], costs[name]))
+    total, laws, *without_one = (_part(scene, measured[scene]) for scene in scenes.values())
+    rows = [replace(laws, name=_laws(job))]
+    for (where, effect), without in zip(job.named_effects, without_one, strict=True):
+        rows.append(total.more_than(without, f"{where} {effect.effect}"))  # type: ignore[attr-defined]
     linear_solver, factorization, solution = _linear_solver(model, everything)
     displacements = model.unknowns.displacement_space.dofmap
     n = displacements.index_map.size_global * displacements.index_map_bs
@@ -195,21 +198,13 @@ def _seconds(comm: MPI.Intracomm, work: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def _row(name: str, scene: Scene, without: Scene | None, cost: Cost, cost_without: Cost | None) -> PartCosts:
-    """Return the costs of a scene, or the difference from another scene."""
-    integrals, constants, fields = _contents(scene)
-    if without is not None:
-        others = _contents(without)
-        integrals, constants, fields = integrals - others[0], constants - others[1], fields - others[2]
-    return PartCosts(name, dict(integrals), constants, fields, cost if cost_without is None else cost - cost_without)
-
-
-def _contents(scene: Scene) -> tuple[Counter[str], int, int]:
+def _part(scene: Scene, cost: Cost) -> PartCosts:
+    """Return contents and costs of a whole scene."""
     form = scene.residual
     kinds = {(i.integral_type(), i.subdomain_id()) for i in form.integrals()}
     integrals = Counter(_KINDS[kind] for kind, _ in kinds)
     constants = sum(int(np.prod(c.ufl_shape)) for c in form.constants())
-    return integrals, constants, len(form.coefficients()) - 1
+    return PartCosts("scene", integrals, constants, len(form.coefficients()) - 1, cost)
 
 
 _KINDS = {"cell": "volume", "exterior_facet": "surface"}

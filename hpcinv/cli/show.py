@@ -93,7 +93,7 @@ def _of_run(directory: Path, colour: Colour) -> Picture:
 
 def _of_body(path: Path, unit: str | None) -> Picture:
     job = load(path) if path.suffix in JOBS else None
-    spec = job.mesh if job else mesh_spec(path, {"unit": unit} if unit else {})
+    spec = job.mesh if job else mesh_spec(path, {"unit": unit})
 
     from hpcinv.mesh import build_body
     from hpcinv.parallel.runtime import MPI

@@ -86,12 +86,14 @@ def _table(options: argparse.Namespace) -> int:
     from hpcinv.batch.tables import as_csv
     from hpcinv.sweep.table import as_hdf5, columns, units
 
-    if options.output is None:
-        sys.stdout.write(as_csv(columns(plan, records), units(plan, records)))
-    elif options.output.suffix == ".csv":
-        _write(options.output, as_csv(columns(plan, records), units(plan, records)).encode())
-    else:
+    if options.output is not None and options.output.suffix == ".h5":
         _write(options.output, as_hdf5(plan, records, provenance(plan, ledger)))
+        return 0
+    text = as_csv(columns(plan, records), units(plan, records))
+    if options.output is None:
+        sys.stdout.write(text)
+    else:
+        _write(options.output, text.encode())
     return 0
 
 

@@ -76,12 +76,11 @@ def publish(path: Path, content: bytes) -> None:
 
 
 @contextmanager
-def locked(directory: Path, name: str, patience: float = 600.0, pause: float = 0.1) -> Iterator[None]:
+def locked(directory: Path, name: str, patience: float = 600.0) -> Iterator[None]:
     """Context in which no other process compiles the kernel ``name``; without file locks there is no waiting.
 
     Args:
         patience: longest time (s) to wait for another process, which may be stopped.
-        pause: time (s) between two attempts.
     """
     try:
         make_directory(directory)
@@ -98,7 +97,7 @@ def locked(directory: Path, name: str, patience: float = 600.0, pause: float = 0
             try:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
             except (BlockingIOError, PermissionError):  # by POSIX, either means that another process has the lock
-                time.sleep(pause)
+                time.sleep(0.1)
             except OSError:  # the file system has no locks
                 break
             else:

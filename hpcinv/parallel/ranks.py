@@ -83,20 +83,17 @@ def agree(comm: MPI.Intracomm, error: HpcinvError | None) -> None:
 
 
 @contextmanager
-def failing_together(comm: MPI.Intracomm, patience: float = 5.0) -> Iterator[None]:
+def failing_together(comm: MPI.Intracomm) -> Iterator[None]:
     """Context in which an exception on one rank ends all ranks, so that none waits forever.
 
     An ``HpcinvError`` on all ranks is printed once and becomes ``SystemExit`` with its exit code; any other exception,
     on any rank, ends the run.
-
-    Args:
-        patience: longest time (s) to wait for the same error on the other ranks.
     """
     ending = comm.Dup()  # a separate communicator for the agreement on errors
     try:
         yield
     except HpcinvError as error:
-        if not wait_for_all(ending, patience):
+        if not wait_for_all(ending, patience=5.0):
             print(f"[rank {comm.rank}] {error}", file=sys.stderr, flush=True)
             abort(comm, error.exit_code)
         if comm.rank == 0:

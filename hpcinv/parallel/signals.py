@@ -19,7 +19,7 @@ class StopRequest:
     """Request to stop by SIGTERM or SIGUSR1 on this rank; all ranks agree on it at the next Newton iteration."""
 
     def __init__(self) -> None:
-        self.signal: signal.Signals | None = noted_while_starting()
+        self.signal: signal.Signals | None = signal.Signals(_noted[0]) if _noted else None
 
     def install(self) -> None:
         """Install handlers that record the signals.
@@ -107,13 +107,8 @@ def note_while_starting() -> None:
 
     If a rank ended during start-up, the others would wait for it forever in the start of MPI.
     """
-    for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT):
+    for number in _HANDLED:
         signal.signal(number, _note_start)
-
-
-def noted_while_starting() -> signal.Signals | None:
-    """First signal recorded by `note_while_starting`, or ``None``."""
-    return signal.Signals(_noted[0]) if _noted else None
 
 
 def end_if_noted() -> None:

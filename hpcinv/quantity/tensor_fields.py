@@ -10,7 +10,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.schema import Location, Problems, shown
+from hpcinv.quantity.schema import Location, Problems, raise_if_any, shown
 from hpcinv.quantity.spatial_fields import ByData, ByRegion, VaryingQuantity
 
 _FORM = "must be a tensor, 3 rows of 3 numbers, or 3 numbers on its diagonal"
@@ -42,8 +42,7 @@ class TensorQuantity(VaryingQuantity):
                 tensors[str(region)] = self._rows(value, self.parse)
             except Problems as error:
                 problems += [((str(region), *place), text) for place, text in error.found]
-        if problems:
-            raise Problems(*problems)
+        raise_if_any(problems)
         rows = [[{region: t[i][j] for region, t in tensors.items()} for j in range(3)] for i in range(3)]
         varies = any(len(set(x.values())) > 1 for row in rows for x in row)
         # Each component that varies is a function of its own; one at least keeps the regions.
@@ -69,8 +68,7 @@ class TensorQuantity(VaryingQuantity):
                     rows[-1].append(read(x))
                 except ValueError as error:
                     problems.append(((i, j), str(error)))
-        if problems:
-            raise Problems(*problems)
+        raise_if_any(problems)
         return tuple(map(tuple, rows))
 
     def __get_pydantic_json_schema__(

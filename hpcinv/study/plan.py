@@ -72,16 +72,13 @@ def is_study(path: Path) -> bool:
     return "series" in read_yaml(path)
 
 
-def load_study(path: Path, *, untrusted: bool = False) -> StudyPlan:
+def load_study(path: Path) -> StudyPlan:
     """Read a study and check all of its runs.
-
-    Args:
-        untrusted: the file is from another source, as in `hpcinv.job.job.load`.
 
     Raises:
         JobError: with a line for each fault, of the form ``file: series, value: key: fault``.
     """
-    untrusted = untrusted or is_asked()
+    untrusted = is_asked()
     study = read_spec(Study, "study", path, untrusted=untrusted)
     base, data = read_base(path, study.job)
     faults = Faults(path, "run")

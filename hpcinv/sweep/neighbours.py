@@ -14,11 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from hpcinv.mesh.source import Floats
 from hpcinv.methods.initial_guess import Guess
-
-type Floats = npt.NDArray[np.float64]
 
 MOST_BYTES = 256_000_000
 """largest size of the solutions that each rank keeps"""

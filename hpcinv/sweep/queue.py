@@ -8,9 +8,10 @@ import numpy as np
 from hpcinv.batch.ledger.ledger import Claim, Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.task import BatchTask, Pause
+from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory, as_yaml
-from hpcinv.sweep.neighbours import Floats, ParameterSpace
-from hpcinv.sweep.plan import Case, SweepPlan
+from hpcinv.sweep.neighbours import ParameterSpace
+from hpcinv.sweep.plan import SweepPlan
 
 _REFUSALS = 20  # failed claims after which all states are read again, since other groups work on these cases
 
@@ -38,32 +39,31 @@ class Queue:
     def __init__(self, plan: SweepPlan, ledger: Ledger, *, begin: float, patience: float) -> None:
         self.plan, self.ledger, self.patience = plan, ledger, patience
         distinct = {case.key: case for case in plan.cases}
-        listed = sorted(distinct.values(), key=lambda case: (case.reuse_group, case.number))
-        self._cases = listed
-        self._reuse_groups = np.array([case.reuse_group for case in listed])
-        self._spaces: dict[str, ParameterSpace] = {}
-        self._members: dict[str, tuple[np.ndarray, Floats]] = {}
-        for reuse_group in dict.fromkeys(case.reuse_group for case in listed):
+        self._cases = sorted(distinct.values(), key=lambda case: (case.reuse_group, case.number))
+        self._reuse_groups = np.array([case.reuse_group for case in self._cases])
+        self._members: dict[str, tuple[np.ndarray, Floats]] = {}  # of each reuse group, and their points
+        for reuse_group in dict.fromkeys(case.reuse_group for case in self._cases):
             members = np.flatnonzero(self._reuse_groups == reuse_group)
-            self._spaces[reuse_group] = space = ParameterSpace([listed[i].numbers for i in members])
-            self._members[reuse_group] = members, np.stack([space.point(listed[i].numbers) for i in members])
+            numbers = [self._cases[i].numbers for i in members]
+            self._members[reuse_group] = members, np.stack([*map(ParameterSpace(numbers).point, numbers)])
         self._deadline: float | None = None  # of a wait for cases that others hold
-        self._last = min(int(begin * len(listed)), len(listed) - 1)
+        self._last = min(int(begin * len(self._cases)), len(self._cases) - 1)
         self._read_states()
 
     def next(self) -> SweepTask | Pause | None:
         """Claim a case; ``None`` if all are finished or held by living processes."""
         while self._open.any():
-            if found := self._claim():
+            if claim := self._claim():
                 self._deadline = None
-                return self._task(*found)
+                return self._task(claim)
             self._read_states()
-            if self._may_be_claimed():
+            if any(state.name == "open" for state in self._states):
                 continue
             now = time.monotonic()
             if self._deadline is None:
                 self._deadline = now + self.patience
-            return Pause.WAIT if self._has_doubtful_holder() and now <= self._deadline else None
+            is_doubtful = any(state.name == "running" and not state.living for state in self._states)
+            return Pause.WAIT if is_doubtful and now <= self._deadline else None
         return None
 
     def report(self, task: SweepTask, record: CaseRecord) -> str:
@@ -74,20 +74,18 @@ class Queue:
         warnings = (record.statistics.get("body") or {"warnings": []})["warnings"]
         return "; ".join([line, *(f"warning: {text}" for text in warnings)])
 
-    def _task(self, case: Case, claim: Claim) -> SweepTask:
+    def _task(self, claim: Claim) -> SweepTask:
+        case = self._cases[self._last]
         directory = RunDirectory(claim.run, as_yaml(self.plan.content(case)), claimed=True)
-        point = self._spaces[case.reuse_group].point(case.numbers)
-        return SweepTask(case.title, self.plan.job(case), claim, case.reuse_group, point, directory)
+        return SweepTask(case.title, self.plan.job(case), claim, case.reuse_group, self._last_point(), directory)
 
-    def _may_be_claimed(self) -> bool:
-        return any(state.name == "open" for state in self._states)
+    def _last_point(self) -> Floats:
+        members, points = self._members[self._cases[self._last].reuse_group]
+        point: Floats = points[np.searchsorted(members, self._last)]
+        return point
 
-    def _has_doubtful_holder(self) -> bool:
-        """Return whether it is unknown of the holder of a case whether it is alive."""
-        return any(state.name == "running" and not state.living for state in self._states)
-
-    def _claim(self) -> tuple[Case, Claim] | None:
-        """Claim a case in one pass over the cases that seem to be open; ``None`` if all claims fail."""
+    def _claim(self) -> Claim | None:
+        """Claim a case, the last one from now on, in one pass over those that seem to be open; ``None`` if all fail."""
         tried, refusals = ~self._open, 0
         while not tried.all():
             # Cases with which processes died come last, so that the others are solved first.
@@ -96,7 +94,7 @@ class Queue:
             claim = self.ledger.claim(self._cases[number].key)
             if claim is not None:
                 self._open[number], self._last = False, number
-                return self._cases[number], claim
+                return claim
             tried[number] = True
             refusals += 1
             if refusals % _REFUSALS == 0:
@@ -108,11 +106,10 @@ class Queue:
         """Return the nearest case of the same reuse group, else the first one of the group with most cases."""
         if eligible[self._last]:
             return self._last
-        members, points = self._members[self._reuse_groups[self._last]]
+        members, points = self._members[self._cases[self._last].reuse_group]
         if eligible[members].any():
-            here = points[np.searchsorted(members, self._last)]
-            distances = np.where(eligible[members], np.linalg.norm(points - here, axis=1), np.inf)
-            return int(members[np.argmin(distances)])
+            distances = np.linalg.norm(points - self._last_point(), axis=1)
+            return int(members[np.argmin(np.where(eligible[members], distances, np.inf))])
         names, counts = np.unique(self._reuse_groups[eligible], return_counts=True)
         return int(np.flatnonzero(eligible & (self._reuse_groups == names[np.argmax(counts)]))[0])
 

@@ -11,7 +11,8 @@ from hpcinv.errors import MeshError, OutputError
 from hpcinv.mesh.source import Floats
 from hpcinv.workshop.solid import Solid
 
-_UNDERCUT = 1e-3  # share of the part's surface from which undercuts are worth a warning
+UNDERCUT = 1e-3
+"""share of the part's surface above which undercuts are more than rounding of the surface"""
 _STEEP = 1e-3  # sine of the angle within which a wall counts as parallel to the pull
 
 
@@ -68,11 +69,6 @@ def undercut(part: Solid, split: Split) -> float:
     pulled = normals[:, split.axis] / np.maximum(areas, np.finfo(float).tiny)
     held = (above & (pulled < -_STEEP)) | (below & (pulled > _STEEP))
     return float(areas[held].sum() / areas.sum())
-
-
-def warns_of(share: float) -> bool:
-    """Return whether a share of undercuts is more than rounding of the surface."""
-    return share > _UNDERCUT
 
 
 def _manifold(part: Solid) -> manifold3d.Manifold:
