@@ -29,6 +29,7 @@ COMMANDS = {
     "phases": "python benchmarks/beam_and_block.py phases",
     "factorizations": "python benchmarks/factorizations.py",
     "linear-solvers": "mpirun -n 1 python benchmarks/linear_solvers.py",
+    "cost-model": "mpirun -n 1 python benchmarks/cost_model.py",
     "scaling": "python benchmarks/scaling.py --per-rank 4000",
     "alternatives": "mpirun -n 1 python benchmarks/alternatives.py",
     "coo-assembly": "mpirun -n 1 python benchmarks/coo_assembly.py --repeat 3",

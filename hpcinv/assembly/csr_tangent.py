@@ -17,7 +17,7 @@ from dolfinx import fem, la
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
-from hpcinv.assembly.element_matrices import Block, ElementMatrices, Integers
+from hpcinv.assembly.element_matrices import Block, ElementMatrices, Floats, Integers
 from hpcinv.assembly.moduli import moduli_of
 from hpcinv.parallel.jit import JIT_OPTIONS
 
@@ -43,10 +43,17 @@ class FilledTangent:
         mass = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
         self._any_form = fem.form(mass, jit_options=options)
 
-    def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> tuple[PETSc.Mat, Callable[[], None]]:
-        """Return a matrix for Dirichlet conditions, and a collective function to assemble it at the present state."""
-        rows = _Rows(self._any_form)
-        A, values, (starts, columns, of_ghosts, names) = rows.matrix, rows.values, rows.ghosts
+    def create_matrix(
+        self, conditions: Sequence[fem.DirichletBC], like: object = None
+    ) -> tuple[PETSc.Mat, Callable[[], None]]:
+        """Return a matrix for Dirichlet conditions, and a collective function to assemble it at the present state.
+
+        Args:
+            like: another tangent on the same unknowns, whose pattern is used.
+        """
+        rows = like._rows if isinstance(like, FilledTangent) else _Rows(self._any_form)
+        self._rows: _Rows = rows
+        A, values, (starts, columns, of_ghosts, names) = rows.matrix()
         prescribed = np.zeros(rows.count, dtype=bool)
         for condition in conditions:
             prescribed[condition.dof_indices()[0]] = True
@@ -54,7 +61,6 @@ class FilledTangent:
         of_prescribed = rows.of(prescribed)
         owned = np.flatnonzero(prescribed[: rows.owned]).astype(np.int32)
         diagonal = rows.at(owned, owned)
-        A.setAttr("arrays", rows.arrays)  # PETSc uses their memory
 
         def assemble() -> None:
             A.zeroEntries()
@@ -65,7 +71,7 @@ class FilledTangent:
                         np.add.at(values, of_block[chunk].ravel(), entries.ravel())
             values[of_prescribed] = 0.0
             values[diagonal] = 1.0
-            A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)  # type: ignore[arg-type]  # arrays will do
+            A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)
             if self._surface is not None:
                 fem_petsc.assemble_matrix(A, self._surface, bcs=conditions)
             A.assemble()
@@ -74,7 +80,7 @@ class FilledTangent:
 
 
 class _Rows:
-    """Rows of a matrix on this rank, and places of their entries in one array of values.
+    """Rows of matrices on this rank, and places of their entries in one array of values.
 
     The array begins with PETSc's diagonal and off-diagonal blocks of the owned rows, which PETSc uses without copies.
     Rows of ghosts follow, whose values are sent to other ranks.
@@ -85,7 +91,7 @@ class _Rows:
 
     def __init__(self, form: fem.Form) -> None:
         dofmap = form.function_spaces[0].dofmap
-        nodes, bs, comm = dofmap.index_map, dofmap.index_map_bs, dofmap.index_map.comm
+        self._nodes, self._bs = nodes, bs = dofmap.index_map, dofmap.index_map_bs
         pattern = fem.create_sparsity_pattern(form)
         pattern.finalize()
         A = la.matrix_csr(pattern, dtype=np.float32)  # for its structure
@@ -100,10 +106,10 @@ class _Rows:
         other = other[np.lexsort((names[indices[other]], row))]  # PETSc requires columns in their global order
         before = np.zeros(self.owned + 1, dtype=np.int32)  # number of such entries before each row
         before[1:] = np.cumsum(np.bincount(row, minlength=self.owned))
-        starts, diagonal = indptr[: self.owned + 1] - before, end - len(other)
+        starts, self._diagonal = indptr[: self.owned + 1] - before, end - len(other)
         place = np.arange(len(indices), dtype=np.int32)
         place[:end] -= np.repeat(before[:-1], np.diff(indptr[: self.owned + 1]))
-        place[other] = np.arange(diagonal, end)
+        place[other] = np.arange(self._diagonal, end)
         from scipy.sparse import csr_array  # slow import, needed for large bodies only
 
         self._far = np.zeros(self.count, dtype=np.int32)  # row lengths in the off-diagonal and in the diagonal block
@@ -111,19 +117,29 @@ class _Rows:
         self._near = np.diff(indptr) - self._far
         self._far[self.owned :] = self._near[self.owned :]  # rows of ghosts are not split
         self._place = csr_array((place, indices, indptr), shape=(self.count, len(names)))
-        self.values = np.zeros(len(indices))
         inner = np.delete(indices[:end], other) if len(other) else indices[:end]
-        own = _petsc(starts, inner, self.values[:diagonal])
-        off = _petsc(before, names[indices[other]], self.values[diagonal:end])
+        self._blocks = _integers(starts, inner), _integers(before, names[indices[other]])
+        self._of_ghosts = _integers(indptr[self.owned :] - end, names[indices[end:]])
+        self._known: list[tuple[Integers, list[_Places]]] = []
+
+    def matrix(self) -> tuple[PETSc.Mat, Floats, tuple[Any, ...]]:
+        """Return a new matrix, the array of its values, and rows of ghosts: starts, columns, values, and names."""
+        nodes, bs, comm = self._nodes, self._bs, self._nodes.comm
+        end = len(self._blocks[0][1]) + len(self._blocks[1][1])
+        values = np.zeros(end + len(self._of_ghosts[1]))
+        own = *self._blocks[0], values[: self._diagonal]
+        starts, columns = self._blocks[1]
+        off = starts, columns.copy(), values[self._diagonal : end]  # PETSc numbers these columns anew, in place
         size = (self.owned, bs * nodes.size_global)
-        self.arrays = own if comm.size == 1 else (own, off)
-        self.matrix = PETSc.Mat().createAIJWithArrays((size, size), self.arrays, bsize=bs, comm=comm)
+        arrays = own if comm.size == 1 else (own, off)
+        A = PETSc.Mat().createAIJWithArrays((size, size), arrays, bsize=bs, comm=comm)
+        A.setAttr("arrays", arrays)  # PETSc uses their memory
         here = _global(nodes).astype(PETSc.IntType)
         numbering = PETSc.LGMap().create(here, bsize=bs, comm=comm)  # type: ignore[arg-type]  # an array will do
-        self.matrix.setBlockSizes(bs, bs)  # createAIJWithArrays drops it
-        self.matrix.setLGMap(numbering, numbering)
+        A.setBlockSizes(bs, bs)  # createAIJWithArrays drops it
+        A.setLGMap(numbering, numbering)
         ghosts = _unrolled(here[nodes.size_local :], bs)
-        self.ghosts = (*_petsc(indptr[self.owned :] - end, names[indices[end:]], self.values[end:]), ghosts)
+        return A, values, (*self._of_ghosts, values[end:], ghosts)
 
     def at(self, rows: Integers, columns: Integers) -> Integers:
         """Return places of entries by local row and column."""
@@ -140,8 +156,14 @@ class _Rows:
         return chosen
 
     def places(self, matrices: ElementMatrices) -> list[_Places]:
-        """Return places of the entries of element matrices, block by block."""
-        return [self._places(self._dofs[matrices.cells], block) for block in matrices.blocks]
+        """Return places of the entries of element matrices, block by block; those of the same ones are kept."""
+        shapes = [block.shape for block in matrices.blocks]
+        for cells, places in self._known:
+            if [one.block.shape for one in places] == shapes and np.array_equal(cells, matrices.cells):
+                return places
+        places = [self._places(self._dofs[matrices.cells], block) for block in matrices.blocks]
+        self._known.append((matrices.cells, places))
+        return places
 
     def _places(self, dofs: Integers, block: Block) -> _Places:
         rows, columns = np.broadcast_arrays(dofs[:, block.rows.leading(), None], dofs[:, None, block.columns.leading()])
@@ -204,7 +226,7 @@ def _global(numbering: Any) -> npt.NDArray[np.int64]:
     return found
 
 
-def _petsc(starts: Any, columns: Any, values: Any) -> tuple[Any, Any, Any]:
-    """Return CSR arrays in PETSc's types, so that it uses them without copies."""
-    integers = (np.ascontiguousarray(of, dtype=PETSc.IntType) for of in (starts, columns))
-    return (*integers, values)
+def _integers(starts: Any, columns: Any) -> tuple[Any, Any]:
+    """Return rows and columns of CSR arrays in PETSc's type, so that it uses them without copies."""
+    starts, columns = (np.ascontiguousarray(of, dtype=PETSc.IntType) for of in (starts, columns))
+    return starts, columns

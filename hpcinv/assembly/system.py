@@ -34,17 +34,21 @@ class System:
     ``R(x, 1) - (1 - λ) R(x_0, 1)``: the nodal forces that hold the body in that state are taken away, and prescribed
     unknowns go from their values there to ``ū_i``.
 
+    Args:
+        like: another system of the same unknowns. The tangent is assembled in the same way as there, with the same
+            pattern, which takes as long to make as one assembly or two.
+
     Attributes:
         state: all unknowns x, at which residual and tangent are evaluated.
         rhs: a vector for residuals.
         tangents: number of assemblies of the tangent, by which outdated factors are recognized.
     """
 
-    def __init__(self, scene: Scene, supports: Supports, timings: Timings) -> None:
+    def __init__(self, scene: Scene, supports: Supports, timings: Timings, like: System | None = None) -> None:
         self.scene, self.supports, self.timings = scene, supports, timings
         self.comm = scene.unknowns.mesh.comm
         self.state = scene.unknowns.state
-        self.tangents = 0
+        self.tangents, self._like = 0, like
         self._path: tuple[npt.NDArray[np.float64], float] | None = None  # R(x_0, 1) and 1 - λ
         with timings("compile"):
             self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
@@ -54,15 +58,16 @@ class System:
 
     @cached_property
     def _tangent(self) -> Tangent:
+        like = self._like
         with self.timings("compile"):
-            return tangent_of(self.scene)
+            return tangent_of(self.scene, like=like._tangent if like and "_tangent" in vars(like) else None)
 
     @cached_property
     def _matrix(self) -> tuple[PETSc.Mat, Callable[[], None]]:
-        tangent = self._tangent
+        tangent, like = self._tangent, self._like
         with self.timings("tangent"):
             _multiply_without_inodes()
-            return tangent.create_matrix(self.supports.conditions)
+            return tangent.create_matrix(self.supports.conditions, like._tangent if like and like.tangents else None)
 
     @property
     def matrix(self) -> PETSc.Mat:
@@ -173,6 +178,7 @@ class System:
         """Free PETSc objects."""
         if "_matrix" in self.__dict__:
             self.matrix.destroy()
+        self.tangents = 0
         self.rhs.destroy()
 
     def _forces(self, b: PETSc.Vec) -> None:

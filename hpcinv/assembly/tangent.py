@@ -15,17 +15,18 @@ from typing import TYPE_CHECKING, Any, cast
 import dolfinx.fem.petsc as fem_petsc
 import ufl
 from dolfinx import fem
+from petsc4py import PETSc
 
 from hpcinv.assembly.csr_tangent import FilledTangent
 from hpcinv.assembly.moduli import UnsupportedForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 
 if TYPE_CHECKING:
-    from petsc4py import PETSc
-
     from hpcinv.model.scene import Scene
 
-_MANY = 10_000  # cells from which about four tangents save more time than their moduli cost
+# Cells from which the tangents of a solution save more time than their moduli cost: about four of them inverse, and ten
+# forward, where a slender body turns far.
+_MANY = {"inverse": 10_000, "forward": 5_000}
 _assumed: list[int] = []
 
 
@@ -34,6 +35,7 @@ class CompiledTangent:
 
     Attributes:
         note: reason for its use where `FilledTangent` would be faster, else empty.
+        matrix: the matrix that was created last.
     """
 
     note = ""
@@ -43,9 +45,22 @@ class CompiledTangent:
         tangent = ufl.derivative(scene.residual, unknowns.state, ufl.TrialFunction(unknowns.space))
         self._form = fem.form(tangent, jit_options=dict(jit_options))
 
-    def create_matrix(self, conditions: Sequence[fem.DirichletBC]) -> tuple[PETSc.Mat, Callable[[], None]]:
-        """Return a matrix for Dirichlet conditions, and a collective function to assemble it at the present state."""
-        matrix = cast("PETSc.Mat", fem_petsc.create_matrix(self._form))
+    def create_matrix(
+        self, conditions: Sequence[fem.DirichletBC], like: Tangent | None = None
+    ) -> tuple[PETSc.Mat, Callable[[], None]]:
+        """Return a matrix for Dirichlet conditions, and a collective function to assemble it at the present state.
+
+        Args:
+            like: another tangent on the same unknowns, assembled, whose pattern is used; a new one takes as long as an
+                assembly or two.
+        """
+        if isinstance(like, CompiledTangent):
+            matrix = like.matrix.duplicate()
+            symmetric: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
+            matrix.setOption(symmetric, False)
+        else:
+            matrix = cast("PETSc.Mat", fem_petsc.create_matrix(self._form))
+        self.matrix: PETSc.Mat = matrix
 
         def assemble() -> None:
             matrix.zeroEntries()
@@ -58,10 +73,15 @@ class CompiledTangent:
 type Tangent = CompiledTangent | FilledTangent
 
 
-def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> Tangent:
-    """Return the tangent of a scene, with the assembly that suits its mesh; collective."""
+def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS, like: Tangent | None = None) -> Tangent:
+    """Return the tangent of a scene, with the assembly that suits its mesh; collective.
+
+    Args:
+        like: another tangent on the same unknowns. This one is assembled in the same way, and can have its pattern.
+    """
     cells = _assumed[-1] if _assumed else scene.unknowns.mesh.topology.index_map(3).size_global
-    if cells < _MANY:
+    has_many = cells >= _MANY[scene.kinematics.direction] if like is None else isinstance(like, FilledTangent)
+    if not has_many:
         return CompiledTangent(scene, jit_options)
     try:
         if not scene.unknowns.has_whole_nodes:

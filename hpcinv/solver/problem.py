@@ -172,7 +172,8 @@ class Model:
         equilibrium = self._idle.pop(id(scene), None)
         if equilibrium is None:
             solver = self.job.solver
-            system = System(scene, self.supports, self.timings)
+            like = next((idle.system for idle in self._idle.values()), None)
+            system = System(scene, self.supports, self.timings, like)
             linear = LinearSolver(system, solver.petsc, self.chooser.choose(solver))
             equilibrium = Equilibrium(
                 system,
