@@ -196,20 +196,19 @@ def _of_wall(options: argparse.Namespace) -> _Source:
     from hpcinv.mesh.export import save
     from hpcinv.mesh.imaging.hollow_wall import CAVITY, WALL, hollow_wall_mesh, wall_size
 
-    path, unit, example = options.image, _unit(options, "mm"), f"{WALL}=1 --label {CAVITY}=2"
+    path, unit, example = options.image, _unit(options), f"{WALL}=1 --label {CAVITY}=2"
     labels = _labels(options, example)
     if labels.keys() != {WALL, CAVITY}:
         raise JobError([f"--label: {_article(options.kind)} has two regions in an image: --label {example}"])
     size = options.size or _size_in_wall(*wall_size(path, labels, unit))
+    metres = _parsed("Size", size, f"--size {size}")
     ends, inner, outer = _SURFACES[options.kind]
     meshed = hollow_wall_mesh(
-        path, labels, _parsed_size(size), unit, ends, inner, outer, lambda text: print(f"{path}: {text}", flush=True)
+        path, labels, metres, unit, ends, inner, outer, lambda text: print(f"{path}: {text}", flush=True)
     )
     check(meshed)
     beside = options.output.with_name(f"{options.output.stem}_mesh.msh")
-    error = (
-        f"{{sd: {0.12e3 * meshed.voxel:.2g} mm, correlation: {max(meshed.voxel, _parsed_size(size) / 2) * 1e3:.2g} mm}}"
-    )
+    error = f"{{sd: {0.12e3 * meshed.voxel:.2g} mm, correlation: {max(meshed.voxel, metres / 2) * 1e3:.2g} mm}}"
     entries = [f"file: {beside.name}", "geometry_degree: 2", f"surface_error: {error}"]
     return _Source(_section(entries), beside=beside, write=lambda file: save(file, meshed, meshed.points))
 
@@ -228,7 +227,7 @@ def _of_image(options: argparse.Namespace) -> _Source:
 
     from hpcinv.mesh.imaging.label_image import read_labels
 
-    path, unit = options.image, _unit(options, "mm")
+    path, unit = options.image, _unit(options)
     labels = _labels(options, f"{options.kind}=1")
     image = read_labels(path, labels, unit)
     places = np.argwhere(image.voxels > 0)
@@ -249,7 +248,7 @@ def _of_surface(options: argparse.Namespace) -> _Source:
 
     from hpcinv.mesh.imaging.closed_surface import read_closed
 
-    path, unit = options.surface, _unit(options, options.unit)
+    path, unit = options.surface, _unit(options)
     surface = read_closed(path)
     bounds = np.array(surface.bounds).reshape(3, 2).T * unit
     size = _size(options, abs(float(surface.volume)) * unit**3)
@@ -264,40 +263,32 @@ def _of_kind(kind: str, source: _Source) -> dict[str, str]:
     match kind:
         case "liver":
             if source.box is None:
-                gravity, held, frame = "[0, 0, -9.81 m/s^2]", "z < -20 mm", " (the example lies on z = -40 mm)"
-                return {"gravity": gravity, "held": held, "frame": frame}
+                frame = " (the example lies on z = -40 mm)"
+                return {"gravity": "[0, 0, -9.81 m/s^2]", "held": "z < -20 mm", "frame": frame}
             return {"gravity": "[0, 9.81 m/s^2, 0]", "held": _end(source.box, 1, -1)}
         case "breast":
             fat = laws()["neo-hookean"].starting_values["tissue"]
-            found = {
-                "of": fat.of,
-                "source": fat.source.removesuffix(", at small strain"),
-                "young": fat.parameters["young"],
-            }
+            published = fat.source.removesuffix(", at small strain")
+            values = {"of": fat.of, "source": published, "young": fat.parameters["young"]}
             if source.box is None:
-                gravity, wall, regions = (
-                    "[0, 0, {}9.81 m/s^2]",
-                    "wall",
-                    "# regions of the mesh: wall (on the chest), skin, gland, fat",
-                )
-                frame = " (the chest of the example is z = 0)"
-                found |= {"frame": frame}
-            else:
-                gravity, wall = "[0, {}9.81 m/s^2, 0]", "chest"
-                regions = f"regions:\n  chest: {_end(source.box, 1, -1)} # what lies on the chest, by its position"
-            sign, other = ("", "-") if source.box is None else ("-", "")
-            return found | {
-                "gravity": gravity.format(sign),
-                "reverse": gravity.format(other),
-                "wall": wall,
-                "regions": regions,
+                return values | {
+                    "frame": " (the chest of the example is z = 0)",
+                    "gravity": "[0, 0, 9.81 m/s^2]",
+                    "reverse": "[0, 0, -9.81 m/s^2]",
+                    "wall": "wall",
+                    "regions": "# regions of the mesh: wall (on the chest), skin, gland, fat",
+                }
+            return values | {
+                "gravity": "[0, -9.81 m/s^2, 0]",
+                "reverse": "[0, 9.81 m/s^2, 0]",
+                "wall": "chest",
+                "regions": f"regions:\n  chest: {_end(source.box, 1, -1)} # what lies on the chest, by its position",
             }
         case "artery":
             if source.is_example:
                 values, law = _starting("holzapfel-gasser-ogden"), "law-of-artery-with-fibres.txt"
                 comment = "A quarter by symmetry, between two planes: the artery is as long with pressure as without."
-                planes = ("x0: x", "y0: y", "z0: z", "z1: z")
-                supports = [(plane[:2], plane[-1]) for plane in planes]
+                supports = [("x0", "x"), ("y0", "y"), ("z0", "z"), ("z1", "z")]
             else:
                 values, law = _starting("fung-demiray"), "law-of-artery.txt"
                 comment = "Where the vessel is cut, what goes on holds it. Read no stress near these ends."
@@ -338,23 +329,21 @@ def _end(box: tuple[np.ndarray, np.ndarray], axis: int, side: int) -> str:
 def _size(options: argparse.Namespace, volume: float) -> str:
     """The size of cells, as it stands in a job."""
     if options.size is not None:
-        _parsed_size(options.size)
+        _parsed("Size", options.size, f"--size {options.size}")
         return str(options.size)
     return f"{(volume / (_CELL * _CELLS)) ** (1 / 3) * 1e3:.2g} mm"
 
 
-def _parsed_size(text: str) -> float:
-    try:
-        return QUANTITIES["Size"].parse(text)
-    except ValueError as error:
-        raise JobError([f"--size {text}: {error}"]) from None
+def _unit(options: argparse.Namespace) -> float:
+    """The unit of an image or a surface in m; only images have one by default."""
+    return _parsed("Length", f"1 {options.unit or 'mm'}", f"--unit {options.unit}")
 
 
-def _unit(options: argparse.Namespace, name: str) -> float:
+def _parsed(quantity: str, text: str, option: str) -> float:
     try:
-        return QUANTITIES["Length"].parse(f"1 {options.unit or name}")
+        return QUANTITIES[quantity].parse(text)
     except ValueError as error:
-        raise JobError([f"--unit {options.unit}: {error}"]) from None
+        raise JobError([f"{option}: {error}"]) from None
 
 
 def _relative(path: Path, options: argparse.Namespace) -> str:

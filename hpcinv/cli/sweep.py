@@ -145,6 +145,7 @@ def _run(options: argparse.Namespace) -> int:
 def _retry(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     ledger = ledger_of(plan.store)
-    opened = sum(ledger.retry(key) for key in dict.fromkeys(case.key for case in plan.cases))
+    records = ledger.records(dict.fromkeys(case.key for case in plan.cases))
+    opened = sum(ledger.retry(key) for key, record in records if not record.converged)
     print(f"{opened} failed case{'s are' if opened != 1 else ' is'} open again")
     return 0

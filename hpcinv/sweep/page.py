@@ -16,11 +16,10 @@ from hpcinv.reports.of_run import write_run_report
 from hpcinv.reports.page import NAME as PAGE
 from hpcinv.reports.page import write_page
 from hpcinv.reports.shapes import mean_and_cases, pictures
-from hpcinv.sweep.parameters import parameter_columns
 from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.results import results
 from hpcinv.sweep.shape_spread import kept_file
-from hpcinv.sweep.table import columns, parameter_name, quantity_columns, units
+from hpcinv.sweep.table import columns, parameter_names, quantity_columns, units
 
 _MOST = 400  # shapes that are read
 _LAST = ("key", "started_from")  # columns that few readers need
@@ -49,14 +48,13 @@ def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: boo
     else:
         note = "The cases have kept no shapes; 'set: {output.surface: true}' in another store keeps their boundaries."
     table = columns(plan, records)
-    parameters = [parameter_name(key) for key in parameter_columns(plan)]
     cases = Cases(
         title=plan.sweep.sweep,
         found=_found(plan, records),
         notes=[*_notes(plan, records), note],
         columns={name: table[name] for name in sorted(table, key=lambda name: name in _LAST)},
         units=units(plan, records),
-        parameters=parameters,
+        parameters=parameter_names(plan),
         results=quantity_columns(plan, records),
         outcome=[_outcome(records.get(case.key)) for case in plan.cases],
         links=links,

@@ -13,9 +13,9 @@ from hpcinv.batch.specification import text_of
 from hpcinv.batch.tables import Columns
 from hpcinv.errors import JobError
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.sweep.parameters import log_uniform, parameter_columns, sampled
+from hpcinv.sweep.parameters import log_uniform, sampled
 from hpcinv.sweep.plan import SweepPlan
-from hpcinv.sweep.table import TEXT, columns, parameter_name, units
+from hpcinv.sweep.table import TEXT, columns, parameter_name, parameter_names, units
 
 FAILURES = "failures"
 """name of the map of outcomes, in place of a quantity"""
@@ -103,9 +103,9 @@ def _series(
     Args:
         cases: place, value and status by row.
     """
-    parameters = [parameter_name(key) for key in parameter_columns(plan)]
     drawn = {parameter_name(key) for key in sampled(plan)}
-    others = [n for n in parameters if n not in over and n not in drawn and len({table[n][i] for i in cases}) > 1]
+    names = [name for name in parameter_names(plan) if name not in over and name not in drawn]
+    others = [name for name in names if len({table[name][i] for i in cases}) > 1]
     is_sample = any(table[name][i] is not None for name in drawn for i in cases)
     is_text = any(isinstance(table[over[0]][i], str) for i in cases)
     groups: dict[tuple[Any, ...], list[int]] = {}
@@ -129,7 +129,7 @@ def is_even_in_log(values: Sequence[float]) -> bool:
 
 def _check(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) -> None:
     """Raise ``JobError`` unless the quantity and the parameters exist."""
-    parameters = [parameter_name(key) for key in parameter_columns(plan)]
+    parameters = parameter_names(plan)
     problems = [
         f"there is no parameter '{name}'.{did_you_mean(name, parameters)}" for name in over if name not in table
     ]

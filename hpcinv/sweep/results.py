@@ -21,15 +21,10 @@ def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | N
     Args:
         known: result of an earlier call; records of converged cases are not read again.
     """
-    before = {key: record for key, record in (known or {}).items() if record.converged}
-    states = ledger.states(dict.fromkeys(case.key for case in plan.cases))
-    found = {}
-    for key, state in states.items():
-        if state.name == "finished":
-            record = before.get(key) or ledger.record(key)
-            if record is not None:
-                found[key] = record if key in before else _short(record)
-    return found
+    keys = dict.fromkeys(case.key for case in plan.cases)
+    found = {key: record for key, record in (known or {}).items() if record.converged}
+    found |= {key: _short(record) for key, record in ledger.records(key for key in keys if key not in found)}
+    return {key: found[key] for key in keys if key in found}
 
 
 def status_of(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -> Status:
@@ -40,10 +35,12 @@ def status_of(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]
 
 def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:
     """Yield job, fingerprint, versions and machine of each case as JSON, as far as they are known."""
+    found = {
+        key: json.dumps({k: record.statistics[k] for k in _PROVENANCE if k in record.statistics}, ensure_ascii=False)
+        for key, record in ledger.records(dict.fromkeys(case.key for case in plan.cases))
+    }
     for case in plan.cases:
-        record = ledger.record(case.key)
-        statistics = {} if record is None else record.statistics
-        yield json.dumps({key: statistics[key] for key in _PROVENANCE if key in statistics}, ensure_ascii=False)
+        yield found.get(case.key, "{}")
 
 
 def _short(record: CaseRecord) -> CaseRecord:

@@ -79,9 +79,7 @@ class SweepRunner(Runner[SweepTask]):
 
     def _guess(self, task: SweepTask) -> tuple[str, Guess | None]:
         group, known = self.neighbours
-        if not self.warm_start or group != task.reuse_group:
-            return "", None
-        found = known.guess(task.point)
+        found = known.guess(task.point) if group == task.reuse_group else None
         return ("", None) if found is None else (found[1], found[0])
 
     def _remember(self, task: SweepTask, result: Result) -> None:

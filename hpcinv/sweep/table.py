@@ -42,8 +42,7 @@ def columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
     """
     rows = [records.get(case.key) for case in plan.cases]
     found: Columns = {"number": [case.number for case in plan.cases], "key": [case.key for case in plan.cases]}
-    for key, values in parameter_columns(plan).items():
-        found[parameter_name(key)] = values
+    found |= {parameter_name(key): values for key, values in parameter_columns(plan).items()}
     for name, of in OUTCOME.items():
         found[name] = [("open" if name == "status" else "") if row is None else of(row) for row in rows]
     taken = _taken(plan)
@@ -96,9 +95,14 @@ def parameter_name(key: str) -> str:
     return f"parameters.{key}" if key in FIXED else key
 
 
+def parameter_names(plan: SweepPlan) -> list[str]:
+    """Return the columns of parameters."""
+    return [parameter_name(key) for key in dict.fromkeys(key for case in plan.cases for key in case.parameters)]
+
+
 def _taken(plan: SweepPlan) -> frozenset[str]:
     """Return the names of columns that are not those of quantities."""
-    return FIXED | {parameter_name(key) for case in plan.cases for key in case.parameters}
+    return FIXED.union(parameter_names(plan))
 
 
 def _result_name(name: str, taken: frozenset[str]) -> str:
