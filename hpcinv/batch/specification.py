@@ -1,7 +1,8 @@
 """Reading of study and sweep files, with a summary of the faults of their cases, and labels of values."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from pydantic import ValidationError
 
 from hpcinv.errors import JobError
 from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.quantity.keys import assigned
 from hpcinv.quantity.schema import Spec, job_error
 
 _VALUE = re.compile(r", (?:not|but) .*", re.DOTALL)
@@ -42,6 +44,14 @@ def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
         raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
 
 
+def with_settings(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a job file with other values; raises ``JobError`` if they cannot be set."""
+    try:
+        return assigned(data, settings)
+    except ValueError as error:
+        raise JobError([str(error)]) from None
+
+
 class Faults:
     """Faults of the cases of a file, each listed once, with the number of cases that have it."""
 
@@ -49,10 +59,17 @@ class Faults:
         self.path, self.noun = path, noun
         self._found: dict[str, tuple[str, str, int]] = {}
 
-    def add(self, title: str, text: str) -> None:
-        like = _VALUE.sub("", text)  # sampled values differ from case to case
-        first, fault, others = self._found.get(like, (title, text, -1))
-        self._found[like] = first, fault, others + 1
+    @contextmanager
+    def of(self, title: str, base: Path) -> Iterator[None]:
+        """Context in which a ``JobError`` of the job file ``base`` is a fault of a case."""
+        try:
+            yield
+        except JobError as error:
+            for problem in error.problems:
+                text = problem.removeprefix(f"{base}: ")
+                like = _VALUE.sub("", text)  # sampled values differ from case to case
+                first, fault, others = self._found.get(like, (title, text, -1))
+                self._found[like] = first, fault, others + 1
 
     def raise_if_any(self) -> None:
         """Raise a ``JobError`` with a line for each fault."""

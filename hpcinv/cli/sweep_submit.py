@@ -88,13 +88,12 @@ def _write_scripts(plan: SweepPlan, options: argparse.Namespace, directory: Path
         [f"job-name={name}-collect", f"output={place}/collect-%j.out", *others, "nodes=1", "ntasks=1"],
         [sweep, str(directory)],
     )
-    scripts = {place / "run.sbatch": run, place / "collect.sbatch": collect}
+    run_script, collect_script = place / "run.sbatch", place / "collect.sbatch"
     with output_errors(place):
         place.mkdir(parents=True, exist_ok=True)
-        for path, text in scripts.items():
-            path.write_text(text)
-    first, second = scripts
-    return first, second
+        run_script.write_text(run)
+        collect_script.write_text(collect)
+    return run_script, collect_script
 
 
 def _resources(options: argparse.Namespace, place: Path) -> Iterator[str]:

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.axes import combined, sections_first
-from hpcinv.batch.specification import Faults, read_base, read_spec, text_of, texts_of
+from hpcinv.batch.specification import Faults, read_base, read_spec, text_of, texts_of, with_settings
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.quantity.keys import assigned
 from hpcinv.study.spec import Study, measured_key
 
 
@@ -96,17 +95,11 @@ def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: Faults, unt
                 label = series.labels[step] if series.labels is not None else _label(varied)
                 place = Place(series.name, step, case, label, varied, parameters)
                 least = {key: taken.at_least for key, taken in series.take.items()}
-                try:
+                with faults.of(place.title, base):
                     settings = _merged(study.set, (series.set, of_case, varied, least))
-                    job = parse(assigned(data, settings), base, untrusted=untrusted)
-                    problems = [*_unmeasurable(study, job)]
-                except ValueError as error:
-                    problems = [str(error)]
-                except JobError as error:
-                    problems = [problem.removeprefix(f"{base}: ") for problem in error.problems]
-                for problem in problems:
-                    faults.add(place.title, problem)
-                if not problems:
+                    job = parse(with_settings(data, settings), base, untrusted=untrusted)
+                    if problems := [*_unmeasurable(study, job)]:
+                        raise JobError(problems)
                     yield Run(place, job)
 
 
@@ -116,7 +109,7 @@ def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) 
     for layer in layers:
         for key in layer:
             if key in merged:
-                raise ValueError(f"{key} is set by both the series and the cases")
+                raise JobError([f"{key} is set by both the series and the cases"])
         merged |= layer
     return sections_first({**defaults, **merged})
 

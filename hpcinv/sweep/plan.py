@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.axes import combined, sections_first
-from hpcinv.batch.specification import Faults, read_base, read_spec, texts_of
+from hpcinv.batch.specification import Faults, read_base, read_spec, texts_of, with_settings
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
 from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.job import UNNAMED, Job, parse
 from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.quantity.keys import assigned
 from hpcinv.sweep.spec import Sweep
 
 _STORE = Path("results/store")
@@ -121,21 +120,15 @@ def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: Faults, un
     defaults = sections_first(sweep.set)
     for number, (parameters, given) in enumerate(combined(sweep.axes)):
         settings = {k: v for k, v in defaults.items() if k not in given} | sections_first(given)
-        try:
+        with faults.of(_title(number, parameters), base):
             job = parse(_content(data, settings), base, untrusted=untrusted)
             key, reuse_group = content_key(job, digest), reuse_group_of(job, digest)
             yield Case(number, key, reuse_group, numbers_of(job), parameters, settings)
-        except JobError as error:
-            for problem in error.problems:
-                faults.add(_title(number, parameters), problem.removeprefix(f"{base}: "))
 
 
 def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the content of a job file with some settings, whose only output by default is the summary."""
-    try:
-        changed = assigned(data, settings)
-    except ValueError as error:
-        raise JobError([str(error)]) from None
+    changed = with_settings(data, settings)
     for section, default in _DEFAULTS.items():
         given = changed.get(section, {})
         if isinstance(given, Mapping):

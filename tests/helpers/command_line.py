@@ -45,6 +45,18 @@ BLOCK: Mapping[str, Any] = {
     "certificate": NO_CERTIFICATE,
 }
 """A unit cube that stands on its clamped bottom; its height before it was loaded is asked for."""
+COLUMN: dict[str, Any] = {
+    "analysis": "inverse",
+    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"lx": 0.2, "ly": 0.2, "nx": 1, "ny": 1, "nz": 4}},
+    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+    "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000, "density_in": "current"}],
+    "supports": [{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
+    "quantities": [
+        {"name": "length", "of": "Z", "on": "z1", "reduce": "mean"},
+        {"name": "top", "of": "displacement", "at": [0.1, 0.1, 1.0]},
+    ],
+}
+"""A column that only its length can change, under its weight."""
 
 
 def write_job(path: Path, base: Mapping[str, Any], **changes: Any) -> Path:

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from helpers.command_line import BLOCK
-from hpcinv.batch.ledger.ledger import ledger_of
+from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.sweep.plan import SweepPlan, load_sweep
 
@@ -20,6 +20,13 @@ def write_sweep(directory: Path, axes: list[dict[str, Any]], *, job: Mapping[str
     path = directory / "sweep.yaml"
     path.write_text(yaml.safe_dump({"job": "block.yaml", "store": "store", "axes": axes, **more}, sort_keys=False))
     return path
+
+
+def finish(ledger: Ledger, key: str, record: CaseRecord) -> None:
+    """Put a record into a store, as a process does that has solved a case."""
+    claim = ledger.claim(key)
+    assert claim is not None
+    assert ledger.commit(claim, record)
 
 
 def records_of(sweep: Path) -> dict[int, CaseRecord | None]:

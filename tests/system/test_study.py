@@ -19,9 +19,9 @@ import matplotlib.image
 import numpy as np
 import pytest
 import yaml
-from helpers.command_line import NO_CERTIFICATE, ROOT, Started, hpcinv
+from helpers.command_line import COLUMN, NO_CERTIFICATE, ROOT, Started, hpcinv
 from helpers.mesh_data_files import write_msh
-from test_study_plan import COLUMN, STUDY, plan
+from test_study_plan import STUDY, plan
 
 import hpcinv as api
 from hpcinv.__main__ import main

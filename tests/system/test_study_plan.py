@@ -10,23 +10,12 @@ from typing import Any
 
 import pytest
 import yaml
-from helpers.command_line import ROOT, environment
+from helpers.command_line import COLUMN, ROOT, environment
 
 from hpcinv.errors import JobError
 from hpcinv.quantity.keys import assigned, look_up, parse_key
 from hpcinv.study.plan import StudyPlan, load_study
 
-COLUMN: dict[str, Any] = {
-    "analysis": "inverse",
-    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"lx": 0.2, "ly": 0.2, "nx": 1, "ny": 1, "nz": 4}},
-    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
-    "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000, "density_in": "current"}],
-    "supports": [{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
-    "quantities": [
-        {"name": "length", "of": "Z", "on": "z1", "reduce": "mean"},
-        {"name": "top", "of": "displacement", "at": [0.1, 0.1, 1.0]},
-    ],
-}
 STUDY: dict[str, Any] = {
     "job": "column.yaml",
     "series": [

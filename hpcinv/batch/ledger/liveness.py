@@ -30,20 +30,22 @@ class Watch:
 
     def is_dead(self, other: Identity) -> bool:
         """Return whether a process is certainly dead, or its heartbeat has not changed within the lease."""
-        me = self._me
-        if other.machine and other.machine == me.machine:
-            started = start_of(other.pid)
-            if started is not None:
-                return started != other.started
-        if other.job and other.job == me.job and other.restart < me.restart:
+        if (runs := self._runs_here(other)) is not None:
+            return not runs
+        if other.job and other.job == self._me.job and other.restart < self._me.restart:
             return True
         return self._is_unchanged(other.token, self._beat(other.token))
 
     def is_living(self, other: Identity) -> bool:
         """Return whether a process is certainly alive, or was at the last call of `is_dead`; never both."""
-        if other.machine and other.machine == self._me.machine and (started := start_of(other.pid)) is not None:
-            return started == other.started
-        return other.token in self._beating
+        runs = self._runs_here(other)
+        return other.token in self._beating if runs is None else runs
+
+    def _runs_here(self, other: Identity) -> bool | None:
+        """Return whether a process of this machine runs; ``None`` if it is not known, or one of another machine."""
+        if not other.machine or other.machine != self._me.machine or (started := start_of(other.pid)) is None:
+            return None
+        return started == other.started
 
     def remove_heartbeat(self, dead: Identity) -> None:
         """Remove the heartbeat of a dead process; if it is alive after all, it writes the file again."""

@@ -15,21 +15,13 @@ from typing import Any
 
 import pytest
 import yaml
-from helpers.command_line import ROOT, environment
+from helpers.command_line import COLUMN, ROOT, environment
 
 from hpcinv.batch.forecast import forecast, in_words
 from hpcinv.batch.sampling import Method, read_distribution, unit_points
 from hpcinv.errors import JobError
 from hpcinv.sweep.plan import SweepPlan, load_sweep
 
-COLUMN: dict[str, Any] = {
-    "analysis": "inverse",
-    "mesh": {"file": str(ROOT / "meshes" / "box.py"), "parameters": {"lx": 0.2, "ly": 0.2, "nx": 1, "ny": 1, "nz": 4}},
-    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
-    "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000, "density_in": "current"}],
-    "supports": [{"region": "boundary", "fix": ["x", "y"]}, {"region": "z0", "fix": ["z"]}],
-    "quantities": [{"name": "length", "of": "Z", "on": "z1", "reduce": "mean"}],
-}
 YEOH = {"law": "yeoh", "c1": "5 kPa", "c2": 0, "c3": 0, "kappa": "50 kPa"}
 MU = "material.mu"
 DENSITY = "effects[0].density"

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import h5py
 import pytest
 import yaml
-from helpers.sweeps import BLOCK, write_sweep
+from helpers.sweeps import BLOCK, finish, write_sweep
 from rich.console import Console
 
 from hpcinv.__main__ import main
@@ -71,13 +71,7 @@ def commit(tmp_path: Path) -> Iterator[Callable[[Case, CaseRecord], None]]:
     """Put a record in the store, as a process does that has solved a case."""
     with Holder(tmp_path / "store") as holder:
         ledger = Ledger(tmp_path / "store", holder)
-
-        def done(case: Case, record: CaseRecord) -> None:
-            claim = ledger.claim(case.key)
-            assert claim is not None
-            assert ledger.commit(claim, record)
-
-        yield done
+        yield lambda case, record: finish(ledger, case.key, record)
 
 
 # Statistics
