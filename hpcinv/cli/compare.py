@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import length_unit, on_one_process
@@ -14,6 +14,9 @@ from hpcinv.errors import OutputError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.files.untrusted import add_option
 from hpcinv.quantity.units import readable
+
+if TYPE_CHECKING:
+    import pyvista
 
 
 def add_compare(commands: Any) -> None:
@@ -90,9 +93,25 @@ def _compare(options: argparse.Namespace) -> int:
         mean, rms, most, largest = (readable(figure, "m") for figure in figures)
         print(f"  from the other's surface: mean {mean} (outside positive), rms {rms}, 95 % {most}, largest {largest}")
     print(f"overlap (Dice): {found.dice:.4f}")
-    with output_errors(options.json or options.to or Path(), "Is the directory there, and writable?"):
-        if options.json is not None:
-            replace(options.json, json.dumps(found.as_data(), indent=1).encode())
-        if options.to is not None:
-            found.surface.save(options.to)
+    if options.json is not None:
+        _write(options.json, json.dumps(found.as_data(), indent=1))
+    if options.to is not None:
+        _write(options.to, _vtp(found.surface))
     return 0
+
+
+def _write(path: Path, text: str) -> None:
+    with output_errors(path, "Is the directory there, and writable?"):
+        replace(path, text.encode())
+
+
+def _vtp(surface: pyvista.PolyData) -> str:
+    """Return the content of a VTP file: VTK itself crashes if it cannot write all of it."""
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    writer = vtkXMLPolyDataWriter()
+    writer.SetInputData(surface)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    return str(writer.GetOutputString())

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import pyvista
 import SimpleITK
+from helpers.command_line import environment
 
 from hpcinv.__main__ import main
 from hpcinv.job.sections import MeshSpec
@@ -42,6 +45,23 @@ def test_balls_of_two_sizes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert found["one"]["volume"] == pytest.approx(4 / 3 * np.pi * 1e-6, rel=0.01)
     assert found["dice"] == pytest.approx(2 * 10**3 / (10**3 + 11**3), abs=0.01)
     assert pyvista.read(distances)["distance"] == pytest.approx(-1e-3, rel=0.05)
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
+    """In a process of its own, whose files may have 20,000 bytes; VTK would crash."""
+    body = ball(tmp_path / "ball.stl")
+    code = (
+        "import resource, sys\n"
+        "import hpcinv.parallel.ranks\n"  # MPI needs files of its own
+        "from hpcinv.__main__ import main\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))\n"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    arguments = ["compare", str(body), str(body), "--unit", "mm", "--to", str(tmp_path / "distances.vtp")]
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.partition(":")[0]) == (2, str(tmp_path / "distances.vtp"))
+    assert [path.name for path in tmp_path.iterdir()] == ["ball.stl"]
 
 
 def test_a_body_that_was_moved_is_moved_back() -> None:
