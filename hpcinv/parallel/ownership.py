@@ -14,11 +14,7 @@ def foreign_writer(status: os.stat_result) -> str:
     """
     if status.st_uid not in (0, os.geteuid()):
         return f"belongs to {_user(status.st_uid)}"
-    if status.st_mode & stat.S_IWOTH:
-        return "can be written by everybody"
-    if status.st_mode & stat.S_IWGRP and not _is_private(status.st_gid):
-        return f"can be written by the group {_group(status.st_gid)}"
-    return ""
+    return _open_to_others(status)
 
 
 def foreign_writer_above(path: Path) -> tuple[Path, str] | None:
@@ -29,13 +25,18 @@ def foreign_writer_above(path: Path) -> tuple[Path, str] | None:
     parents = dict.fromkeys((*path.absolute().parents, *path.resolve().parents))
     for parent in parents:
         status = parent.stat()
-        if status.st_mode & stat.S_ISVTX:  # only the owner can remove or rename a file there
-            continue
-        if status.st_mode & stat.S_IWOTH:
-            return parent, "can be written by everybody"
-        if status.st_mode & stat.S_IWGRP and not _is_private(status.st_gid):
-            return parent, f"can be written by the group {_group(status.st_gid)}"
+        is_sticky = status.st_mode & stat.S_ISVTX  # only the owner can remove or rename a file there
+        if not is_sticky and (reason := _open_to_others(status)):
+            return parent, reason
     return None
+
+
+def _open_to_others(status: os.stat_result) -> str:
+    if status.st_mode & stat.S_IWOTH:
+        return "can be written by everybody"
+    if status.st_mode & stat.S_IWGRP and not _is_private(status.st_gid):
+        return f"can be written by the group {_group(status.st_gid)}"
+    return ""
 
 
 def _is_private(group: int) -> bool:

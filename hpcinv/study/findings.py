@@ -1,5 +1,6 @@
 """Findings of a study: errors of each measured quantity, statistics over the cases, and the Pareto front."""
 
+import itertools
 import math
 import statistics
 from collections.abc import Mapping, Sequence
@@ -97,9 +98,8 @@ def findings(plan: StudyPlan, rows: Sequence[StudyRow]) -> list[Accuracy]:
 
 def accuracy(plan: StudyPlan, rows: Sequence[StudyRow], name: str, unit: str) -> Accuracy:
     """Return errors and orders of one quantity in the rows."""
-    references = tuple(
-        _reference(plan, [row for row in rows if row.place.case == case], name) for case in range(plan.cases)
-    )
+    by_case = itertools.groupby(rows, key=lambda row: row.place.case)  # the rows of a case follow each other
+    references = tuple(_reference(plan, [*of_case], name) for _, of_case in by_case)
     errors = [_error(references[row.place.case], row, name) for row in rows]
     groups: dict[tuple[str, int], list[int]] = {}
     for i, row in enumerate(rows):
