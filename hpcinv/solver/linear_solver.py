@@ -183,14 +183,13 @@ class LinearSolver:
 
     @property
     def symmetric_factors(self) -> PETSc.PC | None:
-        """Factors L D Lᵀ of an earlier tangent; on one rank only, since ScaLAPACK hides signs of a root."""
+        """Factors L D Lᵀ of an earlier tangent with their inertia, if there are any."""
         pc = self.ksp.pc
-        if self.system.comm.size > 1 or not self._has_factors or pc.getType() != PETSc.PC.Type.CHOLESKY:
-            return None
-        if not is_mumps(pc):
+        if not self._has_factors or pc.getType() != PETSc.PC.Type.CHOLESKY or not is_mumps(pc):
             return None
         factors = pc.getFactorMatrix()
-        return pc if factors.getMumpsInfog(1) == 0 and factors.getMumpsIcntl(24) == 1 else None  # else no inertia
+        has_signs = self.system.comm.size == 1 or factors.getMumpsIcntl(13) == 1
+        return pc if has_signs and factors.getMumpsInfog(1) == 0 and factors.getMumpsIcntl(24) == 1 else None
 
     def sign_of_determinant(self) -> int:
         """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""

@@ -25,6 +25,7 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import solution_of
+from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.problem import Model
 
 ESTIMATE = NO_CERTIFICATE | {"estimate": True}
@@ -158,6 +159,33 @@ def test_rounded_factors_do_not_change_the_sign_of_a_small_eigenvalue(least: flo
     factors = factorize_symmetric(filled(directions * values @ directions.T, comm), rounded=True)
     assert factors is not None
     assert factors.inertia.negative == (least < 0)
+
+
+@pytest.mark.parallel([1, 2, 3])
+def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> None:
+    """Of a block that is squeezed to half its height, and may then bulge to either side."""
+    one = job(
+        analysis="forward",
+        mesh=box((2, 2, 6), lz=3.0),
+        material={"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
+        supports=[{"region": "z0", "fix": ["x", "y", "z"]}, {"region": "z1", "displacement": [0, 0, -1.5]}],
+        solver={"linear": "direct"},
+        certificate=NO_CERTIFICATE,
+    )
+    model = Model(one, build_body(one.mesh, one.regions, comm, resolve=one.resolve), Timings())
+    equilibrium = model.equilibrium(model.scene("forward"))
+    assert list(follow(equilibrium, model.steps, 1e-8))[-1].outcome.accepted
+    equilibrium.system.linearise(1.0)
+    equilibrium.linear.factorize()
+    kept = equilibrium.linear.symmetric_factors
+    assert kept is not None
+    again = factorize_symmetric(equilibrium.system.matrix)
+    assert again is not None
+    print(f"{comm.size} rank(s): {kept.getFactorMatrix().getInertia()}, {again.inertia}")
+    assert kept.getFactorMatrix().getInertia() == (again.inertia.negative, again.inertia.zero, again.inertia.positive)
+    assert again.inertia.negative > 0
+    again.destroy()
+    equilibrium.destroy()
 
 
 @pytest.mark.everyday("1.05", "9.5", "8.7")

@@ -15,6 +15,8 @@ from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.configuration import Configuration
 from hpcinv.solver.petsc_options import Value
 
+FEW_RANKS = 8
+"""Ranks up to which a root factorized by one of them costs little, and its inertia is worth it for the certificate."""
 _ASYMMETRY = 1e-13  # relative, by rounding errors in the assembly; loads without a potential cause far more
 _NO_MEMORY = frozenset({-8, -9, -11, -13, -14, -15, -17, -18, -19, -20})  # INFOG(1), MUMPS users' guide, ch. 8
 
@@ -54,7 +56,10 @@ class Direct(Configuration):
             matrix.setOption(option, True)
             self._set_type(ksp, PETSc.PC.Type.CHOLESKY)
             ksp.pc.setFactorSetUpSolverType()
-            ksp.pc.getFactorMatrix().setMumpsIcntl(24, 1)  # null pivots are found instead of divided by
+            factors = ksp.pc.getFactorMatrix()
+            factors.setMumpsIcntl(24, 1)  # null pivots are found instead of divided by
+            if matrix.comm.size <= FEW_RANKS:
+                factors.setMumpsIcntl(13, 1)  # no ScaLAPACK for the root, which hides the signs of its pivots
         else:  # later tangents will not be symmetric either
             self._may_be_symmetric = False
             matrix.setOption(option, False)
