@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.errors import OutputError
+from hpcinv.files.atomic import output_errors, replace
 from hpcinv.workshop.solid import Solid
 
 UNITS_OF_3MF = {
@@ -37,47 +38,48 @@ def write(path: Path, solid: Solid, unit: str) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
-        WRITERS[path.suffix](partial, solid, unit)
-        partial.replace(path)
+        content = WRITERS[path.suffix](solid.in_single_precision(), unit)
     except OutputError as error:
         raise OutputError(f"{path}: {error.message}", error.advice) from None
-    except Exception as error:  # VTK and lib3mf raise nothing narrower
-        raise OutputError(
-            f"{path}: cannot be written: {error}", "Is the directory writable, and space left?"
-        ) from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with output_errors(path, "Is the directory writable, and space left?"):
+        replace(path, content)
 
 
-def _write_with_vtk(path: Path, solid: Solid, unit: str) -> None:
-    import pyvista
+def _stl(solid: Solid, _unit: str) -> bytes:
+    corners = solid.points[solid.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facets = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    facets["normal"] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    facets["corners"] = corners
+    return b"hpcinv".ljust(80) + len(facets).to_bytes(4, "little") + facets.tobytes()
 
-    single = solid.in_single_precision()
-    surface = pyvista.PolyData.from_regular_faces(single.points.astype(np.float32), single.triangles)
-    surface.save(path, binary=True, recompute_normals=False)
+
+def _ply(solid: Solid, _unit: str) -> bytes:
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(solid.points)}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {len(solid.triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    faces = np.empty(len(solid.triangles), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, solid.triangles
+    return header.encode() + solid.points.astype("<f4").tobytes() + faces.tobytes()
 
 
-def _write_3mf(path: Path, solid: Solid, unit: str) -> None:
+def _3mf(solid: Solid, unit: str) -> bytes:
     import lib3mf
 
-    single = solid.in_single_precision()
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
     model.SetUnit(lib3mf.ModelUnit[UNITS_OF_3MF[unit]])
     mesh = model.AddMeshObject()
     mesh.SetGeometry(
-        [lib3mf.Position((x, y, z)) for x, y, z in single.points.tolist()],
-        [lib3mf.Triangle((a, b, c)) for a, b, c in single.triangles.tolist()],
+        [lib3mf.Position((x, y, z)) for x, y, z in solid.points.tolist()],
+        [lib3mf.Triangle((a, b, c)) for a, b, c in solid.triangles.tolist()],
     )
     model.AddBuildItem(mesh, wrapper.GetIdentityTransform())
-    model.QueryWriter("3mf").WriteToFile(str(path))
+    return bytes(model.QueryWriter("3mf").WriteToBuffer())
 
 
-WRITERS: dict[str, Callable[[Path, Solid, str], None]] = {
-    ".stl": _write_with_vtk,
-    ".ply": _write_with_vtk,
-    ".3mf": _write_3mf,
-}
-"""Writers by the suffix of a file."""
+WRITERS: dict[str, Callable[[Solid, str], bytes]] = {".stl": _stl, ".ply": _ply, ".3mf": _3mf}
+"""Contents of files by their suffix, made in memory: on a full disk VTK leaves half of a PLY, and lib3mf aborts."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import struct
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable
@@ -13,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.command_line import environment
 
 from hpcinv.__main__ import main
 from hpcinv.errors import MeshError, OutputError
@@ -158,6 +161,31 @@ def test_files_hold_the_solid(suffix: str, sphere: MeshSource, tmp_path: Path) -
     assert len(found.triangles) == len(solid.triangles)
     np.testing.assert_allclose(found.size, OUTER * 1e3, rtol=1e-3)
     assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
+    """In a process of its own, whose files may have 20,000 bytes; libraries would write half a file, or abort."""
+    code = """
+import hpcinv.parallel.ranks, resource, sys  # MPI needs files of its own
+from pathlib import Path
+from hpcinv.errors import OutputError
+from hpcinv.workshop.formats import WRITERS, write
+from hpcinv.workshop.solid import Solid
+import numpy as np, pyvista
+sphere = pyvista.Sphere(theta_resolution=60, phi_resolution=60)
+solid = Solid(np.asarray(sphere.points, dtype=float), np.asarray(sphere.regular_faces, dtype=np.int64))
+resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
+for suffix in WRITERS:
+    try:
+        write(Path(f"part{suffix}"), solid, "mm")
+    except OutputError as error:
+        print(error.message)
+"""
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+    told = [line.partition(": cannot be written: ")[0] for line in done.stdout.splitlines()]
+    assert (done.returncode, told) == (0, [f"part{suffix}" for suffix in WRITERS]), done.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_mould_is_the_block_without_the_part(sphere: MeshSource) -> None:
