@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import resource
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import dolfinx
@@ -14,13 +16,15 @@ import vtk
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 from mpi4py import MPI
 
-from hpcinv.errors import MeshError
+from hpcinv.errors import MeshError, OutputError
 from hpcinv.job.sections import FORMATS
 from hpcinv.mesh import MeshSource, read_source
 from hpcinv.mesh.cells import FACET_KIND, coordinate_element, scalar_element, vtk_order
 from hpcinv.mesh.checks import check
+from hpcinv.mesh.export import SAVERS, save
 from hpcinv.mesh.io.gmsh_model import ElementType, save_msh, session
 from hpcinv.mesh.readers import FILES, GENERATORS
+from hpcinv.mesh.source import DataArray
 
 FACES = {"x0", "x1", "y0", "y1", "z0", "z1"}
 
@@ -181,6 +185,25 @@ def test_a_file_of_degree_1_becomes_degree_2_with_straight_edges_and_back(
     assert np.array_equal(lowered.node_tags, flat.node_tags)
     assert np.array_equal(lowered.cells, flat.cells)
     assert groups(lowered) == groups(flat)
+
+
+@pytest.mark.parametrize("suffix", SAVERS)
+def test_a_full_disk_is_told_and_leaves_nothing(suffix: str, meshes: Path, tmp_path: Path) -> None:
+    """A limit on the size of files stands for it, in the mesh and in the last section of the data."""
+    source = box(meshes, False, 1)
+    values = np.arange(9.0 * len(source.points)).reshape(-1, 9)
+    source = replace(source, data={"array": DataArray("array", "nodes", values)})
+    save(tmp_path / f"whole{suffix}", source, source.points)
+    size = (tmp_path / f"whole{suffix}").stat().st_size
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for limit in (size // 4, size - 100):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
+        try:
+            with pytest.raises(OutputError, match="cannot be written"):
+                save(tmp_path / f"part{suffix}", source, source.points)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert [path.name for path in tmp_path.iterdir()] == [f"whole{suffix}"]
 
 
 def test_a_generated_mesh_is_the_same_every_time(meshes: Path) -> None:

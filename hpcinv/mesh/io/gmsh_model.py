@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import os
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -183,14 +185,34 @@ def save_msh(path: Path, source: MeshSource, points: Floats) -> None:
     """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) as binary MSH 4.1; not collective.
 
     The points are in ``source.unit``.
+
+    Raises:
+        OSError: not all of it could be written.
     """
+    path.unlink(missing_ok=True)
     with session(path.stem) as gmsh:
         _add_mesh(gmsh, source, points)
         store_unit(gmsh, source.unit or 1.0)
         for option, value in (("Binary", 1), ("MshFileVersion", 4.1), ("SaveAll", 1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
-        gmsh.write(str(path))
+        with _written_in_full(path):
+            gmsh.write(str(path))
         write_views(gmsh, path, source)
+
+
+@contextmanager
+def _written_in_full(path: Path) -> Iterator[None]:
+    """Context in which gmsh writes further sections; ``OSError`` unless they are complete, as on a full disk.
+
+    gmsh itself reports no failure of a write.
+    """
+    before = path.stat().st_size if path.exists() else 0
+    yield
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - 40, 0))
+        if size == before or re.search(rb"\$End\w+\s*$", file.read()) is None:
+            raise OSError(f"only {size:,} bytes were written")
 
 
 def _add_mesh(gmsh: Any, source: MeshSource, points: Floats) -> None:
@@ -260,7 +282,8 @@ def write_views(gmsh: Any, path: Path, source: MeshSource) -> None:
             array.values.ravel(),
             numComponents=array.values.shape[1],
         )
-        gmsh.view.write(view, str(path), append=True)
+        with _written_in_full(path):
+            gmsh.view.write(view, str(path), append=True)
 
 
 def metis(corners: Ints, kind: str, parts: int) -> Ints:
