@@ -9,10 +9,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.status import BatchCase, Status, status
+from hpcinv.batch.status import Status, status
 from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import Job
@@ -21,6 +22,14 @@ from hpcinv.study.directory import check_content, ranks_in, store_in
 from hpcinv.study.plan import StudyPlan
 
 RETRY = "study --retry-failed"
+
+
+class Execution(NamedTuple):
+    """One execution of a run as a case of the ledger; executions of one run are a reuse group."""
+
+    key: str
+    title: str
+    reuse_group: str
 
 
 def executions_in(plan: StudyPlan, directory: Path, ranks: int | None = None) -> Executions:
@@ -104,12 +113,12 @@ class Executions:
             return 0
         return self.repetitions(run) + any(record.compiled for record in records)
 
-    def distinct(self) -> dict[str, BatchCase]:
-        """Return the executions that are finished or known to be needed, by key; those of one run are a reuse group.
+    def distinct(self) -> dict[str, Execution]:
+        """Return the executions that are finished or known to be needed, by key.
 
         Those of a run that is not ready have a provisional key; a run that cannot begin has none.
         """
-        found: dict[str, BatchCase] = {}
+        found: dict[str, Execution] = {}
         for i, run in enumerate(self.plan.runs):
             numbers = range(self.repetitions(i) + 1)
             if not self.is_ready(i):
@@ -119,7 +128,7 @@ class Executions:
                 keys = [self.execution_key(i, n) for n in numbers if n < self.needed(i) or self.is_known(i, n)]
             else:
                 keys = []
-            found |= {key: BatchCase(key, run.place.title, group) for key in keys if key not in found}
+            found |= {key: Execution(key, run.place.title, group) for key in keys if key not in found}
         return found
 
     def count(self) -> tuple[int, int]:
