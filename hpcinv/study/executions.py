@@ -125,7 +125,8 @@ class Executions:
                 keys = [f"run {i}, execution {number}" for number in numbers[:-1]]
                 group = ""
             elif group := self.key(i):
-                keys = [self.execution_key(i, n) for n in numbers if n < self.needed(i) or self.is_known(i, n)]
+                needed, possible = self.needed(i), [self.execution_key(i, n) for n in numbers]
+                keys = [key for n, key in enumerate(possible) if n < needed or key in self._records]
             else:
                 keys = []
             found |= {key: Execution(key, run.place.title, group) for key in keys if key not in found}
