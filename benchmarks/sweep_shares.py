@@ -17,6 +17,7 @@ from pathlib import Path
 
 from hpcinv.driver import run
 from hpcinv.job.job import Job
+from hpcinv.mesh.body import Body
 from hpcinv.methods.initial_guess import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
@@ -31,11 +32,11 @@ COMM = MPI.COMM_WORLD
 class WithoutFactors(Workspace):
     """Forgets the symbolic factorization between runs."""
 
-    def body(self, job: Job):  # type: ignore[no-untyped-def]
-        if self._model is not None:
-            for equilibrium in self._model[1]._idle.values():
+    def body(self, job: Job, report: Callable[[str], None]) -> Body:
+        for model in self._models.values():
+            for equilibrium in model._idle.values():
                 equilibrium.linear.forget_factors()
-        return super().body(job)
+        return super().body(job, report)
 
 
 class Shared:

@@ -27,7 +27,7 @@ COMMANDS = {
     "ranks": "python benchmarks/beam_and_block.py ranks",
     "linear": "python benchmarks/beam_and_block.py linear --sizes 16000 25000 35000 50000 100000 180000 --repeat 1",
     "phases": "python benchmarks/beam_and_block.py phases",
-    "factorizations": "python benchmarks/factorizations.py",
+    "factorizations": "python benchmarks/factorizations.py --repeat 1",
     "linear-solvers": "mpirun -n 1 python benchmarks/linear_solvers.py",
     "cost-model": "mpirun -n 1 python benchmarks/cost_model.py",
     "scaling": "python benchmarks/scaling.py --per-rank 4000",
