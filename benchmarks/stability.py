@@ -36,6 +36,7 @@ from dolfinx import fem
 import hpcinv
 from hpcinv.certificate import confirmation
 from hpcinv.certificate.inertia import inertia
+from hpcinv.cli.bench_runs import Findings
 from hpcinv.job.job import Job, load, parse
 from hpcinv.mesh.moved import placed
 from hpcinv.output.result import Result
@@ -106,7 +107,7 @@ def dense(form: Any, model: Model, diagonal: float) -> npt.NDArray[np.float64]:
     return found
 
 
-def modes(job: Job, number: int = 3) -> str:
+def modes(job: Job, number: int = 3) -> list[str]:
     result, model, solution = at_the_solution(job)
     unknowns, scene = model.unknowns, model.scene("forward")
     scene.parameters.set_load(1.0)
@@ -125,7 +126,7 @@ def modes(job: Job, number: int = 3) -> str:
     values, vectors = scipy.linalg.eigh((K + K.T) / 2, (M + M.T) / 2, subset_by_index=[0, number - 1])
     shapes = (kernel @ vectors).T
     ratios = [np.sqrt((x @ D[uu] @ x) / (x @ G[uu] @ x)) for x in shapes]
-    return ", ".join(f"{value:+.3f} ({ratio:.3f})" for value, ratio in zip(values, ratios, strict=True))
+    return [f"{value:+.3f} ({ratio:.3f})" for value, ratio in zip(values, ratios, strict=True)]
 
 
 def negative(model: Model) -> int:
@@ -137,7 +138,7 @@ def negative(model: Model) -> int:
     return found.negative - model.unknowns.pressure_size
 
 
-def counts(job: Job) -> str:
+def counts(job: Job) -> list[str]:
     result, model, solution = at_the_solution(job)
     texts = []
     with placed(result.body.mesh, solution.reference_nodes / result.body.length_scale):
@@ -147,10 +148,10 @@ def counts(job: Job) -> str:
             confirmation.PENALTY = fem.Constant(result.body.mesh, penalty)
             found = confirmation.confirm(model, solution)
             texts.append("-" if found is None else str(found.directions))
-    return " | ".join(texts)
+    return texts
 
 
-def price(job: Job) -> str:
+def price(job: Job) -> list[str]:
     without = type(job.certificate).model_validate(NO_CERTIFICATE)
     job = job.model_copy(update={"certificate": without})
     seconds = []
@@ -163,10 +164,10 @@ def price(job: Job) -> str:
                 begin = time.perf_counter()
                 count(model)
                 seconds.append(time.perf_counter() - begin)
-    return f"{model.unknowns.size} | " + " | ".join(f"{value:.2f}" for value in seconds)
+    return [str(model.unknowns.size), *(f"{value:.2f}" for value in seconds)]
 
 
-def without_factors(size: int) -> Iterator[str]:
+def without_factors(size: int) -> Iterator[list[str]]:
     """The lowest eigenvalue by iteration after an iterative solve, which is its measure."""
     certificate = {"level": "off", "stability": True}
     for name, body, analysis in (("block", block_of, "inverse"), ("beam", beam, "forward")):
@@ -177,28 +178,34 @@ def without_factors(size: int) -> Iterator[str]:
         work = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check")
         solve = sum(phases[phase]["max"] for phase in work if phase in phases)
         found, seconds = result.statistics, line.seconds or 0.0
-        effort = f"{found['solutions'][0]['factorizations']} | {found['solutions'][0]['linear']['iterations']}"
-        unknowns = found["mesh"]["unknowns"]
-        yield f"{name}, {analysis} | {unknowns} | {effort} | {solve:.1f} | {seconds:.1f} | {seconds / solve:.2f}"
+        solution = found["solutions"][0]
+        effort = [found["mesh"]["unknowns"], solution["factorizations"], solution["linear"]["iterations"]]
+        yield [f"{name}, {analysis}", *map(str, effort), f"{solve:.1f}", f"{seconds:.1f}", f"{seconds / solve:.2f}"]
+
+
+TABLES = {
+    "modes": ["case", "first", "second", "third"],
+    "counts": ["case", "tangent", *map(str, PENALTIES)],
+    "price": ["job", "unknowns", "solve", "count", "confirm"],
+    "without-factors": ["body", "unknowns", "tangents", "Krylov", "solve s", "stability s", "ratio"],
+}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("modes", "counts", "price", "without-factors"))
+    parser.add_argument("what", choices=tuple(TABLES))
     parser.add_argument("--size", type=int, default=160_000, help="unknowns without factors, about (160000)")
     options = parser.parse_args()
     what = options.what
+    rows: list[list[str]]
     if what == "without-factors":
-        for row in without_factors(options.size):
-            print(row, flush=True)
-        return
-    if what == "price":
+        rows = list(without_factors(options.size))
+    elif what == "price":
         names = ("coil-through-itself", "standing-beam")
-        for name in names:
-            print(f"{name} | {price(load(ROOT / 'jobs' / 'hard' / f'{name}.yaml'))}", flush=True)
-        return
-    for name, job in cases():
-        print(f"{name} | {(modes if what == 'modes' else counts)(job)}", flush=True)
+        rows = [[name, *price(load(ROOT / "jobs" / "hard" / f"{name}.yaml"))] for name in names]
+    else:
+        rows = [[name, *(modes if what == "modes" else counts)(job)] for name, job in cases()]
+    Findings(f"stability: {what}", TABLES[what], rows).show()
 
 
 if __name__ == "__main__":

@@ -54,8 +54,9 @@ def main() -> None:
     for name in sys.argv[1:] or COMMANDS:
         command, note = COMMANDS[name], f"load average {os.getloadavg()[0]:.1f} before it began"
         words = [sys.executable if word == "python" else word for word in shlex.split(command)]
-        quiet = os.environ | {"PETSC_OPTIONS": "-options_left 0"}
-        done = subprocess.run(words, cwd=ROOT, env=quiet, stdout=subprocess.PIPE, text=True)
+        # imports as a user has them: from the second run on Python reads what it has compiled in the first
+        environment = os.environ | {"PETSC_OPTIONS": "-options_left 0", "PYTHONDONTWRITEBYTECODE": ""}
+        done = subprocess.run(words, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
         if done.returncode:
             sys.exit(f"{command} fails")
         PRINTED.mkdir(parents=True, exist_ok=True)

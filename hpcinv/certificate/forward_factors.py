@@ -1,6 +1,7 @@
 """Factors of the forward tangent at a solution, which stability and round trip share.
 
-Those of a forward solve on up to eight ranks are taken, if they are symmetric and have the inertia of the tangent at the end.
+Those of a forward solve on up to eight ranks are taken, if they are symmetric and have the inertia of the
+tangent at the end.
 """
 
 from __future__ import annotations

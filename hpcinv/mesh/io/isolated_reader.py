@@ -2,7 +2,8 @@
 
 ``python isolated_reader.py vtu PATH TYPE…`` writes the arrays of a VTU file to standard output: a line of JSON with the
 names, types and shapes of arrays, then their bytes in this order. ``python isolated_reader.py msh PATH`` lets gmsh read
-a file and writes nothing. It imports nothing from the package, whose mesh modules load MPI.
+a file and writes nothing. It imports nothing from the package, whose mesh modules load MPI, and VTK, whose import takes
+as long as gmsh's, for VTU files only.
 """
 
 import contextlib
@@ -14,12 +15,8 @@ from typing import Any
 from xml.parsers import expat
 
 import numpy as np
-from vtkmodules import vtkCommonDataModel
-from vtkmodules.util import numpy_support
-from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
 MOST_COMPRESSED = 1100  # largest ratio of compression; that of zlib is 1032
-vtk_to_numpy: Any = numpy_support.vtk_to_numpy
 FLAT = ("VERTEX", "LINE", "QUADRATIC_EDGE", "POLY_LINE")
 
 
@@ -49,6 +46,11 @@ def read_msh(path: str) -> None:
 
 def read_vtu(path: str, wanted: list[str]) -> None:
     """Write the arrays of the file to standard output, with names for the cell types in ``wanted``."""
+    from vtkmodules import vtkCommonDataModel
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    vtk_to_numpy: Any = numpy_support.vtk_to_numpy
     if fault := fault_of_header(Path(path)):
         sys.exit(f"ERR| {fault}")
     limit_memory()
@@ -105,6 +107,9 @@ def fault_of_header(path: Path) -> str | None:
 
 def data_of(attributes: Any, on: str) -> Any:
     """Numeric arrays of the nodes, cells or fields, with their names."""
+    from vtkmodules.util import numpy_support
+
+    vtk_to_numpy: Any = numpy_support.vtk_to_numpy
     for i in range(attributes.GetNumberOfArrays()):
         array = attributes.GetArray(i)  # None for text
         if array is not None:
@@ -112,6 +117,8 @@ def data_of(attributes: Any, on: str) -> Any:
 
 
 def other_name(number: int) -> str:
+    from vtkmodules import vtkCommonDataModel
+
     name = str(vtkCommonDataModel.vtkCellTypes.GetClassNameFromTypeId(number))
     return name.removeprefix("vtk") if name != "UnknownClass" else f"of the type {number}"
 
