@@ -18,11 +18,14 @@ from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.element_matrices import Block, ElementMatrices, Floats, Integers
-from hpcinv.assembly.moduli import moduli_of
+from hpcinv.assembly.moduli import Term, UnsupportedForm, moduli_of, moduli_of_term
 from hpcinv.parallel.jit import JIT_OPTIONS
 
 if TYPE_CHECKING:
     from hpcinv.model.scene import Scene
+
+
+type FilledTerm = list[ElementMatrices] | fem.Form
 
 
 class FilledTangent:
@@ -35,18 +38,27 @@ class FilledTangent:
     note = ""
 
     def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
-        unknowns, options = scene.unknowns, dict(jit_options)
-        space = unknowns.space
+        self._unknowns, self._options = scene.unknowns, dict(jit_options)
+        unknowns, options, space = scene.unknowns, self._options, scene.unknowns.space
         self._volume = [ElementMatrices(m, unknowns, options) for m in moduli_of(scene.residual, unknowns)]
         surface = _surface_tangent(scene.residual, unknowns.state)
         self._surface = None if surface is None else fem.form(surface, jit_options=options)
         mass = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
         self._any_form = fem.form(mass, jit_options=options)
 
+    def term(self, term: Term) -> FilledTerm:
+        """Return a term that can be added to the tangent; collective."""
+        try:
+            return [ElementMatrices(m, self._unknowns, self._options) for m in moduli_of_term(term, self._unknowns)]
+        except UnsupportedForm:
+            return fem.form(ufl.replace(term.form, dict(term.factors)), jit_options=self._options)
+
     def create_matrix(
         self, conditions: Sequence[fem.DirichletBC], like: object = None
-    ) -> tuple[PETSc.Mat, Callable[[], None]]:
+    ) -> tuple[PETSc.Mat, Callable[..., None]]:
         """Return a matrix for Dirichlet conditions, and a collective function to assemble it at the present state.
+
+        The argument of that function are terms that are added.
 
         Args:
             like: another tangent on the same unknowns, whose pattern is used.
@@ -57,24 +69,32 @@ class FilledTangent:
         prescribed = np.zeros(rows.count, dtype=bool)
         for condition in conditions:
             prescribed[condition.dof_indices()[0]] = True
-        places = [rows.places(part) for part in self._volume]
         of_prescribed = rows.of(prescribed)
         owned = np.flatnonzero(prescribed[: rows.owned]).astype(np.int32)
         diagonal = rows.at(owned, owned)
 
-        def assemble() -> None:
+        def assemble(terms: Sequence[FilledTerm] = ()) -> None:
             A.zeroEntries()
             values[:] = 0.0
-            for part, of_part in zip(self._volume, places, strict=True):
+            compiled = [] if self._surface is None else [self._surface]
+            volume = list(self._volume)
+            for term in terms:
+                if isinstance(term, fem.Form):
+                    compiled.append(term)
+                else:
+                    volume += term
+            for part in volume:
+                places = rows.places(part)
                 for chunk, blocks in part:
-                    for entries, of_block in zip(blocks, of_part, strict=True):
+                    for entries, of_block in zip(blocks, places, strict=True):
                         np.add.at(values, of_block[chunk].ravel(), entries.ravel())
             values[of_prescribed] = 0.0
             values[diagonal] = 1.0
             A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)
-            if self._surface is not None:
-                fem_petsc.assemble_matrix(A, self._surface, bcs=conditions)
             A.assemble()
+            for form in compiled:
+                fem_petsc.assemble_matrix(A, form, bcs=conditions)
+                A.assemble()  # PETSc does not add values after the diagonal of prescribed unknowns was inserted
 
         return A, assemble
 
@@ -120,7 +140,7 @@ class _Rows:
         inner = np.delete(indices[:end], other) if len(other) else indices[:end]
         self._blocks = _integers(starts, inner), _integers(before, names[indices[other]])
         self._of_ghosts = _integers(indptr[self.owned :] - end, names[indices[end:]])
-        self._known: list[tuple[Integers, list[_Places]]] = []
+        self._known: list[tuple[Integers, _Places]] = []
 
     def matrix(self) -> tuple[PETSc.Mat, Floats, tuple[Any, ...]]:
         """Return a new matrix, the array of its values, and rows of ghosts: starts, columns, values, and names."""
@@ -156,19 +176,19 @@ class _Rows:
         return chosen
 
     def places(self, matrices: ElementMatrices) -> list[_Places]:
-        """Return places of the entries of element matrices, block by block; those of the same ones are kept."""
-        shapes = [block.shape for block in matrices.blocks]
-        for cells, places in self._known:
-            if [one.block.shape for one in places] == shapes and np.array_equal(cells, matrices.cells):
-                return places
-        places = [self._places(self._dofs[matrices.cells], block) for block in matrices.blocks]
-        self._known.append((matrices.cells, places))
-        return places
+        """Return places of the entries of element matrices, block by block; they are computed once."""
+        return [self._places(matrices.cells, block) for block in matrices.blocks]
 
-    def _places(self, dofs: Integers, block: Block) -> _Places:
+    def _places(self, cells: Integers, block: Block) -> _Places:
+        for of_cells, known in self._known:
+            if known.block.nodes == block.nodes and np.array_equal(of_cells, cells):
+                return known
+        dofs = self._dofs[cells]
         rows, columns = np.broadcast_arrays(dofs[:, block.rows.leading(), None], dofs[:, None, block.columns.leading()])
         first = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
-        return _Places(block, first, np.where(columns < self.owned, self._near[rows], self._far[rows]))
+        places = _Places(block, first, np.where(columns < self.owned, self._near[rows], self._far[rows]))
+        self._known.append((cells, places))
+        return places
 
 
 @dataclass(frozen=True)

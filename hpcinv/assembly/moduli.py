@@ -8,8 +8,8 @@ tangent is the same for all laws (`hpcinv.assembly.element_matrices`).
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,8 +68,34 @@ class TangentModuli:
     expression: Any
 
 
-def moduli_of(residual: Any, unknowns: Unknowns) -> list[TangentModuli]:
+@dataclass(frozen=True)
+class Term:
+    """A bilinear form over the volume, which is added to a tangent.
+
+    Attributes:
+        form: the form, with symbols for its factors that are neither test nor trial function.
+        trial: its trial function.
+        factors: UFL expressions of the symbols. They are left out while the moduli of the form are derived, which
+            spares UFL most of its work.
+    """
+
+    form: Any
+    trial: Any
+    factors: Mapping[Any, Any]
+
+
+def moduli_of_term(term: Term, unknowns: Unknowns) -> list[TangentModuli]:
+    """Return the moduli of a term; errors as of `moduli_of`."""
+    trial = ufl.Coefficient(unknowns.space)  # the form is linear in it, and so does not depend on its value
+    found = moduli_of(expand_derivatives(ufl.replace(term.form, {term.trial: trial})), unknowns, trial)
+    return [replace(one, expression=ufl.replace(one.expression, dict(term.factors))) for one in found]
+
+
+def moduli_of(residual: Any, unknowns: Unknowns, state: Any = None) -> list[TangentModuli]:
     """Return the moduli of the volume integrals of a form; its regions must cover all cells.
+
+    Args:
+        state: function by which the form is differentiated, if that is not the state of the unknowns.
 
     Raises:
         UnsupportedForm: if the residual has another form than the one above, for example by an effect of a plugin.
@@ -84,7 +110,7 @@ def moduli_of(residual: Any, unknowns: Unknowns) -> list[TangentModuli]:
         if one.subdomain_id() not in ("everywhere", "otherwise"):
             regions.setdefault(one.subdomain_id(), []).append(one.integrand())
     if not regions:
-        return [_checked(sum(common[1:], common[0]), None, degree, unknowns)]
+        return [_checked(sum(common[1:], common[0]), None, degree, unknowns, state)]
     if not all(isinstance(number, int) for number in regions):
         raise UnsupportedForm("a volume integral is over several regions at once")
     given = [one.subdomain_data() for one in integrals if one.subdomain_id() in regions]
@@ -93,7 +119,8 @@ def moduli_of(residual: Any, unknowns: Unknowns) -> list[TangentModuli]:
     cells = dict(given[0])
     _check_cover(unknowns, [cells[number] for number in regions])
     return [
-        _checked(sum((*own[1:], *common), own[0]), cells[number], degree, unknowns) for number, own in regions.items()
+        _checked(sum((*own[1:], *common), own[0]), cells[number], degree, unknowns, state)
+        for number, own in regions.items()
     ]
 
 
@@ -106,21 +133,26 @@ def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> No
         raise UnsupportedForm("its volume integrals over regions leave cells out, or count some twice")
 
 
-def _checked(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> TangentModuli:
+def _checked(
+    integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns, state: Any
+) -> TangentModuli:
     """Return `_moduli`; all errors of UFL, which have many types, become `UnsupportedForm`."""
     try:
-        return _moduli(integrand, cells, degree, unknowns)
+        return _moduli(integrand, cells, degree, unknowns, unknowns.state if state is None else state)
     except (UnsupportedForm, MemoryError):
         raise
     except Exception as error:
         raise UnsupportedForm(f"UFL fails on it: {error}") from error
 
 
-def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns) -> TangentModuli:
+def _moduli(
+    integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns, state: Any
+) -> TangentModuli:
     mesh = unknowns.mesh
-    pairs = [(unknowns.v, unknowns.u, 0, 3)]
+    pairs = [(unknowns.v, state, 0, 3)]
     if unknowns.p is not None:
-        pairs.append((unknowns.q, unknowns.p, 1, 1))
+        u, p = ufl.split(state)
+        pairs = [(unknowns.v, u, 0, 3), (unknowns.q, p, 1, 1)]
     tests: dict[Slot, tuple[Any, Variable]] = {}
     trials: dict[Slot, tuple[Any, Variable]] = {}
     for test, trial, part, components in pairs:
@@ -128,7 +160,7 @@ def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, un
             slot = Slot(part, components, is_gradient)
             for where, f in ((tests, of(test)), (trials, of(trial))):
                 where[slot] = f, ufl.variable(ufl.Constant(mesh, f.ufl_shape))
-    at_a_point = _at_a_point(integrand, unknowns, tests, trials)
+    at_a_point = _at_a_point(integrand, unknowns, state, tests, trials)
     K, volume = ufl.JacobianInverse(mesh), abs(ufl.JacobianDeterminant(mesh))
     local = Local(mesh.ufl_domain())
     jacobians = {slot: Jacobian(symbol, local) for slot, (_, symbol) in trials.items()}
@@ -149,6 +181,7 @@ def _moduli(integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, un
 def _at_a_point(
     integrand: Any,
     unknowns: Unknowns,
+    state: Any,
     tests: dict[Slot, tuple[Any, Variable]],
     trials: dict[Slot, tuple[Any, Variable]],
 ) -> Any:
@@ -158,7 +191,7 @@ def _at_a_point(
     of all unknowns.
     """
     symbols: dict[Any, Any] = {}
-    for whole, of_parts in ((unknowns.test, tests), (unknowns.state, trials)):
+    for whole, of_parts in ((unknowns.test, tests), (state, trials)):
         symbols |= dict(of_parts.values())
         if unknowns.p is not None:
             values, gradients = (
@@ -167,7 +200,7 @@ def _at_a_point(
             )
             symbols[whole] = ufl.as_vector([*values[0], values[1]])
             symbols[ufl.grad(whole)] = ufl.as_tensor([*(gradients[0][i, :] for i in range(3)), gradients[1]])
-    if _has_other_derivatives(integrand, symbols, {unknowns.test, unknowns.state}):
+    if _has_other_derivatives(integrand, symbols, {unknowns.test, state}):
         raise UnsupportedForm("it has derivatives of unknowns or test functions other than their gradients")
     return ufl.replace(integrand, symbols)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
@@ -19,6 +19,7 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from hpcinv.assembly.moduli import Term
     from hpcinv.model.outcome import Outcome
     from hpcinv.model.scene import Scene
     from hpcinv.model.supports import Supports
@@ -63,7 +64,7 @@ class System:
             return tangent_of(self.scene, like=like._tangent if like and "_tangent" in vars(like) else None)
 
     @cached_property
-    def _matrix(self) -> tuple[PETSc.Mat, Callable[[], None]]:
+    def _matrix(self) -> tuple[PETSc.Mat, Callable[..., None]]:
         tangent, like = self._tangent, self._like
         with self.timings("tangent"):
             _multiply_without_inodes()
@@ -145,11 +146,16 @@ class System:
         self.rhs.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.array(self.rhs.array)
 
-    def tangent(self) -> None:
-        """Assemble K at the present state and load into ``matrix``."""
+    def tangent(self, *terms: Any) -> None:
+        """Assemble K at the present state and load into ``matrix``, with the sum of some `term`."""
         with self.timings("tangent"):
-            self._matrix[1]()
+            self._matrix[1](terms)
         self.tangents += 1
+
+    def term(self, term: Term) -> Any:
+        """Return a bilinear form as `tangent` takes it; compiled if necessary, collective."""
+        with self.timings("compile"):
+            return self._tangent.term(term)
 
     def linearise(self, load: float) -> None:
         """Assemble K at the present state and a load factor."""

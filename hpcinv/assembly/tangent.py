@@ -18,7 +18,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.assembly.csr_tangent import FilledTangent
-from hpcinv.assembly.moduli import UnsupportedForm
+from hpcinv.assembly.moduli import Term, UnsupportedForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 
 if TYPE_CHECKING:
@@ -43,12 +43,19 @@ class CompiledTangent:
     def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
         unknowns = scene.unknowns
         tangent = ufl.derivative(scene.residual, unknowns.state, ufl.TrialFunction(unknowns.space))
-        self._form = fem.form(tangent, jit_options=dict(jit_options))
+        self._options = dict(jit_options)
+        self._form = fem.form(tangent, jit_options=self._options)
+
+    def term(self, term: Term) -> fem.Form:
+        """Return a term that can be added to the tangent; collective."""
+        return fem.form(ufl.replace(term.form, dict(term.factors)), jit_options=self._options)
 
     def create_matrix(
         self, conditions: Sequence[fem.DirichletBC], like: Tangent | None = None
-    ) -> tuple[PETSc.Mat, Callable[[], None]]:
+    ) -> tuple[PETSc.Mat, Callable[..., None]]:
         """Return a matrix for Dirichlet conditions, and a collective function to assemble it at the present state.
+
+        The argument of that function are terms that are added.
 
         Args:
             like: another tangent on the same unknowns, assembled, whose pattern is used; a new one takes as long as an
@@ -62,10 +69,11 @@ class CompiledTangent:
             matrix = cast("PETSc.Mat", fem_petsc.create_matrix(self._form))
         self.matrix: PETSc.Mat = matrix
 
-        def assemble() -> None:
+        def assemble(terms: Sequence[fem.Form] = ()) -> None:
             matrix.zeroEntries()
-            fem_petsc.assemble_matrix(matrix, self._form, bcs=conditions)
-            matrix.assemble()
+            for form in (self._form, *terms):
+                fem_petsc.assemble_matrix(matrix, form, bcs=conditions)
+                matrix.assemble()  # PETSc does not add values after the diagonal of prescribed unknowns was inserted
 
         return matrix, assemble
 

@@ -102,7 +102,7 @@ class Equilibrium:
             # SNES iterates on a separate vector, since every trial of the line search changes the state.
             self._x, self._before = system.rhs.duplicate(), system.rhs.duplicate()
             self.snes = self._create_snes()
-            self.mip = ExtrapolatedStress(system.scene, system.supports)
+            self.mip = ExtrapolatedStress(system)
         self._now = _Progress(self._monitor(1.0))
 
     def _create_snes(self) -> PETSc.SNES:
@@ -226,12 +226,8 @@ class Equilibrium:
     def _renew_tangent(self, x: PETSc.Vec) -> None:
         system, first = self.system, self._now.first_step
         system.set_state(x)
-        system.tangent()
-        if first is not None and self.mip.is_needed(first):
-            with system.timings("compile"):
-                self.mip.compile()
-            with system.timings("tangent"):
-                self.mip.add_to(system.matrix, self._before, first)
+        terms = [self.mip.since(self._before, first)] if first is not None and self.mip.is_needed(first) else []
+        system.tangent(*terms)
         now, before = self._now, self.linear.factorizations
         is_near = now.travelled <= now.too_far
         self.linear.factorize(may_keep=self._takes_full_steps and self.reuse > 0 and is_near)

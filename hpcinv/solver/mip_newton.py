@@ -23,51 +23,49 @@ doi:10.1016/j.cma.2016.10.023.
 from functools import cached_property
 from typing import Any
 
-import dolfinx.fem.petsc as fem_petsc
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 from ufl.classes import Zero
 
+from hpcinv.assembly.moduli import Term
+from hpcinv.assembly.system import System
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
-from hpcinv.model.scene import Scene
-from hpcinv.model.supports import Supports
-from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.solver.predictor import Increment
 
 
 class ExtrapolatedStress:
-    """Additional term of the tangent at the present state of a scene; compiled at its first use."""
+    """Additional term of the tangent at the present state of a system; compiled at its first use."""
 
     _smallest = 0.1  # rad: the spurious strain of smaller rotations is negligible
     _rotation_to_strain = 2.0  # ratio above which the pressure's share is extrapolated
 
-    def __init__(self, scene: Scene, supports: Supports) -> None:
-        self._scene, self._supports = scene, supports
-        self._is_forward = scene.kinematics.direction == "forward"
+    def __init__(self, system: System) -> None:
+        self._system, self._scene = system, system.scene
+        self._is_forward = self._scene.kinematics.direction == "forward"
 
     def compile(self) -> None:
         """Compile the term, if the direction of the analysis has one."""
         if self._is_forward:
-            assert self.form is not None
+            _ = self._term
 
     def is_needed(self, first: Increment) -> bool:
         """Return whether the tangents of a solve need the term, by the first step of that solve."""
         return self._is_forward and first.rotation > self._smallest
 
-    def add_to(self, matrix: PETSc.Mat, before: PETSc.Vec, first: Increment) -> None:
-        """Add the term to the tangent.
+    def since(self, before: PETSc.Vec, first: Increment) -> Any:
+        """Return the term, for ``System.tangent``.
 
         Args:
             before: the state from which a linear step has led to the present one.
             first: increment of the first step of the solve.
         """
+        term = self._term
         self._of_pressure.value = float(first.rotation > self._rotation_to_strain * first.strain)
         before.copy(self._before.x.petsc_vec)
         self._before.x.scatter_forward()
         self._step.x.array[:] = self._scene.unknowns.state.x.array - self._before.x.array
-        fem_petsc.assemble_matrix(matrix, self.form, bcs=self._supports.conditions)
-        matrix.assemble()
+        return term
 
     @cached_property
     def _before(self) -> fem.Function:
@@ -82,29 +80,33 @@ class ExtrapolatedStress:
         return fem.Constant(self._scene.unknowns.mesh, 0.0)
 
     @cached_property
-    def form(self) -> fem.Form:
+    def _term(self) -> Any:
         scene, kin = self._scene, self._scene.kinematics
         unknowns = scene.unknowns
         trial = ufl.TrialFunction(unknowns.space)
         gradients = kin.Grad(unknowns.v), kin.Grad(trial if unknowns.p is None else ufl.split(trial)[0])
         metric = ufl.sym(gradients[0].T * gradients[1])
         total: Any = 0
+        excesses: dict[Any, Any] = {}
+
+        def excess(stress: Any) -> Any:
+            """Return a symbol for the extrapolated value of an expression of the state, less its present value."""
+            if isinstance(stress, Zero):
+                return stress
+            there = ufl.replace(stress, {unknowns.state: self._before})
+            symbol = ufl.Constant(unknowns.mesh, stress.ufl_shape)
+            excesses[symbol] = there + ufl.derivative(there, self._before, self._step) - stress
+            return symbol
+
         for number, part in enumerate(scene.parts):
             S = without_stages(kin.F_inverse * part.P)
             slope, p = without_stages(gradient(part.dilatation, scene.H)), without_stages(part.pressure)
             of_pressure = -p * kin.F_inverse * slope
-            work = ufl.inner(self._excess(S - of_pressure), metric)
+            work = ufl.inner(excess(S - of_pressure), metric)
             if unknowns.p is None:
                 curvature = ufl.derivative(ufl.inner(slope, gradients[0]), unknowns.state, trial)
-                work -= self._excess(p) * curvature
+                work -= excess(p) * curvature
             else:
-                work += self._of_pressure * ufl.inner(self._excess(of_pressure), metric)
+                work += self._of_pressure * ufl.inner(excess(of_pressure), metric)
             total += kin.dV(work, kin.integration.part(number))
-        return fem.form(total, jit_options=JIT_OPTIONS)
-
-    def _excess(self, stress: Any) -> Any:
-        """Return the extrapolated value of an expression of the state, less its present value."""
-        if isinstance(stress, Zero):
-            return stress
-        there = ufl.replace(stress, {self._scene.unknowns.state: self._before})
-        return there + ufl.derivative(there, self._before, self._step) - stress
+        return self._system.term(Term(total, trial, excesses))

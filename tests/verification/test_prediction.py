@@ -9,6 +9,7 @@ import pytest
 from helpers.verification import box, job
 from petsc4py import PETSc
 
+from hpcinv.assembly.tangent import FilledTangent, as_for
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -89,10 +90,28 @@ def test_what_the_extrapolated_stress_adds_vanishes_with_the_square_of_the_step_
     equilibrium.destroy()
 
 
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("form", FORMS)
+def test_it_is_added_alike_by_compiled_forms_and_in_place(form: str, comm: MPI.Intracomm) -> None:
+    products = []
+    for cells in (1, 1_000_000):
+        with as_for(cells):
+            model, equilibrium = equations(comm, form=form)
+            before = field(model, lambda X: 0.1 * np.array([X[2] ** 2, 0 * X[0], X[0] * X[2]]))
+            equilibrium.system.set_state(field(model, lambda X: 0.2 * np.array([X[2] * X[1], -X[2], X[0] * X[2]])))
+            added = added_to_tangent(equilibrium, before)
+        assert isinstance(equilibrium.system._tangent, FilledTangent) == (cells > 1)
+        v = field(model, lambda X: X[2] * np.array([X[0], 1 + X[1] * X[2], X[2]]))
+        products.append([float(v.dot(added * w)) for w in (v, before)])
+        equilibrium.destroy()
+    assert products[1] == pytest.approx(products[0], rel=1e-11)
+    assert abs(products[0][0]) > 1e-6
+
+
 def added_to_tangent(equilibrium: Equilibrium, before: PETSc.Vec) -> PETSc.Mat:
     equilibrium.system.tangent()
     without = equilibrium.system.matrix.copy()
-    equilibrium.mip.add_to(equilibrium.system.matrix, before, Increment(rotation=1.0, strain=0.1))
+    equilibrium.system.tangent(equilibrium.mip.since(before, Increment(rotation=1.0, strain=0.1)))
     return equilibrium.system.matrix - without
 
 
