@@ -106,14 +106,17 @@ def test_processes_that_contend_do_each_case_once(workers: Workers, manners: lis
 
 
 def test_processes_killed_at_any_moment_lose_and_repeat_nothing(workers: Workers) -> None:
-    """Most before a drawn file operation, some at a drawn time; the lease is far too long to matter."""
+    """Each of the first before a drawn file operation, or earlier at a drawn time; the lease is far too long to matter.
+
+    No process gets far enough that the cases could be finished without 30 kills, however fast the others are.
+    """
     drawn, keys, killed = random.Random(5), keys_of(220), 0
     logs: dict[int, Path] = {}
     reader = Ledger(workers.store, Holder(workers.store))
     while any(state.name != "finished" for state in reader.states(keys).values()):
         while len(workers.running) < 3:
-            dies = killed < 40 and drawn.random() < 0.8
-            log = workers.start(*keys, "--work", 0.01, *(["--die", drawn.randint(8, 60)] if dies else []))
+            dies = ["--die", drawn.randint(8, 45)] if killed < 40 else []
+            log = workers.start(*keys, "--work", 0.01, *dies)
             logs[workers.running[-1].pid] = log
         time.sleep(drawn.uniform(0, 0.04))
         victim = drawn.choice(workers.running)
@@ -129,6 +132,7 @@ def test_processes_killed_at_any_moment_lose_and_repeat_nothing(workers: Workers
             assert process.returncode in (0, -signal.SIGKILL)
             killed += process.returncode != 0
     assert all(code in (0, -signal.SIGKILL) for code in workers.wait())
+    print(killed, "killed")
     assert killed >= 30
     records = check(workers, keys)
     assert sum(record.attempts - 1 for record in records.values()) >= 10  # deaths while they had a case
