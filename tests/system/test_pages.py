@@ -22,6 +22,7 @@ OTHERS = [*(ROOT / "docs").glob("tutorials/*.md"), ROOT / "docs/start/your-own-m
 PAGES = [ROOT / "README.md", *sorted(set((ROOT / "docs").glob("*/*.md")) - set(OTHERS))]
 LONG = {"README.md", "fit.md", "identify.md", "new.md", "start-up.md", "study.md"}  # minutes: release tests
 BEFORE = {"report.md": ["hpcinv sweep run sweep.yaml", "hpcinv study study.yaml"]}
+GALLERY_ENDS = {"paper-monte-carlo.yaml --first 500": 3}  # some of its cases have no solution
 SMALLER = (
     (r"mpirun -n \d+", "mpirun -n 2"),
     (r"--parts \d+", "--parts 2"),
@@ -146,6 +147,15 @@ def test_what_a_page_tells_to_type(page: Path, prepared: Path, tmp_path: Path) -
         for line in text.splitlines() if language == "sh" else ():
             if line and not line.startswith("#"):
                 type_in(smaller(line), directory)
+
+
+@pytest.mark.release  # twenty minutes
+@pytest.mark.parametrize("line", [text for _, text in blocks(ROOT / "docs" / "gallery.md")])
+def test_commands_of_the_gallery(line: str, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "jobs", tmp_path / "jobs")
+    (tmp_path / "meshes").symlink_to(ROOT / "meshes")
+    type_in(line, tmp_path, ends=GALLERY_ENDS.get(line.split("/")[-1], 0))
+    assert any((tmp_path / "results").iterdir())
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
