@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from bodies import WITHOUT_CERTIFICATE, block
+from bodies import block
 
 import hpcinv.parallel.runtime  # its import order first
 
@@ -27,10 +27,12 @@ from scipy import sparse
 
 import hpcinv.assembly.tangent
 from hpcinv.assembly.tangent import CompiledTangent
+from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job, parse
 from hpcinv.model.spaces import Unknowns
 from hpcinv.output.result import Result
+from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.solver.linear.direct import Direct
 
 JOB = Path(__file__).parents[1] / "jobs" / "thick-sphere.yaml"
@@ -182,14 +184,15 @@ def fewer_points() -> None:
     print("tangent with fewer quadrature points than the residual")
     for hexahedra, degree, what in ((True, 3, "8 of 27"), (False, 1, "1 of 4")):
 
-        def create(self: CompiledTangent, scene: Any, jit_options: Any = hpcinv.assembly.tangent.JIT_OPTIONS) -> None:
+        def create(self: CompiledTangent, scene: Any, jit_options: Any = JIT_OPTIONS) -> None:
             of = scene.residual.integrals()
             cells = [i for i in of if i.integral_type() == "cell"]
             rest = [i for i in of if i.integral_type() != "cell"]
             fewer = [i.reconstruct(metadata={**i.metadata(), "quadrature_degree": degree}) for i in cells]  # noqa: B023
             state, trial = scene.unknowns.state, ufl.TrialFunction(scene.unknowns.space)
             form = ufl.derivative(ufl.Form([*fewer, *rest]), state, trial)
-            self._form = fem.form(form, jit_options=dict(jit_options))
+            self._options = dict(jit_options)
+            self._form = fem.form(form, jit_options=self._options)
 
         with mock.patch.object(CompiledTangent, "__init__", create):
             try:
@@ -207,7 +210,7 @@ def layouts() -> None:
     job = block(48_000, certificate=WITHOUT_CERTIFICATE, solver={"linear": "direct"})
     with tangents(partial(_keep, matrices)), unknowns(spaces.append):
         hpcinv.run(parse(dict(job), JOB))
-    rows = PETSc.IS().createGeneral(spaces[0].owned_displacement_dofs)
+    rows = PETSc.IS().createGeneral(spaces[0].owned_displacement_dofs.tolist())
     for name, inodes in (("AIJ with inodes", False), ("AIJ", True)):
         PETSc.Options().setValue("mat_no_inode", inodes)
         A = matrices[0].createSubMatrix(rows, rows)
@@ -218,7 +221,7 @@ def layouts() -> None:
 
 def _product(A: PETSc.Mat) -> float:
     """Milliseconds."""
-    x, y = A.createVecs()
+    x, y = A.createVecRight(), A.createVecLeft()
     x.setRandom()
     taken = []
     for _ in range(10):

@@ -127,14 +127,16 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
 
 def compare_flags(repeat: int) -> None:
     model = model_of(CASES["beam"])
-    scene, ways, seconds = model.scene("inverse"), {}, {}
+    scene = model.scene("inverse")
+    ways: dict[str, Callable[[], object]] = {}
+    seconds: dict[str, float] = {}
     for flags in FLAGS:
         start = time.perf_counter()
         tangent = FilledTangent(scene, JIT_OPTIONS | {"cffi_extra_compile_args": [*flags, "-g0"]})
         seconds[" ".join(flags)] = time.perf_counter() - start
         _, ways[" ".join(flags)] = tangent.create_matrix(model.supports.conditions)
-    for flags, milliseconds in fastest(ways, repeat).items():
-        say(f"{flags:40}{milliseconds:9.0f} ms, {seconds[flags]:5.1f} s until compiled")
+    for name, milliseconds in fastest(ways, repeat).items():
+        say(f"{name:40}{milliseconds:9.0f} ms, {seconds[name]:5.1f} s until compiled")
 
 
 def say(line: str) -> None:

@@ -6,11 +6,13 @@ Command: python benchmarks/beam_and_block.py linear|ranks|phases [--sizes N …]
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from bodies import beam, block, measure, sagging_beam
 
 from hpcinv.cli.bench import linear, ranks
-from hpcinv.cli.bench_runs import SOLVER, Bench, Findings, MeasuredRun, median
+from hpcinv.cli.bench_runs import SOLVER, Bench, Findings, JobData, MeasuredRun, median
 from hpcinv.parallel.timings import WORK
 
 SIZES = {"linear": [5_000, 15_000, 50_000], "ranks": [41_000, 250_000], "phases": [41_000]}
@@ -18,7 +20,10 @@ SIZES = {"linear": [5_000, 15_000, 50_000], "ranks": [41_000, 250_000], "phases"
 
 def section(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     sizes = sorted(options.sizes or SIZES[options.section])
-    sagging = {"beam": lambda size: beam(size, mesh=sagging_beam(bench, size)), "block": block}
+    sagging: Mapping[str, Callable[[int], JobData]] = {
+        "beam": lambda size: beam(size, mesh=sagging_beam(bench, size)),
+        "block": block,
+    }
     match options.section:
         case "linear":
             return [linear(bench, {"beam": beam, "block": block}, sizes, options.repeat)]
@@ -32,10 +37,7 @@ def phases(runs: dict[str, list[MeasuredRun]], repeat: int) -> Findings:
     """Microseconds per unknown in each phase, and the share outside of kernels, PETSc and MPI."""
     names = dict.fromkeys(("mesh", "set-up", *SOLVER, "certificate"))
     names |= {name: None for of in runs.values() for name in of[0].phases if name != "compile"}
-    found = {
-        body: {name: median(of, lambda run, name=name: run.phases.get(name, 0.0)) for name in names}
-        for body, of in runs.items()
-    }
+    found = {body: {name: median(of, partial(_phase, name=name)) for name in names} for body, of in runs.items()}
     unknowns = {body: of[0].unknowns for body, of in runs.items()}
     rows = [(name, *(f"{1e6 * found[body][name] / unknowns[body]:.2f}" for body in runs)) for name in names]
     outside = [median(of, lambda run: run.found["timings"]["overhead"]) for of in runs.values()]
@@ -52,9 +54,13 @@ def phases(runs: dict[str, list[MeasuredRun]], repeat: int) -> Findings:
     )
 
 
+def _phase(run: MeasuredRun, name: str) -> float:
+    return run.phases.get(name, 0.0)
+
+
 def _outside_before_certificate(run: MeasuredRun) -> float:
     of = run.phases
-    return 1 - sum(of.get(name, 0.0) for name in WORK) / (run.found["timings"]["total"] - of["certificate"])
+    return 1 - sum(of.get(name, 0.0) for name in WORK) / float(run.found["timings"]["total"] - of["certificate"])
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ Command: python benchmarks/certificate.py [--sizes 41000] [--bodies beam block] 
 """
 
 import argparse
+from functools import partial
 from typing import Any
 
 from bodies import beam, block, measure, sagging_beam
@@ -42,7 +43,7 @@ def certificates(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     rows, data = [], {}
     for name, runs in bench.alternating(jobs, options.repeat).items():
         solve = median(runs, lambda run: run.solver)
-        found = {check: median(runs, lambda run, check=check: seconds(run, check)) for check in checks}
+        found = {check: median(runs, partial(seconds, check=check)) for check in checks}
         whole = median(runs, lambda run: run.phases["certificate"])
         data[name] = {"solve": solve, "certificate": whole, **found}
         figures = [f"{value:.2g}" for value in (solve, *found.values(), whole)]

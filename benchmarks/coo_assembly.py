@@ -53,7 +53,8 @@ class COOTangent:
         self.matrix = PETSc.Mat().create(nodes.comm)
         self.matrix.setSizes((size, size), bsize=bs)
         self.matrix.setType("aij")
-        self.matrix.setPreallocationCOO(rows, columns)
+        matrix: Any = self.matrix  # whose stubs ask for lists, which take ten times the memory
+        matrix.setPreallocationCOO(rows, columns)
 
     def _places(self, dofs: Any, one: Any) -> tuple[Any, Any]:
         rows, columns = (dofs[:, of.leading()] for of in (one.rows, one.columns))
@@ -73,7 +74,8 @@ class COOTangent:
                     first = begin + chunk.start * entries[0].size
                     self.values[first : first + entries.size] = entries.ravel()
             at = begins[-1]
-        self.matrix.setValuesCOO(self.values, PETSc.InsertMode.INSERT_VALUES)
+        matrix: Any = self.matrix
+        matrix.setValuesCOO(self.values, PETSc.InsertMode.INSERT_VALUES)
 
 
 def resident() -> float:

@@ -34,7 +34,7 @@ def rod(unknowns: int, aspect: int) -> dict[str, Any]:
     n = min(sizes, key=lambda one: abs(one[1] - unknowns))[0]
     parameters = {"lx": aspect, "ly": 1, "lz": 1, "nx": n * aspect, "ny": n, "nz": n}
     data = block(unknowns, analysis="inverse", supports=[{"region": "x0", "fix": ["x", "y", "z"]}])
-    return data | {"mesh": {**data["mesh"], "parameters": parameters}}
+    return {**data, "mesh": {**data["mesh"], "parameters": parameters}}
 
 
 def factorized(matrix: PETSc.Mat, precision: str, ordering: str) -> tuple[float, float, float]:

@@ -48,7 +48,7 @@ def weight(size: float, density: float = 963.0, axis: int = 1) -> list[dict[str,
 
 def cases() -> Iterator[tuple[str, dict[str, Any]]]:
     """Names and jobs; those that share kernels follow each other."""
-    beam = {"mesh": mesh("pdms_beam.py", size="4 mm"), "material": SILICONE}
+    beam: dict[str, Any] = {"mesh": mesh("pdms_beam.py", size="4 mm"), "material": SILICONE}
     beam["supports"] = [{"region": "clamp", "fix": ["x", "y", "z"]}]
     for size in (1, 2, 4):
         yield f"beam, weight ×{size}", {"analysis": "inverse", **beam, "effects": weight(size)}
@@ -60,15 +60,15 @@ def cases() -> Iterator[tuple[str, dict[str, Any]]]:
     stiff = {**beam, "material": {**SILICONE, "d1": 2.5e10}, "discretisation": {"formulation": "displacement"}}
     yield "beam, d1 ×30, displacement form", {"analysis": "forward", **stiff, "effects": weight(1)}
 
-    slender = {
+    slender: dict[str, Any] = {
         "mesh": mesh("box.py", lx="200 mm", ly="1 mm", lz="1 mm", nx=40, ny=1, nz=1, hexahedra=True),
         "material": {"law": "mooney-rivlin", "c1": "25 kPa", "c2": "25 kPa", "d1": "incompressible"},
         "supports": CLAMPED,
     }
     for analysis in BOTH:
-        for size in (0.5, 1):
-            effects = weight(size, density=2.64398573)
-            yield f"beam 200:1, weight ×{size:g}", {"analysis": analysis, **slender, "effects": effects}
+        for share in (0.5, 1):
+            effects = weight(share, density=2.64398573)
+            yield f"beam 200:1, weight ×{share:g}", {"analysis": analysis, **slender, "effects": effects}
 
     sphere = {
         "mesh": mesh("thick_sphere.py", inner=1, outer=1.5, radial=2, along=2, hexahedra=True),
@@ -110,8 +110,13 @@ def cases() -> Iterator[tuple[str, dict[str, Any]]]:
         yield f"block, compressible, weight ×{size:g}", data
 
     bar = mesh("box.py", geometry_degree=1, nx=4, ny=2, nz=2, lx=2)
-    gent = {"law": "gent", "mu": "10 kPa", "jm": 2.0, "kappa": "incompressible"}
-    ogden = {"law": "ogden", "mu": ["6.3 kPa", "12 Pa", "-100 Pa"], "alpha": [1.3, 5, -2], "kappa": "20 kPa"}
+    gent: dict[str, Any] = {"law": "gent", "mu": "10 kPa", "jm": 2.0, "kappa": "incompressible"}
+    ogden: dict[str, Any] = {
+        "law": "ogden",
+        "mu": ["6.3 kPa", "12 Pa", "-100 Pa"],
+        "alpha": [1.3, 5, -2],
+        "kappa": "20 kPa",
+    }
     for name, law in (("Gent", gent), ("Ogden", ogden)):
         for analysis in BOTH:
             for pull in (10, 40):

@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import yaml
@@ -49,7 +50,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=500)
     options = parser.parse_args()
-    laws = {
+    laws: dict[str, dict[str, Any]] = {
         "neo-Hooke": {"set": {"material": {"law": "neo-hookean", "lam": "40 kPa"}}},
         "Gent": {"set": {"material": {"law": "gent", "jm": 30, "kappa": "40 kPa"}}},
     }

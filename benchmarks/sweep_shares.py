@@ -18,6 +18,7 @@ from pathlib import Path
 from hpcinv.driver import run
 from hpcinv.job.job import Job
 from hpcinv.mesh.body import Body
+from hpcinv.mesh.cell_count import no_report
 from hpcinv.methods.initial_guess import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
@@ -32,7 +33,7 @@ COMM = MPI.COMM_WORLD
 class WithoutFactors(Workspace):
     """Forgets the symbolic factorization between runs."""
 
-    def body(self, job: Job, report: Callable[[str], None]) -> Body:
+    def body(self, job: Job, report: Callable[[str], None] = no_report) -> Body:
         for model in self._models.values():
             for equilibrium in model._idle.values():
                 equilibrium.linear.forget_factors()
