@@ -24,6 +24,13 @@ HERE = Path(__file__).parents[1] / "job.yaml"  # files of jobs are as if it lay 
 BOX = "../meshes/box.py"
 
 
+def digits(values: Any, form: str = ".1e") -> str:
+    """Nested numbers as text with few digits."""
+    if isinstance(values, (int, float, np.number)):
+        return format(values, form)
+    return f"[{', '.join(digits(value, form) for value in values)}]"
+
+
 def job(**data: Any) -> Job:
     """A job as its file would give it; paths in it start from this directory.
 

@@ -11,7 +11,7 @@ import itertools
 import numpy as np
 import pytest
 import ufl
-from helpers.verification import Solved, box, job
+from helpers.verification import Solved, box, digits, job
 
 from hpcinv.parallel.runtime import MPI
 
@@ -53,7 +53,7 @@ def orders(errors: list[float]) -> list[float]:
 @pytest.mark.parametrize("direction", [pytest.param("forward", marks=pytest.mark.release), "inverse"])
 def test_stress_converges_with_order_two_on_hexahedra(direction: str, comm: MPI.Intracomm) -> None:
     errors = [stress_errors(direction, n, True, comm)[0] for n in (1, 2, 4)]
-    print(f"{direction}, hexahedra: errors {errors}, orders {orders(errors)}")
+    print(f"{direction}, hexahedra: errors {digits(errors)}, orders {digits(orders(errors), '.2f')}")
     assert orders(errors)[-1] > 1.95
     assert errors[-1] < 3e-3
 
@@ -63,6 +63,7 @@ def test_stress_converges_on_tetrahedra(direction: str, comm: MPI.Intracomm) -> 
     """The pressure loses half an order: in corners of this regular mesh, cells have all vertices on the boundary."""
     errors = [stress_errors(direction, n, False, comm) for n in (2, 4, 8)]
     whole, deviator = zip(*errors, strict=True)
-    print(f"{direction}, tetrahedra: errors {errors}, orders {orders(list(whole))}, {orders(list(deviator))}")
+    by_part = digits([orders(list(whole)), orders(list(deviator))], ".2f")
+    print(f"{direction}, tetrahedra: errors {digits(errors)}, orders {by_part}")
     assert orders(list(whole))[-1] > 1.4
     assert orders(list(deviator))[-1] > 2

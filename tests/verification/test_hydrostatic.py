@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.closed_forms import NEO_HOOKEAN, neo_hookean_stress, root, uniaxial
 from helpers.resultants import Loaded, bend, wave
-from helpers.verification import Solved, box, job
+from helpers.verification import Solved, box, digits, job
 
 from hpcinv.parallel.runtime import MPI
 
@@ -44,7 +44,7 @@ def test_a_sunk_body_is_lifted_by_the_weight_of_the_fluid_that_it_displaces(
         float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
         for found, exact in ((loaded.force, force), (loaded.torque(), torque))
     ]
-    print(f"{direction}, {'hexahedra' if hexahedra else 'tetrahedra'}: errors of force and torque {errors}")
+    print(f"{direction}, {'hexahedra' if hexahedra else 'tetrahedra'}: errors of force and torque {digits(errors)}")
     assert max(errors) < 1e-12
 
 

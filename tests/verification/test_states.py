@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE
-from helpers.verification import box, job
+from helpers.verification import box, digits, job
 from scipy.integrate import quad
 
 import hpcinv
@@ -74,7 +74,7 @@ def test_loaded_again_a_body_is_the_given_one(comm: MPI.Intracomm) -> None:
     given, shapes = found.solutions[0], found.shapes
     moved = farthest(given, shapes["rest"], shapes["prone"])
     gaps = {name: farthest(given, shapes[name], shapes["prone"]) for name in ("again", "return")}
-    print(f"{comm.size} rank(s): moved by {moved:.3g} m, gaps {gaps}")
+    print(f"{comm.size} rank(s): moved by {moved:.3g} m, gaps {digits(gaps.values())} m")
     assert moved > 0.04
     assert max(gaps.values()) < 1e-11
     assert farthest(given, shapes["supine"], shapes["rest"]) > 0.04
@@ -121,7 +121,7 @@ def test_a_column_that_stands_and_hangs_has_one_mass(comm: MPI.Intracomm) -> Non
     undeformed = float(quad(lambda z: 1 / stretch(z, -1), 0, 1, epsabs=1e-11)[0])
     assert undeformed == pytest.approx(1.0802799, abs=1e-7)
     exact = {"top-hanging": length(1), "top-on-the-moon": length(-1 / 6), "rest-standing": undeformed}
-    print({name: (found.quantities[name], value) for name, value in exact.items()})
+    print(", ".join(f"{name} {found.quantities[name]:.6g}, exactly {value:.6g}" for name, value in exact.items()))
     for name, value in exact.items():
         assert found.quantities[name] == pytest.approx(value, rel=2e-6)
     assert found.quantities["rest-hanging"] == pytest.approx(undeformed, rel=1e-6)

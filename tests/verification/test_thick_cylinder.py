@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.closed_forms import root
-from helpers.verification import job
+from helpers.verification import digits, job
 
 import hpcinv
 from hpcinv.parallel.runtime import MPI
@@ -79,6 +79,6 @@ def test_radii_converge(hexahedra: bool, order: float, best: float, direction: s
     largest = errors.max(axis=1)
     orders = np.log2(largest[:-1] / largest[1:])
     cells = "hexahedra" if hexahedra else "tetrahedra"
-    print(f"{direction}, {cells}: errors {errors.tolist()}, orders of the larger {orders.round(2).tolist()}")
+    print(f"{direction}, {cells}: errors {digits(errors)}, orders of the larger {orders.round(2).tolist()}")
     assert orders.min() > order
     assert largest[-1] < best

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.closed_forms import root
-from helpers.verification import HERE, job
+from helpers.verification import HERE, digits, job
 
 import hpcinv
 from hpcinv.errors import SolveError
@@ -79,14 +79,14 @@ def test_radii_converge(hexahedra: bool, order: float, best: float, comm: MPI.In
     largest = found.max(axis=1)
     orders = np.log(largest[:-1] / largest[1:]) / np.log(divisions[1:] / divisions[:-1])
     cells = "hexahedra" if hexahedra else "tetrahedra"
-    print(f"{cells}: errors {found.tolist()}, orders of the larger {orders.round(2).tolist()}")
+    print(f"{cells}: errors {digits(found)}, orders of the larger {orders.round(2).tolist()}")
     assert orders.min() > order
     assert largest[-1] < best
 
 
 def test_a_mooney_rivlin_wall(comm: MPI.Intracomm) -> None:
     found = errors(0.1, 4, True, comm)
-    print(f"c2 = 0.1 Pa: errors {found}")
+    print(f"c2 = 0.1 Pa: errors {digits(found)}")
     assert np.abs(found).max() < 3e-6
 
 
