@@ -27,6 +27,8 @@ if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
 
 def pytest_configure(config: pytest.Config) -> None:
     """Start mpiexec once for several tests on the same number of ranks."""
+    if "_PYTEST_MPI_CHILD_PROCESS" in os.environ:
+        config.option.markexpr = ""  # the process that starts the ranks has chosen the test
     if IN_BATCH in os.environ:
         config.pluginmanager.register(RankOfBatch())
     elif MPI.COMM_WORLD.size == 1:
