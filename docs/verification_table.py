@@ -155,7 +155,7 @@ CASES = (
         "states: prone, at rest, and prone again, directly and by way of others, with moduli and densities given on the"
         " given body, curved cells, 1 to 3 ranks: distance from the given mesh of 1 m",
         "verification/test_states.py",
-        [Figure("{:.1e} m", r"moved by \S+ m, gaps \{'again': (\S+), 'return': \S+e-\d\d\}")],
+        [Figure("{:.1e} m", r"moved by \S+ m, gaps \[(\S+), \S+\] m")],
     ),
     Case(
         "confined column: undeformed length, closed form 1.0802799 m (current density), 1.0846655 m (reference"
@@ -250,7 +250,7 @@ def record(test: str) -> None:
 def keep(test: str, output: str) -> None:
     """Write the lines of the output of a test that figures are made of, each of them once."""
     figures = [figure for case in CASES if case.test == test for figure in case.figures]
-    lines = [line.lstrip(".") for line in output.splitlines()]
+    lines = [re.sub(r"^(tests/\S+\.py )?\.*", "", line) for line in output.splitlines()]  # without pytest's marks
     kept = [line for line in dict.fromkeys(lines) if any(re.search(figure.pattern, line) for figure in figures)]
     # Ranks print at the same time: some lines are glued to others, and some are the rest of such ones.
     kept = [line for line in kept if not line.startswith(" ")]

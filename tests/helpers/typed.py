@@ -33,6 +33,7 @@ def blocks(page: Path) -> Iterator[tuple[str, str]]:
 def type_in(line: str, directory: Path, *, ends: int = 0) -> None:
     """Type a line, which must end with an exit code."""
     settings = environment() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
+    settings["MPIEXEC_TIMEOUT"] = "1800"  # that of other tests is for short runs
     settings["PATH"] = os.pathsep.join([PROGRAMS, os.environ["PATH"]])
     found = subprocess.run(line, shell=True, cwd=directory, env=settings, capture_output=True, text=True, timeout=1800)
     assert found.returncode == ends, f"{line}\n{found.stdout[-2000:]}\n{found.stderr[-2000:]}"
