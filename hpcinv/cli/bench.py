@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import positive
 from hpcinv.errors import OutputError, SolveError
+from hpcinv.files.atomic import output_errors
 
 if TYPE_CHECKING:
     from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun
@@ -92,7 +93,8 @@ def _bench(options: argparse.Namespace) -> int:
             findings.show()
             found[name] = findings.data
             if options.out is not None:
-                options.out.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+                with output_errors(options.out):
+                    options.out.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
     return 0
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from hpcinv.batch.ledger.store import open_store
 from hpcinv.errors import SubmitError
-from hpcinv.files.atomic import output_errors
+from hpcinv.files.atomic import output_errors, replace
 from hpcinv.files.untrusted import VARIABLE, is_asked
 from hpcinv.sweep.plan import SweepPlan, load_sweep
 from hpcinv.sweep.templates import TEMPLATES
@@ -91,8 +91,8 @@ def _write_scripts(plan: SweepPlan, options: argparse.Namespace, directory: Path
     run_script, collect_script = place / "run.sbatch", place / "collect.sbatch"
     with output_errors(place):
         place.mkdir(parents=True, exist_ok=True)
-        run_script.write_text(run)
-        collect_script.write_text(collect)
+        replace(run_script, run.encode())
+        replace(collect_script, collect.encode())
     return run_script, collect_script
 
 

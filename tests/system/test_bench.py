@@ -142,6 +142,10 @@ def test_from_the_command_line(tmp_path: Path) -> None:
     assert found["cube"][0]["direct seconds"] > 0
     assert found["cube"][0]["iterative Krylov iterations"] >= found["cube"][0]["iterative Newton iterations"]
     assert done.stdout.startswith("linear: inverse, 1 rank, medians of 1\n")
+    command = [sys.executable, "-m", "hpcinv", "bench", "setup", "--ranks", "1", "--out", "/dev/full"]
+    full = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+    assert full.returncode == 2
+    assert "/dev/full: cannot be written: No space left on device" in full.stderr
     refused = hpcinv(2, "bench", "linear", cwd=tmp_path)
     assert refused.returncode == 2
     assert "bench starts the ranks itself" in refused.stderr
