@@ -8,10 +8,13 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from hpcinv.batch.diagram import Scale, Series, as_files, draw_lines, new_figure, style
 from hpcinv.study.findings import Accuracy, StepStatistics
 from hpcinv.study.rows import StudyRow
+from hpcinv.study.spec import Study
 
 
-def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping[str, str]) -> dict[str, bytes]:
+def work_precision(study: Study, accuracy: Accuracy, seconds: str, varied: Mapping[str, str]) -> dict[str, bytes]:
     """Return the diagram of error against time as files by format; none if there is no error to show.
+
+    If the time is that with the certificate, the errors that certificates estimate are shown beside the true ones.
 
     Args:
         varied: text on the parameters that vary along each series.
@@ -27,9 +30,11 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
             name = f"{series} ({varied[series]})" if varied[series] else series
             if points_of_series := [point for point in points if point.series == series]:
                 _draw_series(axes, i, name, points_of_series)
+                if study.time == "certified":
+                    _draw_estimates(axes, i, points_of_series)
         many = "average " if any(len(point.errors) > 1 for point in points) else ""
         axes.set(xscale="log", yscale="log", xlabel=f"time / s ({seconds})", ylabel=many + _error_label(accuracy))
-        axes.set_title(f"{title}: {accuracy.name}")
+        axes.set_title(f"{study.study}: {accuracy.name}")
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_minor_formatter(NullFormatter())
@@ -37,8 +42,9 @@ def work_precision(title: str, accuracy: Accuracy, seconds: str, varied: Mapping
         axes.legend()
         hidden = sum(len(p.errors) > 0 and not _is_shown(p) for p in accuracy.points)
         note = f"; {hidden} without any error cannot be shown" if hidden else ""
+        dotted = "; dotted: as estimated by the certificate" if study.time == "certified" else ""
         axes.annotate(
-            f"reference: {_origin(accuracy)}; filled: on the Pareto front{note}",
+            f"reference: {_origin(accuracy)}; filled: on the Pareto front{dotted}{note}",
             (0, -0.16),
             xycoords="axes fraction",
             fontsize=7,
@@ -104,6 +110,12 @@ def _draw_series(axes: Axes, number: int, name: str, points: Sequence[StepStatis
             color=colour,
         )
     axes.plot([], [], linestyle=dashes, marker=marker, color=colour, linewidth=1.2, label=name)
+
+
+def _draw_estimates(axes: Axes, number: int, points: Sequence[StepStatistics]) -> None:
+    shown = [(point.costs["time"] or 0.0, point.promised) for point in points if point.promised]
+    colour, _, _ = style(number)
+    axes.plot(*zip(*shown, strict=True), linestyle=":", color=colour, linewidth=1.0, gid=f"estimates-{number}")
 
 
 def _draw_front(axes: Axes, points: Sequence[StepStatistics]) -> None:

@@ -21,6 +21,7 @@ class StepStatistics:
         average, sd, minimum, maximum: of the errors; ``sd`` of a sample, ``None`` for fewer than two.
         costs: averages over the cases that converged.
         ratio: time over that of the base series, for the cases that converged in both.
+        promised: average size of the errors that certificates estimate, ``None`` without any.
     """
 
     series: str
@@ -30,6 +31,7 @@ class StepStatistics:
     costs: Mapping[str, float | None]
     ratio: float | None
     failed: int
+    promised: float | None = None
     on_front: bool = False
 
     @property
@@ -115,7 +117,7 @@ def accuracy(plan: StudyPlan, rows: Sequence[StudyRow], name: str, unit: str) ->
             if plan.cases == 1 and (order := fitted_order(sizes, errors_of_series)) is not None:
                 fitted[series] = order
     effectivities = tuple(_effectivity(references[row.place.case], row, name) for row in rows)
-    points = _points(plan, rows, errors)
+    points = _points(plan, rows, errors, name)
     return Accuracy(name, unit, references, tuple(errors), tuple(observed), effectivities, fitted, points)
 
 
@@ -137,7 +139,9 @@ def _effectivity(reference: ReferenceValue | str, row: StudyRow, name: str) -> f
     return estimate / (reference.value - value)
 
 
-def _points(plan: StudyPlan, rows: Sequence[StudyRow], errors: Sequence[float | None]) -> tuple[StepStatistics, ...]:
+def _points(
+    plan: StudyPlan, rows: Sequence[StudyRow], errors: Sequence[float | None], measured: str
+) -> tuple[StepStatistics, ...]:
     members: dict[tuple[str, int], list[int]] = {}
     for i, row in enumerate(rows):
         members.setdefault((row.place.series, row.place.step), []).append(i)
@@ -152,7 +156,8 @@ def _points(plan: StudyPlan, rows: Sequence[StudyRow], errors: Sequence[float | 
             name: _average([c for row in converged if (c := row.costs[name]) is not None]) for name in those[0].costs
         }
         failed = len(those) - len(converged)
-        points.append(StepStatistics(series, step, those[0].place.label, known, costs, ratio, failed))
+        promised = _average([abs(e) for row in converged if (e := row.estimates[measured]) is not None])
+        points.append(StepStatistics(series, step, those[0].place.label, known, costs, ratio, failed, promised))
     best = front([(point.costs["time"], point.average) for point in points])
     return tuple(replace(point, on_front=is_best) for point, is_best in zip(points, best, strict=True))
 

@@ -102,7 +102,7 @@ _COSTS = {
     "memory": "memory",
     "time": "time",
 }
-_LEFT_OUT = ("run", "solver", "compile", "cells")
+_LEFT_OUT = ("run", "certified", "solver", "compile", "cells")
 
 
 def _cost(name: str, value: float | None) -> str:

@@ -12,8 +12,6 @@ from hpcinv.quantity.keys import look_up
 from hpcinv.study.executions import Executions
 from hpcinv.study.plan import Place, Run, StudyPlan
 
-APART = ("compile", "certificate")
-"""phases that do not count in the time of a run"""
 SOLVER = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check", "fixed-point update")
 """phases that count as Newton's method"""
 
@@ -69,7 +67,12 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
     timed = [r.statistics for r in records if r.converged and not r.compiled] or [
         r.statistics for r in records if r.converged
     ]
-    seconds = {"run": [_run_seconds(s) for s in timed], "solver": [_phases(s, SOLVER) for s in timed]}
+    certified = [float(s["timings"]["total"]) - _phases(s, ("compile",)) for s in timed]
+    seconds = {
+        "run": [whole - _phases(s, ("certificate",)) for whole, s in zip(certified, timed, strict=True)],
+        "certified": certified,
+        "solver": [_phases(s, SOLVER) for s in timed],
+    }
     costs: dict[str, float | None] = {name: _median(values) for name, values in seconds.items()}
     costs |= {
         "time": costs[study.time],
@@ -89,10 +92,6 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
     return StudyRow(
         run.place, key, records[0].status, costs, times, values, records[0].verdict, estimates, size, geometry
     )
-
-
-def _run_seconds(found: Mapping[str, Any]) -> float:
-    return float(found["timings"]["total"]) - _phases(found, APART)
 
 
 def _phases(found: Mapping[str, Any], names: Sequence[str]) -> float:

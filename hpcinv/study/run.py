@@ -20,7 +20,11 @@ from hpcinv.study.report import show
 from hpcinv.study.rows import StudyRow, rows_of
 from hpcinv.study.tables import as_hdf5, point_columns, point_units, run_columns, run_units
 
-SECONDS = {"run": "whole run without compilation", "solver": "Newton's method"}
+SECONDS = {
+    "run": "whole run without compilation and certificate",
+    "certified": "whole run with its certificate",
+    "solver": "Newton's method",
+}
 
 
 def run_study(
@@ -114,7 +118,7 @@ def diagrams(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks
     varied = {series.name: ", ".join(key.rpartition(".")[2] for key in series.vary) for series in study.series}
     for a in found:
         stem = _stem(a)
-        files |= {f"{stem}.{form}": data for form, data in work_precision(study.study, a, seconds, varied).items()}
+        files |= {f"{stem}.{form}": data for form, data in work_precision(study, a, seconds, varied).items()}
         if plan.cases > 1:
             files |= {f"{stem}-cases.{form}": data for form, data in over_cases(study.study, a, rows).items()}
     return files

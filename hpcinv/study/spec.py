@@ -15,7 +15,18 @@ from hpcinv.quantity.suggestions import did_you_mean
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
 """statistics of an error over the cases"""
-COSTS = ("time", "run", "solver", "compile", "factorizations", "newton_iterations", "unknowns", "cells", "memory")
+COSTS = (
+    "time",
+    "run",
+    "certified",
+    "solver",
+    "compile",
+    "factorizations",
+    "newton_iterations",
+    "unknowns",
+    "cells",
+    "memory",
+)
 """costs of every run; seconds and bytes"""
 SUMMARY = ("mesh", "partition", "solutions", "quantities", "errors", "timings", "certificate", "peak_memory")
 """parts of a summary in which there are numbers to measure"""
@@ -165,8 +176,8 @@ class Study(Spec):
     """reference value: one for all measured quantities, or by name, with 'all' for the rest"""
     costs: Mapping[Name, SummaryKey] = {}
     """further costs by keys of the summary, such as {iterations: "solutions[].iterations"}"""
-    time: Literal["run", "solver"] = "run"
-    """seconds of the whole run but for compilation and certificate, or of Newton's method alone"""
+    time: Literal["run", "certified", "solver"] = "run"
+    """seconds without compilation: of the run without its certificate, of the whole run, or of Newton's method alone"""
     repeat: Annotated[int, Field(ge=1)] = 3
     """number of timed executions of each run; the median counts"""
     limit: Annotated[float, Quantity("s", above=0.0)] | None = None

@@ -36,6 +36,7 @@ from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.study.convergence import fitted_order, orders, richardson
+from hpcinv.study.diagram import work_precision
 from hpcinv.study.directory import StudyDirectory, store_in
 from hpcinv.study.execution import StudyRunner, StudySchedule, StudyTask
 from hpcinv.study.executions import Executions
@@ -412,10 +413,16 @@ def test_there_is_no_order_where_more_than_the_mesh_varies(begin: Begin, tmp_pat
 
 
 def test_effectivity_is_the_estimated_over_the_true_error(begin: Begin, tmp_path: Path) -> None:
-    study = plan(tmp_path, repeat=1, series=[{"name": "P2"}], reference=2.0)
+    study = plan(tmp_path, repeat=1, series=[{"name": "P2"}], reference=2.0, time="certified")
     estimate = {"estimate": {"quantities": {"length": 0.4}}}
-    _, found = rows_and_accuracy(begin, study, tmp_path, [good(1.5, certificate=estimate)])
+    [row], found = rows_and_accuracy(begin, study, tmp_path, [good(1.5, total=3.0, compile_=0.5, certificate=estimate)])
     assert found.effectivities == pytest.approx((0.8,))
+    assert (found.points[0].average, found.points[0].promised) == (0.5, 0.4)
+    assert row.time == row.costs["certified"] == pytest.approx(3.0 - 0.5)
+    assert row.costs["run"] == pytest.approx(3.0 - 0.5 - 0.05)
+    drawn = work_precision(study.study, found, "seconds", {"P2": ""})["svg"]
+    assert b'id="estimates-0"' in drawn
+    assert b"dotted: as estimated by the certificate" in drawn
 
 
 def test_a_study_ends_in_an_error_where_nothing_converged_or_nothing_can_be_compared(
@@ -583,7 +590,10 @@ def test_diagrams_show_every_series_and_the_front(results: Path, table: list[dic
     assert path.get("d", "").count("L") == len(NZ) - 1
     texts = {"".join(t.itertext()).strip() for t in svg.iter("{http://www.w3.org/2000/svg}text")}
     assert {"P2 (nz)", "tolerance (tolerance)", "Pareto front", "0.001", "error of length / m"} <= texts
-    assert any(text.startswith("time / s (whole run without compilation, 2 ranks, median of 2)") for text in texts)
+    assert any(
+        text.startswith("time / s (whole run without compilation and certificate, 2 ranks, median of 2)")
+        for text in texts
+    )
 
 
 def test_the_same_command_again_does_nothing_twice(results: Path, place: Path) -> None:
