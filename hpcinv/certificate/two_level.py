@@ -12,7 +12,6 @@ Wathen, *Finite Elements and Fast Iterative Solvers* (2014), ch. 2 and 4, doi:10
 """
 
 import math
-from functools import partial
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
@@ -24,7 +23,6 @@ from petsc4py import PETSc
 from hpcinv.certificate.stiffness_diagonal import stiffness_diagonal
 from hpcinv.certificate.transfer import Transfer
 from hpcinv.effects import Direction
-from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -52,30 +50,20 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
 
     Args:
         model: model of the solution, with the factors of its last tangent.
-        finer: model in spaces of one degree more, on the same cells, perhaps with a finer geometry. The tangent of the
-            spaces of the solution is then factorized on that geometry.
+        finer: model in spaces of one degree more, on the same cells, perhaps with a finer geometry. That changes the
+            tangent by as little as the shape of cells: the factors still serve as a preconditioner.
     """
-    body, direction = finer.body, solution.direction
-    given = model if body is model.body else Model(model.job, body, model.timings)
-    if given is not model:
-        contacts = given.scene(direction).contacts
-        contacts.restore(solution.contacts, given.scales, partial(on_mesh, body.mesh))
-    u, p = (None if f is None else on_mesh(body.mesh, f) for f in solution.fields)
-    assert u is not None
-    with given.at(body.mesh.geometry.x * body.length_scale, u, p):
-        equilibrium = given.equilibrium(
-            given.scene(direction, quadrature=None if given is model else finer.quadrature_degree)
-        )
+    body, direction = model.body, solution.direction
+    with model.at(body.mesh.geometry.x * body.length_scale, *solution.fields):
+        equilibrium = model.equilibrium(model.scene(direction))
         if equilibrium.system.tangents == 0:
             equilibrium.system.linearise(1.0)
         equilibrium.linear.factorize(may_keep=True)
         with finer.timings("linear solve"):
-            coarse = _Coarse(given, finer.unknowns, equilibrium.linear)
+            coarse = _Coarse(model, finer.unknowns, equilibrium.linear)
             converged = _FinerProblem(finer, direction, coarse).solve()
             coarse.destroy()
-        given.release(equilibrium)
-    if given is not model:
-        given.destroy()
+        model.release(equilibrium)
     return converged
 
 
