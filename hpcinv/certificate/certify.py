@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from hpcinv.certificate.check import Certificate, Line, Verdict, at_most, skipped
 from hpcinv.certificate.contact import contacts
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
-from hpcinv.certificate.estimate import Correction, Estimate, estimate, finer_forecast
+from hpcinv.certificate.estimate import LINEAR, Correction, Estimate, estimate, finer_forecast
 from hpcinv.certificate.forward_factors import ForwardFactors
 from hpcinv.certificate.ineffective_loads import ineffective_loads
 from hpcinv.certificate.limit_points import limit_points
@@ -48,7 +48,7 @@ def certify(
         computed: values of the job's quantities of interest.
         known: the estimate of the first solution, if it has been made before.
         begins: called with the name of each check when it begins.
-        observer: of the solve back.
+        observer: of the solve back, and of a solve in finer spaces.
         given: for a further state, the correction of the rest shape by the estimate of the given one.
         uncertain: standard deviation (m) of the shape by errors of the given surface, 0 if it is not known.
     """
@@ -68,7 +68,7 @@ def certify(
     def discretisation() -> Iterable[Line]:
         nonlocal found
         if found is None and model.job.certificate.estimate:
-            found = estimate(model, solution, computed, given)
+            found = estimate(model, solution, computed, given, observer)
         yield _discretisation(model, solution, found, uncertain)
 
     def way_back() -> Iterable[Line]:
@@ -110,7 +110,12 @@ def _discretisation(model: Model, solution: Solution, found: Estimate | None, un
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
         return Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
     note = f"{found.shape:.3g} m{found.left_out}"
-    line = at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, 0.5, note=note)
+    line = at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, LINEAR, note=note)
+    if line.verdict is Verdict.FAIL and not found.is_solved:
+        note += "; one Newton step is not certain of it, and in finer spaces no solution was found: use a finer mesh"
+        return replace(line, note=note, verdict=Verdict.UNDECIDED)
+    if found.is_solved:
+        note += "; found by a solve in spaces of one degree more"
     if found.shape > uncertain:
         return line
     # The mesh need not be better than the image deserves.

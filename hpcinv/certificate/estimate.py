@@ -10,6 +10,9 @@ the same cells with a geometry of a higher degree. ``u_h`` is taken there by ref
 the correction and the corrected quantities have the error of the geometry in them, to first order. Elsewhere the
 estimate leaves that error out, and says so.
 
+One Newton step says little of a correction that is as large as the displacement. The finer problem is then solved, so
+that a certificate fails for an error that was found, and not for one that was extrapolated.
+
 A further state of a body is corrected on the corrected rest shape, so that its estimate has the error of that in it.
 
 Source: Bank & Weiser, "Some a posteriori error estimators for elliptic partial differential equations" (1985),
@@ -32,13 +35,16 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.certificate import two_level
+from hpcinv.certificate.extension import extend
 from hpcinv.mesh.location import locate, position
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.refine.finer_geometry import on_mesh
+from hpcinv.methods import DirectMethod
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.solution import solution_of
+from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
@@ -49,6 +55,10 @@ if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats
     from hpcinv.results.solution import Solution
     from hpcinv.solver.linear.cost_model import Forecast
+
+
+LINEAR = 0.5
+"""Correction of the shape, relative to the displacement, from which one Newton step does not suffice."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +87,7 @@ class Estimate:
         shape: largest correction of the displacement at a geometry node, in m.
         cells: ``∫ |∇δ|² dx`` of each owned cell, in scaled lengths: where the error is.
         unknowns: number of unknowns of the finer spaces.
+        is_solved: whether the finer problem was solved, since its correction was too large for one Newton step.
         without_geometry: why the error of the geometry is left out; empty if it is included.
         correction: of the rest shape; ``None`` if it is not finite.
     """
@@ -86,6 +97,7 @@ class Estimate:
     shape: float
     cells: npt.NDArray[np.float64]
     unknowns: int
+    is_solved: bool = False
     without_geometry: str = ""
     correction: Correction | None = None
 
@@ -108,11 +120,16 @@ class Estimate:
             "corrected": dict(self.corrected),
             "shape": self.shape,
             "unknowns": self.unknowns,
+            "solved": self.is_solved,
         }
 
 
 def estimate(
-    model: Model, solution: Solution, computed: Mapping[str, Value], given: Correction | None = None
+    model: Model,
+    solution: Solution,
+    computed: Mapping[str, Value],
+    given: Correction | None = None,
+    observer: Observer = SILENT,
 ) -> Estimate | None:
     """Estimate the discretisation errors of a solution; collective.
 
@@ -120,6 +137,7 @@ def estimate(
         model: the model that the solution was computed with.
         computed: values of the job's quantities of interest.
         given: for a further state, the correction of the rest shape; without it, that shape is taken as computed.
+        observer: of the solve of the finer problem, where one Newton step does not suffice.
 
     Returns:
         ``None`` if iterations do not find the correction and there is no memory to factorize the finer problem.
@@ -130,21 +148,21 @@ def estimate(
     with in_finer_spaces(model, solution, given) as finer:
         body, forecast = finer.body, finer_forecast(model)
         before, _ = finer.solution()
+        state, is_solved = finer.unknowns.state.x.array, False
+        is_affordable = forecast.least <= model.chooser.room
         if not (forecast.operations > two_level.MANY and two_level.correct(model, solution, finer)):
-            if forecast.least > model.chooser.room:
+            if not is_affordable:
                 return None
             equilibrium = finer.equilibrium(finer.scene(solution.direction))
             equilibrium.correct(1.0)
             equilibrium.destroy()
-        u, _ = finer.solution()
-        at_nodes = finer.unknowns.at_nodes(u) if body is model.body else _at_given_nodes(model, u)
-        moved = solution.sign * (at_nodes - solution.u)
-        if given is not None:
-            moved += given.nodes
-        mine = np.linalg.norm(moved, axis=1)
-        # The largest of NaN and a number depends on their order.
-        largest = float(mine.max(initial=0.0)) if np.isfinite(mine).all() else np.inf
-        largest = body.mesh.comm.allreduce(largest, op=MPI.MAX)
+        u, at_nodes, moved, largest = _moved(model, solution, finer, given)
+        if is_affordable and not largest <= LINEAR * solution.largest_displacement:
+            corrected = state.copy()
+            if is_solved := _solve(finer, solution.direction, observer):
+                u, at_nodes, moved, largest = _moved(model, solution, finer, given)
+            else:
+                state[:] = corrected
         has_values = bool(quantities) and isfinite(largest)
         corrected = _corrected(quantities, model, at_nodes, solution.direction, finer) if has_values else {}
         displacement, delta = on_mesh(model.body.mesh, u).copy(), u
@@ -157,9 +175,40 @@ def estimate(
             shape=largest,
             cells=_by_cell(delta, body.length_scale),
             unknowns=finer.unknowns.size,
+            is_solved=is_solved,
             without_geometry=_finer_body(model, given)[1],
             correction=Correction(moved, displacement, _of_further_states(model)) if isfinite(largest) else None,
         )
+
+
+def _solve(finer: Model, direction: Direction, observer: Observer) -> bool:
+    """Solve the finer problem from the unloaded body; return whether the state is its solution."""
+    finer.unknowns.state.x.array[:] = 0.0
+    method = DirectMethod(finer, direction, observer)
+    for _ in method.solves():
+        pass
+    method.equilibrium.destroy()
+    return method.reached == 1.0
+
+
+def _moved(
+    model: Model, solution: Solution, finer: Model, given: Correction | None
+) -> tuple[fem.Function, Floats, Floats, float]:
+    """How far the state of ``finer`` is from the solution; collective.
+
+    Returns:
+        Displacement of the finer problem; the same at the geometry nodes of the model's body, (n, 3); correction of
+        these nodes, (n, 3); length of the largest one, infinite if one is not finite. All in m.
+    """
+    u, _ = finer.solution()
+    at_nodes = finer.unknowns.at_nodes(u) if finer.body is model.body else _at_given_nodes(model, u)
+    moved = solution.sign * (at_nodes - solution.u)
+    if given is not None:
+        moved += given.nodes
+    mine = np.linalg.norm(moved, axis=1)
+    # The largest of NaN and a number depends on their order.
+    largest = float(mine.max(initial=0.0)) if np.isfinite(mine).all() else np.inf
+    return u, at_nodes, moved, finer.body.mesh.comm.allreduce(largest, op=MPI.MAX)
 
 
 def _nodes(solution: Solution, given: Correction | None) -> Floats:
@@ -204,7 +253,7 @@ def in_finer_spaces(model: Model, solution: Solution, given: Correction | None =
         finer.carry(u)
     with placed(model.body.mesh, _nodes(solution, given) / model.body.length_scale):
         u, p = finer.solution()
-        u.interpolate(on_mesh(body.mesh, solution.displacement))
+        extend(solution.displacement, u)
         if p is not None:
             assert solution.pressure is not None
             p.interpolate(on_mesh(body.mesh, solution.pressure))

@@ -17,6 +17,7 @@ from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
 
 import hpcinv
 from hpcinv.certificate import Line, Verdict, at_least, at_most
+from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Certificate
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.certificate.inertia import factorize_symmetric
@@ -113,6 +114,41 @@ def test_the_error_of_the_beam_is_estimated(comm: MPI.Intracomm) -> None:
     found = effectivities(beam("4 mm", 2, ESTIMATE), {"tip": exact})
     print(f"{comm.size} rank(s): exact {exact:.6f} m, effectivity {found}")
     assert 0.5 < found["tip"] < 2
+
+
+def locked(comm: MPI.Intracomm, certificate: Any = ESTIMATE, degree: int = 1) -> Result:
+    """A slender cantilever, whose linear hexahedra lock: at equal sides, shear takes nearly all of its bending."""
+    return hpcinv.run(
+        job(
+            analysis="forward",
+            mesh=box((6, 1, 1), lx=12.0),
+            material={"law": "neo-hookean", "young": "10 kPa", "poisson": 0.3},
+            effects=[{"effect": "gravity", "acceleration": [0, 0, -0.02], "density": 1000}],
+            supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+            quantities=[{"name": "tip", "of": "uz", "on": "x1", "reduce": "mean"}],
+            discretisation={"displacement": degree, "formulation": "displacement"},
+            certificate=certificate,
+        ),
+        comm,
+    )
+
+
+@pytest.mark.parallel([1, 2])
+def test_a_failure_is_an_error_that_was_found(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where one Newton step leaves the linear range, the finer problem is solved; without its solution nothing fails."""
+    coarse = locked(comm)
+    assert coarse.estimate is not None
+    assert coarse.estimate.is_solved
+    assert line(coarse, DISCRETISATION).verdict is Verdict.FAIL
+    exact = locked(comm, NO_CERTIFICATE, degree=2).quantities["tip"]
+    assert coarse.estimate.corrected["tip"] == pytest.approx(exact, rel=1e-6)
+    monkeypatch.setattr("hpcinv.certificate.estimate._solve", lambda *_: False)
+    coarse = locked(comm)
+    assert coarse.estimate is not None
+    assert not coarse.estimate.is_solved
+    print(coarse.estimate.corrected["tip"], exact, coarse.quantities["tip"])
+    assert line(coarse, DISCRETISATION).verdict is Verdict.UNDECIDED
+    assert coarse.estimate.corrected["tip"] != pytest.approx(exact, rel=1e-3)
 
 
 def test_the_estimate_says_where_the_error_is(comm: MPI.Intracomm) -> None:
