@@ -58,7 +58,7 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
         equilibrium = model.equilibrium(model.scene(direction))
         if equilibrium.system.tangents == 0:
             equilibrium.system.linearise(1.0)
-        equilibrium.linear.factorize(may_keep=True)
+        equilibrium.linear.factorize_if_needed()
         with finer.timings("linear solve"):
             coarse = _Coarse(model, finer.unknowns, equilibrium.linear)
             converged = _FinerProblem(finer, direction, coarse).solve()

@@ -44,6 +44,7 @@ class LinearSolver:
         self._iterations, self._has_changed = 0, False
         self._is_rounded = choice.precision == "single"
         self._factorized = -1  # number of the tangent that was factorized last
+        self._released = -1  # the same before its factors were released, as long as they exist
         self._has_factors = False
         with system.timings("set-up"):
             self.options = SolverOptions(options)
@@ -59,7 +60,7 @@ class LinearSolver:
             configuration = Refined(low_rank=self.choice.low_rank, minimum_fill=self.choice.minimum_fill)
         else:
             configuration = Direct(symmetric=not self.choice.is_own, minimum_fill=self.choice.minimum_fill)
-        self._factorized, self._has_factors = -1, False
+        self._factorized, self._released, self._has_factors = -1, -1, False
         self.options.use(configuration.options)
         self.ksp.reset()
         self.ksp.setOperators(self.system.matrix)
@@ -93,8 +94,16 @@ class LinearSolver:
                 self.ksp.setUp()
             self.ksp.setUpOnBlocks()
             self.ksp.pc.setReusePreconditioner(True)
-        self._factorized, self._has_factors = self.system.tangents, True
+        self._factorized, self._released, self._has_factors = self.system.tangents, -1, True
         self.factorizations += 1
+
+    def factorize_if_needed(self) -> None:
+        """Let the factors of an earlier tangent precondition the last one, also if they were released.
+
+        If there are none, or the configuration has no iterations for that, the last tangent is factorized.
+        """
+        self._factorized = max(self._factorized, self._released)
+        self.factorize(may_keep=True)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Solve to rounding errors, or to the accuracy of an iterative solver; return whether that succeeded."""
@@ -169,15 +178,19 @@ class LinearSolver:
         self.ksp.setConvergenceTest(None)  # removes the test of the previous configuration
 
     def release_preconditioner(self) -> None:
-        """Free the multigrid hierarchy until the solver is used again; a symbolic factorization is kept."""
-        self._factorized = -1
+        """Free the multigrid hierarchy until the solver is used again; a factorization is kept.
+
+        The next solve of Newton's method does not begin with its factors all the same.
+        """
+        self._released, self._factorized = max(self._factorized, self._released), -1
         if not self.configuration.has_analysis:
+            self._released = -1
             self.ksp.reset()
             release_freed_memory()
 
     def forget_factors(self) -> None:
         """Discard the factors after a failed factorization, with which MUMPS cannot continue."""
-        self._factorized, self._has_factors = -1, False
+        self._factorized, self._released, self._has_factors = -1, -1, False
         self.options.restore()
         self.ksp.pc.reset()
 
