@@ -35,10 +35,10 @@ def extend(given: fem.Function, finer: fem.Function) -> None:
         nodes = _nodes(space.mesh, cells)
         offset = _at(points, target.mesh, _nodes(target.mesh, cells)) - _at(points, space.mesh, nodes)
         jacobian = jacobians(*_kind(space.mesh), nodes, points)
-        offset = np.linalg.solve(jacobian, offset[..., None])[..., 0]
-        moved = np.abs(offset).max(axis=(1, 2), initial=0.0) > _ROUNDING
+        shift = np.linalg.solve(jacobian, offset[..., None])[..., 0]  # in reference coordinates
+        moved = np.abs(shift).max(axis=(1, 2), initial=0.0) > _ROUNDING
         u, dofs = values[space.dofmap.list[cells[moved]]], target.dofmap.list[cells[moved]]
-        change = np.einsum("apn,cni,cpa->cpi", slopes, u, offset[moved], optimize=True)
+        change = np.einsum("apn,cni,cpa->cpi", slopes, u, shift[moved], optimize=True)
         np.add.at(added.array.reshape(-1, size), dofs, change)
         np.add.at(counts.array, dofs, 1.0)
     for vector in (added, counts):

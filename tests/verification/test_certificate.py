@@ -135,7 +135,7 @@ def locked(comm: MPI.Intracomm, certificate: Any = ESTIMATE, degree: int = 1) ->
 
 @pytest.mark.parallel([1, 2])
 def test_a_failure_is_an_error_that_was_found(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where one Newton step leaves the linear range, the finer problem is solved; without its solution nothing fails."""
+    """Beyond the range of one Newton step the finer problem is solved; without its solution nothing fails."""
     coarse = locked(comm)
     assert coarse.estimate is not None
     assert coarse.estimate.is_solved

@@ -104,7 +104,7 @@ def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Int
 def test_the_error_of_straight_cells_that_turn(
     many: float, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A beam sags by 60 degrees at its tip; its effectivity was 0.17 by a factorization as long as u had no extension."""
+    """A beam sags by 60 degrees at its tip. With u by reference coordinates alone, the effectivity was 0.17."""
     monkeypatch.setattr(two_level, "MANY", many)
 
     def beam(size: str, degree: int, geometry: int, certificate: dict[str, bool]) -> package.Result:
