@@ -121,8 +121,8 @@ def _along_the_path(model: Model, solution: Solution, observer: Observer) -> Lin
         model.release(equilibrium)
     if last.outcome.accepted and last.load == 1.0:
         return closure_error(model, solution, u)
-    note = f"no way back: stopped at load factor {last.load:.4g}: {last.outcome.text}"
-    return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.FAIL, note)
+    note = f"the solve back from the unloaded body stopped at load factor {last.load:.4g}: {last.outcome.text}"
+    return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
 
 class _WayBack:

@@ -289,6 +289,24 @@ def test_the_way_back_closes_where_the_cells_bend_along(start: str, comm: MPI.In
     assert "geometry" not in curved.note
 
 
+def test_a_way_back_that_is_not_found_is_not_decided(comm: MPI.Intracomm) -> None:
+    """A soft block carries itself in the shape that is given; Newton's method does not find the path to it."""
+    result = hpcinv.run(
+        job(
+            mesh=box((2, 2, 2), lx=2.0, ly=2.0, lz=2.0) | {"geometry_degree": 2},
+            material={"law": "neo-hookean", "mu": "2 kPa", "lam": "80 kPa"},
+            effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}],
+            supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
+            discretisation={"formulation": "mixed"},
+            certificate=NO_CERTIFICATE | {"round_trip": "path"},
+        ),
+        comm,
+    )
+    found = line(result, "round trip")
+    assert found.verdict is Verdict.UNDECIDED
+    assert "stopped at load factor" in found.note
+
+
 def test_verdicts() -> None:
     nan = float("nan")
     assert [at_most("", v, 1, 2).verdict.value for v in (1, 1.5, 2.5, nan)] == ["pass", "warning", "fail", "fail"]
