@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from hpcinv.effects import effects
-from hpcinv.job.sections import COORDINATES, FIELDS
+from hpcinv.job.sections import COORDINATES, FIELDS, REGION_NAMES
 from hpcinv.job.sections import POSITIONS as OF_QUANTITIES
 from hpcinv.materials import laws
 from hpcinv.materials.formula_law.invariants import ISOTROPIC
@@ -30,7 +30,7 @@ class FormulaPlace:
 
 PLACES = (
     FormulaPlace("let", "anything, for use in the other places", ("those of the place that it is used in",)),
-    FormulaPlace("regions", "a condition", tuple(COORDINATES)),
+    FormulaPlace("regions", "a condition", tuple(REGION_NAMES)),
     FormulaPlace("supports[].displacement", "three lengths", (*COORDINATES, "names in its 'constants'")),
     FormulaPlace("fibres.NAME.direction", "a vector of any length", (*POSITIONS, "names in its 'constants'")),
     FormulaPlace("material and effects", "the quantity; those that may vary are listed below", tuple(POSITIONS)),
