@@ -17,8 +17,9 @@ from dolfinx import fem, la
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
+from hpcinv.assembly.compiled_moduli import compiled_moduli, compiled_moduli_of_term
 from hpcinv.assembly.element_matrices import Block, ElementMatrices, Floats, Integers
-from hpcinv.assembly.moduli import Term, UnsupportedForm, moduli_of, moduli_of_term
+from hpcinv.assembly.moduli import Term, UnsupportedForm
 from hpcinv.parallel.jit import JIT_OPTIONS
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class FilledTangent:
     def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
         self._unknowns, self._options = scene.unknowns, dict(jit_options)
         unknowns, options, space = scene.unknowns, self._options, scene.unknowns.space
-        self._volume = [ElementMatrices(m, unknowns, options) for m in moduli_of(scene.residual, unknowns)]
+        self._volume = [ElementMatrices(m, unknowns) for m in compiled_moduli(scene.residual, unknowns, options)]
         surface = _surface_tangent(scene.residual, unknowns.state)
         self._surface = None if surface is None else fem.form(surface, jit_options=options)
         mass = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
@@ -49,7 +50,8 @@ class FilledTangent:
     def term(self, term: Term) -> FilledTerm:
         """Return a term that can be added to the tangent; collective."""
         try:
-            return [ElementMatrices(m, self._unknowns, self._options) for m in moduli_of_term(term, self._unknowns)]
+            moduli = compiled_moduli_of_term(term, self._unknowns, self._options)
+            return [ElementMatrices(one, self._unknowns) for one in moduli]
         except UnsupportedForm:
             return fem.form(ufl.replace(term.form, dict(term.factors)), jit_options=self._options)
 

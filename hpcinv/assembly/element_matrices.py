@@ -8,17 +8,16 @@ functions) in BLAS, which takes a quarter of the time on tetrahedra and a sixth 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 if TYPE_CHECKING:
-    from hpcinv.assembly.moduli import Slot, TangentModuli
+    from hpcinv.assembly.compiled_moduli import CompiledModuli
+    from hpcinv.assembly.moduli import Slot
     from hpcinv.model.spaces import Unknowns
 
 type Floats = npt.NDArray[np.float64]
@@ -37,10 +36,9 @@ class ElementMatrices:
         blocks: blocks of the matrices, by test and trial functions.
     """
 
-    def __init__(self, moduli: TangentModuli, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> None:
+    def __init__(self, moduli: CompiledModuli, unknowns: Unknowns) -> None:
         self._mesh = mesh = unknowns.mesh
-        points, weights = basix.make_quadrature(mesh.basix_cell(), moduli.degree)
-        self._expression = fem.Expression(moduli.expression, points, comm=mesh.comm, jit_options=dict(jit_options))
+        self._expression, points, weights = moduli.expression, moduli.points, moduli.weights
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self.cells: Integers = owned if moduli.cells is None else moduli.cells
         tabulated = [_tabulated(element, points) for element in unknowns.scalar_elements]

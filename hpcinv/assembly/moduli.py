@@ -84,23 +84,26 @@ class Term:
     factors: Mapping[Any, Any]
 
 
-def moduli_of_term(term: Term, unknowns: Unknowns) -> list[TangentModuli]:
-    """Return the moduli of a term; errors as of `moduli_of`."""
-    trial = ufl.Coefficient(unknowns.space)  # the form is linear in it, and so does not depend on its value
-    found = moduli_of(expand_derivatives(ufl.replace(term.form, {term.trial: trial})), unknowns, trial)
-    return [replace(one, expression=ufl.replace(one.expression, dict(term.factors))) for one in found]
+@dataclass(frozen=True)
+class VolumePart:
+    """What the volume integrals of a form integrate over the same cells.
+
+    Attributes:
+        cells: the cells, ``None`` for the whole mesh.
+        integrand: the sum of the integrands.
+    """
+
+    cells: npt.NDArray[np.int32] | None
+    integrand: Any
 
 
-def moduli_of(residual: Any, unknowns: Unknowns, state: Any = None) -> list[TangentModuli]:
-    """Return the moduli of the volume integrals of a form; its regions must cover all cells.
-
-    Args:
-        state: function by which the form is differentiated, if that is not the state of the unknowns.
+def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
+    """Return the quadrature degree of the volume integrals of a form, and their parts; collective.
 
     Raises:
-        UnsupportedForm: if the residual has another form than the one above, for example by an effect of a plugin.
+        UnsupportedForm: if degrees differ, or the regions of the integrals do not cover all cells once.
     """
-    integrals = [one for one in residual.integrals() if one.integral_type() == "cell"]
+    integrals = [one for one in form.integrals() if one.integral_type() == "cell"]
     degrees = {one.metadata().get("quadrature_degree") for one in integrals}
     if len(degrees) != 1 or not isinstance(degree := degrees.pop(), int):
         raise UnsupportedForm("its volume integrals have no common quadrature degree")
@@ -110,7 +113,7 @@ def moduli_of(residual: Any, unknowns: Unknowns, state: Any = None) -> list[Tang
         if one.subdomain_id() not in ("everywhere", "otherwise"):
             regions.setdefault(one.subdomain_id(), []).append(one.integrand())
     if not regions:
-        return [_checked(sum(common[1:], common[0]), None, degree, unknowns, state)]
+        return degree, [VolumePart(None, sum(common[1:], common[0]))]
     if not all(isinstance(number, int) for number in regions):
         raise UnsupportedForm("a volume integral is over several regions at once")
     given = [one.subdomain_data() for one in integrals if one.subdomain_id() in regions]
@@ -118,10 +121,27 @@ def moduli_of(residual: Any, unknowns: Unknowns, state: Any = None) -> list[Tang
         raise UnsupportedForm("its volume integrals are over regions of different measures")
     cells = dict(given[0])
     _check_cover(unknowns, [cells[number] for number in regions])
-    return [
-        _checked(sum((*own[1:], *common), own[0]), cells[number], degree, unknowns, state)
-        for number, own in regions.items()
-    ]
+    return degree, [VolumePart(cells[number], sum((*own[1:], *common), own[0])) for number, own in regions.items()]
+
+
+def moduli_of_term(term: Term, unknowns: Unknowns) -> list[TangentModuli]:
+    """Return the moduli of a term; errors as of `moduli_of`."""
+    trial = ufl.Coefficient(unknowns.space)  # the form is linear in it, and so does not depend on its value
+    found = moduli_of(expand_derivatives(ufl.replace(term.form, {term.trial: trial})), unknowns, trial)
+    return [replace(one, expression=ufl.replace(one.expression, dict(term.factors))) for one in found]
+
+
+def moduli_of(residual: Any, unknowns: Unknowns, state: Any = None) -> list[TangentModuli]:
+    """Return the moduli of the volume integrals of a form, part by part as `volume_parts`.
+
+    Args:
+        state: function by which the form is differentiated, if that is not the state of the unknowns.
+
+    Raises:
+        UnsupportedForm: if the residual has another form than the one above, for example by an effect of a plugin.
+    """
+    degree, parts = volume_parts(residual, unknowns)
+    return [_checked(one.integrand, one.cells, degree, unknowns, state) for one in parts]
 
 
 def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> None:

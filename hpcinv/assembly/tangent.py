@@ -1,9 +1,9 @@
 """The tangent ``K = ∂R/∂x`` of a scene, and the choice between two ways to assemble it.
 
 Either FFCx compiles it as a form, which the cache of kernels makes fast. Or its moduli are compiled, and a matrix is
-filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but UFL takes half a second or more for the
-moduli of every scene, cached or not, and the unknowns of a node must be consecutive. The matrices are the same to
-rounding errors. A residual without tangent moduli has the compiled form on every mesh.
+filled in place (`FilledTangent`): each assembly is 2 to 3 times as fast, but its pattern takes longer to make, and the
+unknowns of a node must be consecutive. The matrices are the same to rounding errors. A residual without tangent moduli
+has the compiled form on every mesh.
 """
 
 from __future__ import annotations
@@ -24,9 +24,7 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 if TYPE_CHECKING:
     from hpcinv.model.scene import Scene
 
-# Cells from which the tangents of a solution save more time than their moduli cost: about four of them inverse, and ten
-# forward, where a slender body turns far.
-_MANY = {"inverse": 10_000, "forward": 5_000}
+_MANY = 2_000  # cells from which two tangents save more time than the pattern costs
 _assumed: list[int] = []
 
 
@@ -88,7 +86,7 @@ def tangent_of(scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS, like:
         like: another tangent on the same unknowns. This one is assembled in the same way, and can have its pattern.
     """
     cells = _assumed[-1] if _assumed else scene.unknowns.mesh.topology.index_map(3).size_global
-    has_many = cells >= _MANY[scene.kinematics.direction] if like is None else isinstance(like, FilledTangent)
+    has_many = cells >= _MANY if like is None else isinstance(like, FilledTangent)
     if not has_many:
         return CompiledTangent(scene, jit_options)
     try:

@@ -17,7 +17,7 @@ import gc
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,6 +30,9 @@ import cffi
 import dolfinx.jit
 import ffcx.codegeneration.jit as ffcx_jit
 import ffcx.compiler
+import numpy as np
+import numpy.typing as npt
+from dolfinx import cpp, fem
 from dolfinx.jit import get_options
 
 from hpcinv.errors import OutputError
@@ -136,14 +139,23 @@ def _interface(directory: Path) -> Any:
     """CFFI's description of the C types of kernels, kept as a file among them if that can be written."""
     if not _types:
         name = f"ufcx_{hashlib.sha1(f'{cffi.__version__}{DECLARATIONS}'.encode()).hexdigest()}"
-        if path := _find(name, directory, ".py"):
-            code = unsealed(path.read_bytes()).decode()
-        else:
+        if (code := read_record(name, directory)) is None:
             code = interface_code()
-            with suppress(NotWritten):
-                publish(directory / f"{name}.py", code.encode())
+            write_record(name, code, directory)
         exec(compile(code, name, "exec"), _types)
     return _types["ffi"]
+
+
+def read_record(name: str, directory: Path = DIRECTORY) -> str | None:
+    """Return a text that was kept among the kernels, ``None`` if it is not there."""
+    path = _find(name, directory, ".txt")
+    return None if path is None else unsealed(path.read_bytes()).decode()
+
+
+def write_record(name: str, text: str, directory: Path = DIRECTORY) -> None:
+    """Keep a text among the kernels, if they can be written."""
+    with suppress(NotWritten):
+        publish(directory / f"{name}.txt", text.encode())
 
 
 def _load(path: Path, objects: Sequence[str], directory: Path) -> tuple[list[Any], Any]:
@@ -151,7 +163,8 @@ def _load(path: Path, objects: Sequence[str], directory: Path) -> tuple[list[Any
     ffi, library = _interface(directory), ctypes.CDLL(str(path))
     kind = "ufcx_form" if path.name.startswith("libffcx_forms") else "ufcx_expression"
     addresses = [ctypes.addressof(ctypes.c_char.in_dll(library, of)) for of in objects]
-    return [ffi.cast(f"{kind} *", address)[0] for address in addresses], SimpleNamespace(ffi=ffi, lib=library)
+    module = SimpleNamespace(ffi=ffi, lib=library, file=path.stem, symbols=objects)
+    return [ffi.cast(f"{kind} *", address)[0] for address in addresses], module
 
 
 def _get_cached_module(name: str, objects: Sequence[str], directory: Path, _timeout: int) -> tuple[Any, Any]:
@@ -235,6 +248,56 @@ def _jit(comm: MPI.Intracomm, *arguments: Any, **further: Any) -> Any:
     if faults := [one for one in comm.allgather(fault) if one]:
         raise RuntimeError(f"JIT cache load failed on {faults[0]}")
     return compiled
+
+
+class KernelExpression(fem.Expression):  # type: ignore[misc]  # without types
+    """A compiled expression, whose functions and constants are known without its UFL.
+
+    Attributes:
+        file, symbol: of its kernel.
+    """
+
+    def __init__(self, kernel: Any, module: Any, functions: Sequence[Any], constants: Sequence[Any]) -> None:
+        self.file, (self.symbol,) = module.file, module.symbols
+        self._ufcx_expression, self._argument_space = kernel, None
+        order = [kernel.original_coefficient_positions[i] for i in range(kernel.num_coefficients)]
+        self._cpp_object = cpp.fem.create_expression_float64(
+            module.ffi.cast("uintptr_t", module.ffi.addressof(kernel)),
+            [functions[i]._cpp_object for i in order],
+            [constant._cpp_object for constant in constants],
+            [],
+            None,
+        )
+
+
+def compile_expression(
+    comm: MPI.Intracomm,
+    expression: Any,
+    points: npt.NDArray[np.float64],
+    functions: Sequence[Any],
+    constants: Sequence[Any],
+    jit_options: Mapping[str, Any],
+) -> KernelExpression:
+    """Compile a UFL expression at points of the reference cell; collective.
+
+    Args:
+        functions, constants: all of the expression, in UFL's order.
+    """
+    of_form = {"scalar_type": np.float64}
+    kernel, module, _ = _jit(comm, (expression, points), form_compiler_options=of_form, jit_options=dict(jit_options))
+    return KernelExpression(kernel, module, functions, constants)
+
+
+def load_expression(
+    file: str, symbol: str, functions: Sequence[Any], constants: Sequence[Any], jit_options: Mapping[str, Any]
+) -> KernelExpression | None:
+    """Return an expression that `compile_expression` has compiled; ``None`` if its kernel is not there any more."""
+    directory = Path(jit_options["cache_dir"])
+    path = _find(file, directory)
+    if path is None:
+        return None
+    (kernel,), module = _load(path, [symbol], directory)
+    return KernelExpression(kernel, module, functions, constants)
 
 
 dolfinx.jit.ffcx_jit = _jit

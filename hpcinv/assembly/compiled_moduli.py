@@ -1,0 +1,157 @@
+"""Compiled tangent moduli, and records by which later processes find them without UFL.
+
+UFL takes half a second or more to derive the moduli of a form, whether their kernel is compiled or not. A record beside
+the kernels tells which kernel belongs to a form, and which of the form's functions and constants it takes. The name of
+a record is a hash of all that the derivation depends on: the form, the function by which it is differentiated, the
+quadrature points, the programs that derive and compile, and the compiler's flags.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from hashlib import sha1
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import basix
+import ffcx
+import numpy as np
+import numpy.typing as npt
+import ufl
+from ffcx.codegeneration import get_signature
+from ufl.algorithms import extract_coefficients
+from ufl.algorithms.analysis import extract_constants
+
+from hpcinv.assembly import moduli as derivation
+from hpcinv.assembly.moduli import Slot, TangentModuli, Term, moduli_of, moduli_of_term, volume_parts
+from hpcinv.kinematics import staged_derivatives
+from hpcinv.parallel.jit import KernelExpression, compile_expression, load_expression, read_record, write_record
+from hpcinv.parallel.runtime import MPI
+
+if TYPE_CHECKING:
+    from hpcinv.model.spaces import Unknowns
+
+type Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CompiledModuli:
+    """Moduli that are evaluated at the quadrature points of cells.
+
+    Attributes:
+        cells: as of `TangentModuli`.
+        points, weights: quadrature rule on the reference cell, (points, 3) and (points,).
+        pairs: slots of test and trial function, in the order of the values.
+        expression: evaluates to (cells, points, values) at the present state.
+    """
+
+    cells: npt.NDArray[np.int32] | None
+    points: Floats
+    weights: Floats
+    pairs: tuple[tuple[Slot, Slot], ...]
+    expression: KernelExpression
+
+
+def compiled_moduli(
+    residual: Any, unknowns: Unknowns, jit_options: Mapping[str, Any], degree: int | None = None
+) -> list[CompiledModuli]:
+    """Return the moduli of a residual; collective; errors as of `moduli_of`.
+
+    Args:
+        degree: quadrature degree at whose points they are evaluated, if it is not that of the residual.
+    """
+    return _compiled(residual, unknowns, jit_options, lambda: moduli_of(residual, unknowns), unknowns.state, degree)
+
+
+def compiled_moduli_of_term(term: Term, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> list[CompiledModuli]:
+    """Return the moduli of a term; collective; errors as of `moduli_of`."""
+    whole = ufl.replace(term.form, dict(term.factors))
+    return _compiled(whole, unknowns, jit_options, lambda: moduli_of_term(term, unknowns))
+
+
+def _compiled(
+    form: Any,
+    unknowns: Unknowns,
+    jit_options: Mapping[str, Any],
+    derive: Callable[[], list[TangentModuli]],
+    state: Any = None,
+    degree: int | None = None,
+) -> list[CompiledModuli]:
+    """Return the moduli that ``derive`` returns, part by part, of a record or derived; collective.
+
+    Args:
+        state: the function of the form by which it is differentiated, if that is not a trial function.
+    """
+    mesh, functions, constants = unknowns.mesh, form.coefficients(), form.constants()
+    of_form, parts = volume_parts(form, unknowns)
+    points, weights = basix.make_quadrature(mesh.basix_cell(), of_form if degree is None else degree)
+    differentiated = functions.index(state) if state is not None else None
+    name = _name(form.signature(), differentiated, points, jit_options)
+    record = mesh.comm.bcast(read_record(name) if mesh.comm.rank == 0 else None)
+    kernels = [] if record is None else [_Kernel.from_data(one) for one in json.loads(record)]
+    loaded = [_loaded(kernel, functions, constants, jit_options) for kernel in kernels]
+    complete = len(loaded) == len(parts) and None not in loaded
+    if not mesh.comm.allreduce(complete, op=MPI.LAND):
+        kernels, loaded = [], []
+        for one in derive():
+            used = list(extract_coefficients(one.expression)), list(extract_constants(one.expression))
+            expression = compile_expression(mesh.comm, one.expression, points, *used, jit_options)
+            places = [functions.index(f) for f in used[0]], [constants.index(c) for c in used[1]]
+            kernels.append(_Kernel(expression.file, expression.symbol, *places, one.pairs))
+            loaded.append(expression)
+        if mesh.comm.rank == 0:
+            write_record(name, json.dumps([one.as_data() for one in kernels]))
+    return [
+        CompiledModuli(part.cells, points, weights, kernel.pairs, expression)
+        for part, kernel, expression in zip(parts, kernels, loaded, strict=True)
+        if expression is not None
+    ]
+
+
+@dataclass(frozen=True)
+class _Kernel:
+    """Entry of a record.
+
+    Attributes:
+        file, symbol: of the kernel.
+        functions, constants: those it takes, by their numbers in the form.
+    """
+
+    file: str
+    symbol: str
+    functions: list[int]
+    constants: list[int]
+    pairs: tuple[tuple[Slot, Slot], ...]
+
+    def as_data(self) -> Any:
+        pairs = [[[slot.part, slot.components, slot.is_gradient] for slot in pair] for pair in self.pairs]
+        return [self.file, self.symbol, self.functions, self.constants, pairs]
+
+    @classmethod
+    def from_data(cls, data: Any) -> _Kernel:
+        file, symbol, functions, constants, pairs = data
+        return cls(file, symbol, functions, constants, tuple((Slot(*test), Slot(*trial)) for test, trial in pairs))
+
+
+def _loaded(
+    kernel: _Kernel, functions: Sequence[Any], constants: Sequence[Any], jit_options: Mapping[str, Any]
+) -> KernelExpression | None:
+    used = [functions[i] for i in kernel.functions], [constants[i] for i in kernel.constants]
+    return load_expression(kernel.file, kernel.symbol, *used, jit_options)
+
+
+def _name(signature: str, differentiated: int | None, points: Floats, jit_options: Mapping[str, Any]) -> str:
+    flags = jit_options.get("cffi_extra_compile_args")
+    of_form = f"{signature} {differentiated} {flags} {_programs()}".encode()
+    return f"moduli_{sha1(of_form + points.tobytes()).hexdigest()}"
+
+
+@cache
+def _programs() -> str:
+    """Return a hash of the programs that derive moduli, and the versions of those that compile them."""
+    files = (str(derivation.__file__), str(staged_derivatives.__file__), __file__)
+    ours = b"".join(Path(file).read_bytes() for file in files)
+    return f"{sha1(ours).hexdigest()} {ufl.__version__} {ffcx.__version__} {get_signature()}"
