@@ -42,7 +42,7 @@ class FilledTangent:
         self._unknowns, self._options = scene.unknowns, dict(jit_options)
         unknowns, options, space = scene.unknowns, self._options, scene.unknowns.space
         self._volume = [ElementMatrices(m, unknowns) for m in compiled_moduli(scene.residual, unknowns, options)]
-        surface = _surface_tangent(scene.residual, unknowns.state)
+        surface = surface_tangent(scene.residual, unknowns.state)
         self._surface = None if surface is None else fem.form(surface, jit_options=options)
         mass = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
         self._any_form = fem.form(mass, jit_options=options)
@@ -213,7 +213,7 @@ class _Places:
         return found.astype(np.intp)
 
 
-def _surface_tangent(residual: Any, state: fem.Function) -> Any:
+def surface_tangent(residual: Any, state: fem.Function) -> Any:
     """Return the derivative of the integrals over facets, ``None`` if there is none."""
     surface = [one for one in residual.integrals() if one.integral_type() != "cell"]
     if not surface:

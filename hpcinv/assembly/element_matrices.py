@@ -41,15 +41,15 @@ class ElementMatrices:
         self._expression, points, weights = moduli.expression, moduli.points, moduli.weights
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self.cells: Integers = owned if moduli.cells is None else moduli.cells
-        tabulated = [_tabulated(element, points) for element in unknowns.scalar_elements]
-        firsts = [0, 3 * tabulated[0].shape[2]]  # the first unknown of displacement and pressure
+        tables = [tabulated(element, points) for element in unknowns.scalar_elements]
+        firsts = [0, 3 * tables[0].shape[2]]  # the first unknown of displacement and pressure
         blocks: dict[tuple[int, int], Block] = {}
         at = 0
         for test, trial in moduli.pairs:
             key = test.part, trial.part
-            nodes = [Nodes(firsts[s.part], s.components, tabulated[s.part].shape[2]) for s in (test, trial)]
+            nodes = [Nodes(firsts[s.part], s.components, tables[s.part].shape[2]) for s in (test, trial)]
             block = blocks.setdefault(key, Block(*nodes))
-            block.add(at, weights, *(tabulated[slot.part][_directions(slot)] for slot in (test, trial)))
+            block.add(at, weights, *(tables[slot.part][directions_of(slot)] for slot in (test, trial)))
             at += int(np.prod(test.shape + trial.shape))
         self.blocks = tuple(blocks.values())
 
@@ -118,11 +118,12 @@ class Block:
         return product.reshape(cells, *self.shape)
 
 
-def _directions(slot: Slot) -> slice:
+def directions_of(slot: Slot) -> slice:
+    """Return the entries of `tabulated` that belong to a slot: the values, or the derivatives."""
     return slice(1, 4) if slot.is_gradient else slice(0, 1)
 
 
-def _tabulated(element: Any, points: Floats) -> Floats:
-    """Return values and derivatives by the coordinates of the reference cell, (4, points, functions)."""
+def tabulated(element: Any, points: Floats) -> Floats:
+    """Return values of basis functions and their derivatives on the reference cell, (4, points, functions)."""
     table: Floats = element.tabulate(1, points).reshape(4, len(points), -1)
     return table

@@ -1,7 +1,7 @@
-"""Factors of the forward tangent at a solution, which stability and round trip share.
+"""Factors of the forward tangent at a solution, or multigrid in their place, which stability and round trip share.
 
-Those of a forward solve on up to eight ranks are taken, if they are symmetric and have the inertia of the
-tangent at the end.
+Factors of a forward solve on up to eight ranks are taken, if they are symmetric and have the inertia of the tangent at
+the end.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from hpcinv.certificate.confirmation import known_displacement
 from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
+from hpcinv.certificate.multigrid_solver import MultigridSolver
 
 if TYPE_CHECKING:
     from hpcinv.results.solution import Solution
@@ -47,6 +48,12 @@ class ForwardFactors:
                 minimum_fill=choice.minimum_fill,
             )
 
+    @cached_property
+    def multigrid(self) -> MultigridSolver:
+        """A solver for the same matrix, where factors are not `affordable`; collective at the first access."""
+        with self.tangent() as equilibrium, self._model.timings("factorization"):
+            return MultigridSolver(equilibrium.system.matrix, equilibrium.system.scene)
+
     @property
     def affordable(self) -> bool:
         """True if there is memory for the factors, and they take no longer than a share of an iterative solve."""
@@ -73,6 +80,7 @@ class ForwardFactors:
                 model.release(equilibrium)
 
     def destroy(self) -> None:
-        """Free the factors."""
-        if (found := self.__dict__.pop("factors", None)) is not None:
-            found.destroy()
+        """Free the factors; those that are needed again are made again."""
+        for name in ("factors", "multigrid"):
+            if (found := self.__dict__.pop(name, None)) is not None:
+                found.destroy()

@@ -54,9 +54,10 @@ class SymmetricFactors:
         negative, zero, positive = pc.getFactorMatrix().getInertia()
         self.inertia = Inertia(int(negative), int(zero), int(positive), asymmetry)
 
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve ``½(K + Kᵀ) x = b``."""
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve ``½(K + Kᵀ) x = b``, and return that this succeeded."""
         self._pc.apply(b, x)
+        return True
 
     def destroy(self) -> None:
         """Free PETSc objects."""
@@ -82,7 +83,7 @@ def factorize_symmetric(
         low_rank: whether blocks of rounded factors are compressed.
         minimum_fill: whether to order the unknowns by approximate minimum fill; else MUMPS chooses METIS.
     """
-    symmetric, asymmetry = _symmetric_part(matrix)
+    symmetric, asymmetry = symmetric_part(matrix)
     if not math.isfinite(asymmetry):
         return None
     option: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
@@ -100,7 +101,7 @@ def factorize_symmetric(
     return None if pc is None else SymmetricFactors(pc, asymmetry)
 
 
-def _symmetric_part(matrix: PETSc.Mat) -> tuple[PETSc.Mat, float]:
+def symmetric_part(matrix: PETSc.Mat) -> tuple[PETSc.Mat, float]:
     """Return ``½(K + Kᵀ)`` and the asymmetry; K itself and 0 if K is symmetric to rounding errors; collective."""
     x = matrix.createVecRight()
     x.setRandom()

@@ -30,12 +30,10 @@ import numpy.typing as npt
 import scipy.linalg
 from petsc4py import PETSc
 
-from hpcinv.parallel.petsc_vectors import dot, norm
-from hpcinv.solver.linear.iterative import Iterative
-from hpcinv.solver.petsc_options import SolverOptions
+from hpcinv.parallel.petsc_vectors import dot
 
 if TYPE_CHECKING:
-    from hpcinv.model.scene import Scene
+    from hpcinv.certificate.multigrid_solver import MultigridSolver
     from hpcinv.model.supports import Supports
     from hpcinv.parallel.timings import Timings
 
@@ -48,7 +46,6 @@ _FEWEST = 3  # steps before a body is taken for stable: an eigenvalue next to ze
 _REPAIR = 1e4  # energy by which the constraint is satisfied, over the square of what is left of it; above 1/β² and Λ/μ
 _ROUND_OFF = 1e-14  # of a quotient, relative to the norm of the matrix
 _RESIDUAL = 2e-3  # of a solution that begins with a Ritz vector: that of Newton's corrections
-_SYMMETRIC = 1e-12
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class Lowest:
         is_negative: proven; else the eigenvalue is positive by the estimate.
         error: bound of the error of the eigenvalue's reciprocal, relative to it.
         direction: displacement that belongs to it, of unit length, in the order of the unknowns of this rank.
-        asymmetry: ``‖(K - Kᵀ) x‖/2‖K x‖`` with a random vector.
+        asymmetry: as of `Inertia`.
     """
 
     is_negative: bool
@@ -69,71 +66,37 @@ class Lowest:
 
 
 def lowest_eigenvalue(
-    matrix: PETSc.Mat, scene: Scene, supports: Supports, timings: Timings, start: Floats | None = None
+    solver: MultigridSolver, supports: Supports, timings: Timings, start: Floats | None = None
 ) -> Lowest | None:
     """Return the lowest eigenvalue of the symmetric part of a tangent; collective.
 
     ``None`` if it is not decided: the linear solver or the iteration did not converge.
 
     Args:
-        matrix: a tangent of the scene, or another matrix of the same structure.
-        scene: its state and mesh must be those of the matrix.
+        solver: of the tangent, or of another matrix of the same structure.
         start: displacement to begin with, in the order of the unknowns of this rank.
     """
-    asymmetry = _asymmetry(matrix)
-    symmetric = matrix
-    if not asymmetry <= _SYMMETRIC:
-        symmetric = matrix.transpose(PETSc.Mat())
-        symmetric.axpy(1.0, matrix)
-        symmetric.scale(0.5)
-    with timings("factorization"):
-        search = _Search(symmetric, scene, supports)
+    search = _Search(solver, supports)
     try:
         with timings("linear solve"):
             found = search.run(start)
     finally:
         search.destroy()
-        if symmetric is not matrix:
-            symmetric.destroy()
-    return None if found is None else Lowest(*found, asymmetry)
-
-
-def _asymmetry(matrix: PETSc.Mat) -> float:
-    x = matrix.createVecRight()
-    y, z = x.duplicate(), x.duplicate()
-    x.setRandom()
-    matrix.mult(x, y)
-    matrix.multTranspose(x, z)
-    size = norm(y)
-    z.axpy(-1.0, y)
-    found = norm(z) / (2 * size) if size else 0.0
-    for vector in (x, y, z):
-        vector.destroy()
-    return found
+    return None if found is None else Lowest(*found, solver.asymmetry)
 
 
 class _Search:
     """Inverse iteration with Ritz vectors; all methods are collective."""
 
-    def __init__(self, matrix: PETSc.Mat, scene: Scene, supports: Supports) -> None:
-        unknowns = scene.unknowns
-        self._matrix, self._comm = matrix, unknowns.mesh.comm
+    def __init__(self, solver: MultigridSolver, supports: Supports) -> None:
+        unknowns = solver.unknowns
+        self._solver, self._matrix, self._comm = solver, solver.matrix, unknowns.mesh.comm
         self._u = unknowns.owned_displacement_dofs
         self._p = self._u[:0] if unknowns.p is None else unknowns.owned_pressure_dofs
         self._points = unknowns.owned_displacement_points()
         self._held = np.concatenate([self._u[:0], *(part.dofs for part in supports.prescribed)])
-        self._configuration = Iterative(scene)
-        self._options = SolverOptions({})
-        self._options.use(self._configuration.options)
-        self._ksp = PETSc.KSP().create(matrix.comm)
-        self._ksp.setOptionsPrefix(SolverOptions.prefix)
-        self._ksp.setOperators(matrix)
-        self._ksp.setFromOptions()
-        self._configuration.prepare(self._ksp, matrix)
-        self._ksp.setUp()
-        self._ksp.setUpOnBlocks()
-        self._b, self._x = matrix.createVecRight(), matrix.createVecRight()
-        self._mass = self._configuration.pressure_scale()
+        self._b, self._x = solver.matrix.createVecRight(), solver.matrix.createVecRight()
+        self._mass = solver.pressure_mass
         self._w: list[PETSc.Vec] = []  # solutions
         self._Kw: list[PETSc.Vec] = []
         self._small = np.zeros((3, _STEPS, _STEPS))  # wᵀ K w, Cᵀ Q⁻¹ C, zᵀ z
@@ -207,13 +170,9 @@ class _Search:
 
     def _solve(self, y: Floats, *, precise: bool) -> bool:
         self._b.array[:] = y
-        self._configuration.set_accuracy(precise=precise)
         # The vectors are of unit length; for the first one nothing is known.
-        self._ksp.setTolerances(atol=0.0 if precise or not self._w else _RESIDUAL)
-        self._ksp.setInitialGuessNonzero(bool(self._w))
-        self._ksp.solve(self._b, self._x)
-        reason: Any = self._ksp.getConvergedReason()
-        return reason >= 0 and bool(np.isfinite(norm(self._x)))
+        residual = _RESIDUAL if self._w else 0.0
+        return self._solver.improve(self._b, self._x, precise=precise, residual=residual, start_from_zero=not self._w)
 
     def _displacement(self, w: PETSc.Vec) -> Floats:
         z = np.zeros(len(w.array))
@@ -238,8 +197,5 @@ class _Search:
 
     def destroy(self) -> None:
         """Free PETSc objects."""
-        self._options.remove()
         for vector in (*self._w, *self._Kw, self._b, self._x):
             vector.destroy()
-        self._ksp.destroy()
-        self._configuration.destroy()

@@ -1,11 +1,12 @@
 """Round trip: the solve back from the body that was found.
 
 Near the known displacement the solve back needs no factors of its own. Forward, its tangent is the one by which
-stability is judged, and the factors of that give the corrections. In the inverse direction they do so after a change of
-variables: to move the points of the reference body by ``-w`` and those of the loaded body by ``-F w`` only relabels
-them, which changes the residual by no more than the discretisation error, so that the inverse tangent is ``K F`` with
-the forward tangent ``K``. That neither this nor the symmetric part of ``K`` is the exact tangent is made up for by
-Anderson's acceleration. The residual is exact in any case: what the corrections converge to is the solution.
+stability is judged, and the factors of that, or multigrid in their place, give the corrections. In the inverse
+direction they do so after a change of variables: to move the points of the reference body by ``-w`` and those of the
+loaded body by ``-F w`` only relabels them, which changes the residual by no more than the discretisation error, so that
+the inverse tangent is ``K F`` with the forward tangent ``K``. That neither this nor the symmetric part of ``K`` is the
+exact tangent is made up for by Anderson's acceleration. The residual is exact in any case: what the corrections
+converge to is the solution.
 
 Corrections end as soon as what is left of them cannot change the verdict. With a contraction ``θ`` of successive steps
 that is about ``θ/(1-θ)`` times the last one, where ``θ`` is the largest of the last three ratios.
@@ -32,6 +33,7 @@ from hpcinv.solver.observer import SILENT, Observer
 if TYPE_CHECKING:
     from hpcinv.certificate.forward_factors import ForwardFactors
     from hpcinv.certificate.inertia import SymmetricFactors
+    from hpcinv.certificate.multigrid_solver import MultigridSolver
     from hpcinv.effects import Direction
     from hpcinv.results.solution import Solution
     from hpcinv.solver.newton import Solve
@@ -95,8 +97,11 @@ def way_back(solution: Solution) -> Direction:
 def _near(model: Model, solution: Solution, forward: ForwardFactors, observer: Observer) -> Line:
     """Return the line of a way back that begins with the solution, and is bounded in effort."""
     with model.at(solution.other_nodes, *solution.fields):
-        if (factors := forward.factors) is not None and _WayBack(model, solution, factors).settles():
+        solver = forward.factors if forward.affordable else forward.multigrid
+        if solver is not None and _WayBack(model, solution, solver).settles():
             return closure_error(model, solution, model.unknowns.at_nodes(model.solution()[0]))
+        if not forward.affordable:
+            forward.destroy()  # the tangent of multigrid is assembled again
         model.set_solution(*solution.fields)
         equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
         last = equilibrium.solve(1.0, max(model.job.solver.tolerance, _ACCURACY), begins_near=True)
@@ -126,14 +131,15 @@ def _along_the_path(model: Model, solution: Solution, observer: Observer) -> Lin
 
 
 class _WayBack:
-    """Corrections of the way back with the factors of the forward tangent; the state of the model is the iterate.
+    """Corrections of the way back with a solver of the forward tangent; the state of the model is the iterate.
 
     Args:
         model: its mesh must be the body that was found, and its state the solution.
+        solver: factors of the forward tangent, or multigrid.
     """
 
-    def __init__(self, model: Model, solution: Solution, factors: SymmetricFactors) -> None:
-        self._model, self._solution, self._factors = model, solution, factors
+    def __init__(self, model: Model, solution: Solution, solver: SymmetricFactors | MultigridSolver) -> None:
+        self._model, self._solution, self._solver = model, solution, solver
         unknowns = model.unknowns
         self._system = System(model.scene(way_back(solution)), model.supports, model.timings)
         self._system.set_load(1.0)
@@ -144,7 +150,7 @@ class _WayBack:
 
     def settles(self) -> bool:
         """Correct the state until the verdict cannot change; return whether it settled; collective."""
-        system, factors = self._system, self._factors
+        system = self._system
         x, y = system.position(), system.rhs.duplicate()
         norms = [self._norm(np.array(x.array), part) or 1.0 for part in (self._u, self._p)]
         update = Anderson(1.0, _MEMORY, lambda a, b: self._inner(a, b, norms))
@@ -153,7 +159,8 @@ class _WayBack:
             for _ in range(_CORRECTIONS):
                 system.residual(system.rhs)
                 with self._model.timings("linear solve"):
-                    factors.solve(system.rhs, y)
+                    if not self._solver.solve(system.rhs, y):
+                        return False
                 correction = np.array(y.array)
                 if self._inverse is not None:
                     self._inverse.apply(correction)

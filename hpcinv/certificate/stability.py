@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Line, Verdict, skipped
-from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm
+from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, known_displacement
 from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
+from hpcinv.certificate.multigrid_solver import MultigridSolver
 
 if TYPE_CHECKING:
     from hpcinv.certificate.forward_factors import ForwardFactors
@@ -50,17 +51,18 @@ def stability(model: Model, solution: Solution, forward: ForwardFactors) -> Iter
 
 def _by_iteration(model: Model, solution: Solution, forward: ForwardFactors) -> Line:
     """Return the line by the lowest eigenvalue of the forward tangent, which is found without factors."""
-    with forward.tangent() as equilibrium:
-        system = equilibrium.system
-        lowest = lowest_eigenvalue(system.matrix, system.scene, model.supports, model.timings)
-        if lowest is None:
-            note = "the lowest eigenvalue of the forward tangent was not found within the iterations that it may take"
-            return Line(STABILITY, None, "", _RULE, Verdict.UNDECIDED, note)
-        if not lowest.is_negative:
-            how = f"estimated: the reciprocal of the lowest eigenvalue that was found is known to {lowest.error:.0%}"
-            return _stable(lowest.asymmetry, how)
-        with assembled(model, solution) as matrix:
-            again = lowest_eigenvalue(matrix, system.scene, model.supports, model.timings, lowest.direction)
+    lowest = lowest_eigenvalue(forward.multigrid, model.supports, model.timings)
+    if lowest is None:
+        note = "the lowest eigenvalue of the forward tangent was not found within the iterations that it may take"
+        return Line(STABILITY, None, "", _RULE, Verdict.UNDECIDED, note)
+    if not lowest.is_negative:
+        how = f"estimated: the reciprocal of the lowest eigenvalue that was found is known to {lowest.error:.0%}"
+        return _stable(lowest.asymmetry, how)
+    with assembled(model, solution) as matrix:
+        with model.timings("factorization"):
+            solver = MultigridSolver(matrix, model.scene("forward", known_displacement(model)))
+        again = lowest_eigenvalue(solver, model.supports, model.timings, lowest.direction)
+        solver.destroy()
     confirmed = None if again is None else Confirmed(int(again.is_negative), again.asymmetry)
     line = _unstable(1, confirmed, is_mixed=model.unknowns.p is not None)
     return replace(line, note=f"{line.note}; one direction was sought, there may be more")

@@ -8,8 +8,6 @@ from dolfinx import la
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 
-type Integers = npt.NDArray[np.int32]
-
 
 class Transfer:
     """Interpolation P of unknowns in finer spaces, and its transpose; all methods are collective.
@@ -22,7 +20,7 @@ class Transfer:
             basix.compute_interpolation_operator(coarse.basix_element, fine.basix_element)
             for coarse, fine in zip(given.scalar_elements, finer.scalar_elements, strict=True)
         ]
-        self._coarse, self._fine = _dofs(given), _dofs(finer)
+        self._coarse, self._fine = given.dofs_of_cells(), finer.dofs_of_cells()
         self._given, self._finer = (_vector(unknowns) for unknowns in (given, finer))
         self._owned = tuple(len(unknowns.state.x.petsc_vec.array) for unknowns in (given, finer))
         # A residual at an unknown of several cells counts in one of them.
@@ -50,16 +48,6 @@ class Transfer:
             np.add.at(self._given.array, coarse, table.T @ np.where(counts, self._finer.array[fine], 0.0))
         self._given.scatter_reverse(la.InsertMode.add)
         return np.array(self._given.array[: self._owned[0]])
-
-
-def _dofs(unknowns: Unknowns) -> list[Integers]:
-    """Return local unknowns of displacement and pressure, (cells, nodes, components) each."""
-    dofmap, elements = unknowns.space.dofmap, unknowns.scalar_elements
-    bs = dofmap.index_map_bs
-    dofs = (bs * dofmap.list[:, :, None] + np.arange(bs, dtype=np.int32)).reshape(len(dofmap.list), -1)
-    first = 3 * elements[0].dim
-    parts = [dofs[:, :first].reshape(len(dofs), -1, 3), dofs[:, first:, None]]
-    return parts[: len(elements)]
 
 
 def _vector(unknowns: Unknowns) -> la.Vector:

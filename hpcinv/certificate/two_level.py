@@ -1,7 +1,9 @@
 """Correction of a solution in spaces of one degree more, without a matrix or a factorization there.
 
 The linear system ``K δ = -R(u_h)`` of these spaces is solved to the accuracy that an estimate needs. K is applied by
-differences of the residual, which takes nearly all of the time. The preconditioner changes between two levels: in most
+its moduli (`hpcinv.assembly.tangent_product`), which are those at the solution, on the geometry of its mesh: a finer
+one changes K as little as the shape of cells. What surface integrals add, and all of a residual without moduli, is
+applied by differences of the residual. The preconditioner changes between two levels: in most
 iterations it is a diagonal, for what the finer spaces add, and then the factors of the solve, or its multigrid, for
 what the spaces of the solution can represent. GCR finds the combination of all directions so far with the least
 residual, whatever the preconditioner of each was. A last correction by the factors does not have to be multiplied by K.
@@ -17,13 +19,19 @@ from typing import Any
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.assembly.compiled_moduli import compiled_moduli
+from hpcinv.assembly.csr_tangent import surface_tangent
+from hpcinv.assembly.moduli import UnsupportedForm
+from hpcinv.assembly.tangent_product import TangentProduct
 from hpcinv.certificate.stiffness_diagonal import stiffness_diagonal
 from hpcinv.certificate.transfer import Transfer
 from hpcinv.effects import Direction
 from hpcinv.mesh.source import Floats
+from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
@@ -59,12 +67,25 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
         if equilibrium.system.tangents == 0:
             equilibrium.system.linearise(1.0)
         equilibrium.linear.factorize_if_needed()
+        product = _volume_product(model, finer, direction)
         with finer.timings("linear solve"):
             coarse = _Coarse(model, finer.unknowns, equilibrium.linear)
-            converged = _FinerProblem(finer, direction, coarse).solve()
+            converged = _FinerProblem(finer, direction, coarse, product).solve()
             coarse.destroy()
         model.release(equilibrium)
     return converged
+
+
+def _volume_product(model: Model, finer: Model, direction: Direction) -> TangentProduct | None:
+    """Return the product by the moduli at the solution, ``None`` if the residual has none; collective."""
+    residual, given, degree = model.scene(direction).residual, model.unknowns, finer.quadrature_degree
+    try:
+        with finer.timings("compile"):
+            moduli = compiled_moduli(residual, given, JIT_OPTIONS, degree)
+    except UnsupportedForm:
+        return None
+    with finer.timings("tangent"):
+        return TangentProduct(moduli, given, finer.unknowns)
 
 
 class _Coarse:
@@ -92,8 +113,10 @@ class _Coarse:
 class _FinerProblem:
     """``K δ = -R`` of the finer problem, at the present state of its model."""
 
-    def __init__(self, finer: Model, direction: Direction, coarse: _Coarse) -> None:
-        self._coarse, self._comm = coarse, finer.body.mesh.comm
+    def __init__(
+        self, finer: Model, direction: Direction, coarse: _Coarse, volume_product: TangentProduct | None
+    ) -> None:
+        self._coarse, self._comm, self._volume_product = coarse, finer.body.mesh.comm, volume_product
         self._unknowns, self._conditions = finer.unknowns, finer.supports.conditions
         scene, state = finer.scene(direction), finer.unknowns.state.x
         scene.parameters.set_load(1.0)
@@ -102,10 +125,16 @@ class _FinerProblem:
             condition.set(state.array)
         state.scatter_forward()
         with finer.timings("compile"):
-            self._form = fem.form(scene.residual, jit_options=JIT_OPTIONS)
+            form = fem.form(scene.residual, jit_options=JIT_OPTIONS)
+            self._differentiated = form if volume_product is None else _surface_form(scene)
         self._at: Floats = state.array.copy()
         self._b = fem_petsc.create_vector(self._unknowns.space)
-        self._residual = self._assemble()
+        self._residual = self._assemble(form)
+        self._undisturbed = self._residual if self._differentiated is None else self._assemble(self._differentiated)
+        prescribed = np.zeros(len(state.array), dtype=bool)
+        for condition in self._conditions:
+            prescribed[condition.dof_indices()[0]] = True
+        self._prescribed = prescribed[: len(self._residual)]
         self._unknowns.set_displacement(stiffness_diagonal(scene))
         self._diagonal = np.array(state.array[: len(self._residual)], dtype=np.float32)
         state.array[:] = self._at
@@ -157,17 +186,21 @@ class _FinerProblem:
 
     def _times(self, x: Singles) -> Singles:
         """Return ``K x``."""
-        state, share = self._unknowns.state.x, _INCREMENT / self._length(x)
-        state.array[:] = self._at
-        state.array[: len(x)] += share * x
-        state.scatter_forward()
-        return np.array((self._assemble() - self._residual) / share, dtype=np.float32)
+        product = np.zeros_like(x) if self._volume_product is None else self._volume_product(x)
+        if self._differentiated is not None:
+            state, share = self._unknowns.state.x, _INCREMENT / self._length(x)
+            state.array[:] = self._at
+            state.array[: len(x)] += share * x
+            state.scatter_forward()
+            product += ((self._assemble(self._differentiated) - self._undisturbed) / share).astype(np.float32)
+        product[self._prescribed] = 0.0
+        return product
 
-    def _assemble(self) -> Floats:
-        """Return the residual at the state, zero at prescribed displacements."""
+    def _assemble(self, form: fem.Form) -> Floats:
+        """Return a residual at the state, zero at prescribed displacements."""
         with self._b.localForm() as local:
             local.set(0.0)
-        fem_petsc.assemble_vector(self._b, self._form)
+        fem_petsc.assemble_vector(self._b, form)
         self._b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         fem_petsc.set_bc(self._b, self._conditions, alpha=0.0)
         return np.array(self._b.array)
@@ -177,3 +210,11 @@ class _FinerProblem:
 
     def _length(self, a: Singles) -> float:
         return math.sqrt(self._sum(float(a @ a)))
+
+
+def _surface_form(scene: Scene) -> fem.Form | None:
+    """Return the surface integrals of a residual, ``None`` if they do not depend on the unknowns; collective."""
+    if surface_tangent(scene.residual, scene.unknowns.state) is None:
+        return None
+    surface = [one for one in scene.residual.integrals() if one.integral_type() != "cell"]
+    return fem.form(ufl.Form(surface), jit_options=JIT_OPTIONS)

@@ -12,6 +12,8 @@ from dolfinx.mesh import Mesh
 
 from hpcinv.parallel.runtime import MPI
 
+type Integers = npt.NDArray[np.int32]
+
 
 class Unknowns:
     """Finite-element spaces on one mesh, and the state of a solve.
@@ -75,6 +77,15 @@ class Unknowns:
         dofs = dofmap.list[:, : 3 * self.scalar_elements[0].dim].reshape(-1, 3)
         here = bool((np.diff(dofs, axis=1) == 1).all())
         return bool(self.mesh.comm.allreduce(here, op=MPI.LAND))
+
+    def dofs_of_cells(self) -> list[Integers]:
+        """Return local unknowns of displacement and pressure in each local cell, (cells, nodes, components) each."""
+        dofmap = self.space.dofmap
+        bs = dofmap.index_map_bs
+        dofs = (bs * dofmap.list[:, :, None] + np.arange(bs, dtype=np.int32)).reshape(len(dofmap.list), -1)
+        first = 3 * self.scalar_elements[0].dim
+        parts = [dofs[:, :first].reshape(len(dofs), -1, 3), dofs[:, first:, None]]
+        return parts[: len(self.scalar_elements)]
 
     @property
     def owned_displacement_dofs(self) -> npt.NDArray[np.int32]:

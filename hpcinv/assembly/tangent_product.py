@@ -1,0 +1,112 @@
+"""Products of the volume part of a tangent with vectors, without its matrix.
+
+The moduli are evaluated once, at quadrature points. A product then takes the gradients of the vector at the points, the
+duals of these by the moduli, and the integrals of the duals times the basis functions: two products of matrices in BLAS
+and one sum over the points, in single precision. The spaces of the vectors may have another degree than those of the
+state at which the moduli are evaluated, and their mesh another geometry, with the same cells on the same ranks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la
+
+from hpcinv.assembly.element_matrices import directions_of, tabulated
+
+if TYPE_CHECKING:
+    from hpcinv.assembly.compiled_moduli import CompiledModuli
+    from hpcinv.assembly.moduli import Slot
+    from hpcinv.model.spaces import Integers, Unknowns
+
+type Singles = npt.NDArray[np.float32]
+
+_CHUNK = 2**15  # quadrature points at a time, whose gradients fit in the cache of a core
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """Some cells, with what does not change between products.
+
+    Attributes:
+        dofs: unknowns of displacement and pressure, (cells, nodes, components) each.
+        moduli: for each pair of slots (entries of the dual, entries of the gradient, points), times the weights.
+    """
+
+    dofs: list[Integers]
+    moduli: list[Singles]
+
+
+class TangentProduct:
+    """The volume part of ``K = ∂R/∂x`` at the present state of a scene, applied to vectors; methods are collective.
+
+    Args:
+        moduli: of the residual, at points that integrate products of gradients in the spaces of the vectors.
+        given: unknowns of the scene.
+        unknowns: spaces of the vectors.
+    """
+
+    def __init__(self, moduli: Sequence[CompiledModuli], given: Unknowns, unknowns: Unknowns) -> None:
+        dofmap = unknowns.space.dofmap
+        self._x, self._y = (la.vector(dofmap.index_map, dofmap.index_map_bs, dtype=np.float32) for _ in range(2))
+        self._owned = dofmap.index_map.size_local * dofmap.index_map_bs
+        dofs = unknowns.dofs_of_cells()
+        owned = np.arange(given.mesh.topology.index_map(3).size_local, dtype=np.int32)
+        self._parts = []
+        for one in moduli:
+            tables = [tabulated(element, one.points).astype(np.float32) for element in unknowns.scalar_elements]
+            cells = owned if one.cells is None else one.cells
+            chunks = np.array_split(cells, 1 + len(cells) * len(one.points) // _CHUNK)
+            self._parts.append((one.pairs, tables, [_evaluated(one, given, dofs, chunk) for chunk in chunks]))
+
+    def __call__(self, x: Singles) -> Singles:
+        """Return ``K x``, both at the owned unknowns."""
+        self._x.array[: self._owned] = x
+        self._x.scatter_forward()
+        self._y.array[:] = 0.0
+        for pairs, tables, chunks in self._parts:
+            for cells in chunks:
+                self._add(pairs, tables, cells)
+        self._y.scatter_reverse(la.InsertMode.add)
+        return np.array(self._y.array[: self._owned])
+
+    def _add(self, pairs: Sequence[tuple[Slot, Slot]], tables: list[Singles], cells: _Cells) -> None:
+        at_nodes = [self._x.array[dofs.transpose(2, 0, 1)] for dofs in cells.dofs]  # (components, cells, nodes)
+        gradients: dict[Slot, Singles] = {}
+        duals: dict[Slot, Singles] = {}
+        for (test, trial), moduli in zip(pairs, cells.moduli, strict=True):
+            if trial not in gradients:
+                gradients[trial] = _at_points(at_nodes[trial.part], tables[trial.part][directions_of(trial)])
+            dual = np.einsum("ijp,jp->ip", moduli, gradients[trial])
+            duals[test] = duals[test] + dual if test in duals else dual
+        for test, dual in duals.items():
+            table, dofs = tables[test.part][directions_of(test)], cells.dofs[test.part]
+            by_direction = dual.reshape(test.components, len(table), -1, table.shape[1])
+            integrals = sum(by_direction[:, d] @ table[d] for d in range(len(table)))
+            np.add.at(self._y.array, dofs.transpose(2, 0, 1).ravel(), np.ravel(integrals))
+
+
+def _evaluated(one: CompiledModuli, given: Unknowns, dofs: list[Integers], cells: Integers) -> _Cells:
+    values = one.expression.eval(given.mesh, cells) * one.weights[:, None]
+    entries = np.ascontiguousarray(values.reshape(-1, values.shape[2]).T, dtype=np.float32)
+    moduli, at = [], 0
+    for test, trial in one.pairs:
+        shape = int(np.prod(test.shape)), int(np.prod(trial.shape))
+        moduli.append(entries[at : at + shape[0] * shape[1]].reshape(*shape, -1))
+        at += shape[0] * shape[1]
+    return _Cells([of_part[cells] for of_part in dofs], moduli)
+
+
+def _at_points(at_nodes: Singles, table: Singles) -> Singles:
+    """Return values or derivatives at points, (components × directions, cells × points).
+
+    Args:
+        at_nodes: (components, cells, nodes).
+        table: (directions, points, nodes).
+    """
+    found = np.stack([at_nodes @ of_direction.T for of_direction in table], axis=1)
+    return found.reshape(len(at_nodes) * len(table), -1)

@@ -1,0 +1,75 @@
+"""Solutions with the symmetric part of a tangent by FGMRES and multigrid, where factors are not affordable."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from hpcinv.certificate.inertia import symmetric_part
+from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.linear.iterative import Iterative
+from hpcinv.solver.petsc_options import SolverOptions
+
+if TYPE_CHECKING:
+    from hpcinv.model.scene import Scene
+
+
+class MultigridSolver:
+    """Linear solver for ``½(K + Kᵀ) x = b``, set up for the present state and mesh; all methods are collective.
+
+    Args:
+        matrix: a tangent of the scene, or another matrix of the same structure, which must not change afterwards.
+        scene: its state and mesh must be those of the matrix.
+
+    Attributes:
+        matrix: the symmetric part.
+        asymmetry: as of `Inertia`.
+        pressure_mass: diagonal of the scaled mass matrix of the owned pressures.
+    """
+
+    def __init__(self, matrix: PETSc.Mat, scene: Scene) -> None:
+        self.unknowns = scene.unknowns
+        symmetric, self.asymmetry = symmetric_part(matrix)
+        self._configuration = Iterative(scene)
+        self._options = SolverOptions({})
+        self._options.use(self._configuration.options)
+        self._ksp = PETSc.KSP().create(matrix.comm)
+        self._ksp.setOptionsPrefix(SolverOptions.prefix)
+        self._ksp.setOperators(symmetric)
+        if symmetric is not matrix:
+            symmetric.destroy()
+        self.matrix: PETSc.Mat = self._ksp.getOperators()[0]  # stays if its other owners destroy it
+        self._ksp.setFromOptions()
+        self._configuration.prepare(self._ksp, self.matrix)
+        self._ksp.setUp()
+        self._ksp.setUpOnBlocks()
+        self.pressure_mass = self._configuration.pressure_scale()
+        self._options.remove()
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve as precisely as corrections of Newton's method need; return whether that succeeded."""
+        return self.improve(b, x, start_from_zero=True)
+
+    def improve(
+        self, b: PETSc.Vec, x: PETSc.Vec, *, precise: bool = False, residual: float = 0.0, start_from_zero: bool = False
+    ) -> bool:
+        """Solve, beginning with ``x``; return whether that succeeded.
+
+        Args:
+            precise: whether to solve to rounding errors.
+            residual: norm of the residual at which a solution that need not be precise ends.
+        """
+        self._configuration.set_accuracy(precise=precise)
+        self._ksp.setTolerances(atol=0.0 if precise else residual)
+        self._ksp.setInitialGuessNonzero(not start_from_zero)
+        self._ksp.solve(b, x)
+        reason: Any = self._ksp.getConvergedReason()
+        return reason >= 0 and bool(np.isfinite(norm(x)))
+
+    def destroy(self) -> None:
+        """Free PETSc objects."""
+        self._ksp.destroy()
+        self.matrix.destroy()
+        self._configuration.destroy()
