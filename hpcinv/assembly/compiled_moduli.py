@@ -89,10 +89,10 @@ def _compiled(
     of_form, parts = volume_parts(form, unknowns)
     points, weights = basix.make_quadrature(mesh.basix_cell(), of_form if degree is None else degree)
     differentiated = functions.index(state) if state is not None else None
-    name = _name(form.signature(), differentiated, points, jit_options)
-    record = mesh.comm.bcast(read_record(name) if mesh.comm.rank == 0 else None)
+    name, directory = _name(form.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
+    record = mesh.comm.bcast(read_record(name, directory) if mesh.comm.rank == 0 else None)
     kernels = [] if record is None else [_Kernel.from_data(one) for one in json.loads(record)]
-    loaded = [_loaded(kernel, functions, constants, jit_options) for kernel in kernels]
+    loaded = [_loaded(kernel, functions, constants, directory) for kernel in kernels]
     complete = len(loaded) == len(parts) and None not in loaded
     if not mesh.comm.allreduce(complete, op=MPI.LAND):
         kernels, loaded = [], []
@@ -103,7 +103,7 @@ def _compiled(
             kernels.append(_Kernel(expression.file, expression.symbol, *places, one.pairs))
             loaded.append(expression)
         if mesh.comm.rank == 0:
-            write_record(name, json.dumps([one.as_data() for one in kernels]))
+            write_record(name, json.dumps([one.as_data() for one in kernels]), directory)
     return [
         CompiledModuli(part.cells, points, weights, kernel.pairs, expression)
         for part, kernel, expression in zip(parts, kernels, loaded, strict=True)
@@ -137,10 +137,10 @@ class _Kernel:
 
 
 def _loaded(
-    kernel: _Kernel, functions: Sequence[Any], constants: Sequence[Any], jit_options: Mapping[str, Any]
+    kernel: _Kernel, functions: Sequence[Any], constants: Sequence[Any], directory: Path
 ) -> KernelExpression | None:
     used = [functions[i] for i in kernel.functions], [constants[i] for i in kernel.constants]
-    return load_expression(kernel.file, kernel.symbol, *used, jit_options)
+    return load_expression(kernel.file, kernel.symbol, *used, directory)
 
 
 def _name(signature: str, differentiated: int | None, points: Floats, jit_options: Mapping[str, Any]) -> str:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 type Singles = npt.NDArray[np.float32]
 
 _CHUNK = 2**15  # quadrature points at a time, whose gradients fit in the cache of a core
+_FEW = 128  # cells at a time whose moduli are evaluated, which fit there too
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,11 @@ class TangentProduct:
 
 
 def _evaluated(one: CompiledModuli, given: Unknowns, dofs: list[Integers], cells: Integers) -> _Cells:
-    values = one.expression.eval(given.mesh, cells) * one.weights[:, None]
-    entries = np.ascontiguousarray(values.reshape(-1, values.shape[2]).T, dtype=np.float32)
+    rows, points = sum(int(np.prod(test.shape + trial.shape)) for test, trial in one.pairs), len(one.points)
+    entries = np.empty((rows, len(cells), points), dtype=np.float32)
+    for start in range(0, len(cells), _FEW):
+        values = one.expression.eval(given.mesh, cells[start : start + _FEW])
+        np.multiply(values.transpose(2, 0, 1), one.weights, out=entries[:, start : start + _FEW], casting="same_kind")
     moduli, at = [], 0
     for test, trial in one.pairs:
         shape = int(np.prod(test.shape)), int(np.prod(trial.shape))

@@ -146,13 +146,13 @@ def _interface(directory: Path) -> Any:
     return _types["ffi"]
 
 
-def read_record(name: str, directory: Path = DIRECTORY) -> str | None:
+def read_record(name: str, directory: Path) -> str | None:
     """Return a text that was kept among the kernels, ``None`` if it is not there."""
     path = _find(name, directory, ".txt")
     return None if path is None else unsealed(path.read_bytes()).decode()
 
 
-def write_record(name: str, text: str, directory: Path = DIRECTORY) -> None:
+def write_record(name: str, text: str, directory: Path) -> None:
     """Keep a text among the kernels, if they can be written."""
     with suppress(NotWritten):
         publish(directory / f"{name}.txt", text.encode())
@@ -289,10 +289,9 @@ def compile_expression(
 
 
 def load_expression(
-    file: str, symbol: str, functions: Sequence[Any], constants: Sequence[Any], jit_options: Mapping[str, Any]
+    file: str, symbol: str, functions: Sequence[Any], constants: Sequence[Any], directory: Path
 ) -> KernelExpression | None:
     """Return an expression that `compile_expression` has compiled; ``None`` if its kernel is not there any more."""
-    directory = Path(jit_options["cache_dir"])
     path = _find(file, directory)
     if path is None:
         return None

@@ -19,6 +19,7 @@ from hpcinv.job.job import Job
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import Solution
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.problem import Model
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -0.15], "density": 1000}
@@ -140,6 +141,23 @@ def test_without_factors_the_way_back_is_solved(comm: MPI.Intracomm, monkeypatch
     monkeypatch.setattr(module, "_CORRECTIONS", 15)
     monkeypatch.setattr(ForwardFactors, "factors", None)
     assert case.line().value == pytest.approx(with_factors, rel=0.1)
+
+
+@pytest.mark.everyday("inverse-straight")
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("curved", [True, False], ids=["curved", "straight"])
+@pytest.mark.parametrize("direction", ["inverse", "forward"])
+def test_multigrid_stands_in_for_factors(
+    direction: str, curved: bool, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in bodies whose factorization takes too long: no Newton's method begins, and the value is the same."""
+    case = Case(cantilever(direction, "mixed", curved=curved), comm)
+    with_factors = case.line()
+    monkeypatch.setattr(ForwardFactors, "affordable", False)
+    monkeypatch.setattr(Equilibrium, "solve", lambda *_, **__: pytest.fail("the way back is solved anew"))
+    line = case.line()
+    assert line.verdict is with_factors.verdict
+    assert line.value == pytest.approx(with_factors.value, rel=0.15, abs=1e-5)
 
 
 def test_what_is_left_of_a_sequence() -> None:

@@ -1,0 +1,133 @@
+"""Moduli of tangents: records of how they were derived, and products with vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.verification import box, job
+from petsc4py import PETSc
+
+from hpcinv.assembly import compiled_moduli as module
+from hpcinv.assembly.compiled_moduli import compiled_moduli
+from hpcinv.assembly.system import System
+from hpcinv.assembly.tangent_product import TangentProduct
+from hpcinv.mesh import build_body
+from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.timings import Timings
+from hpcinv.solver.problem import Model
+
+MIXED: dict[str, Any] = {
+    "analysis": "inverse",
+    "mesh": box((3, 2, 2)),
+    "material": {"law": "mooney-rivlin", "c1": "10 kPa", "c2": "5 kPa", "d1": "1 MPa"},
+    "effects": [{"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 1000, "density_in": "reference"}],
+    "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+}
+TWO_REGIONS: dict[str, Any] = MIXED | {
+    "regions": {"left": "x < 0.34 m", "right": "x > 0.33 m"},
+    "material": {
+        "left": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+        "right": {"law": "neo-hookean", "mu": "20 kPa", "lam": "50 kPa"},
+    },
+}
+CUBES: dict[str, Any] = MIXED | {
+    "analysis": "forward",
+    "mesh": box((2, 2, 2), hexahedra=True),
+    "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+}
+
+
+def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Model:
+    given = job(**data)
+    model = Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
+    state = model.unknowns.state
+    parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]
+    parts[0].interpolate(lambda x: 0.05 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
+    for pressure in parts[1:]:
+        pressure.interpolate(lambda x: 0.3 * np.cos(x[0] - 2 * x[2]))
+    state.x.scatter_forward()
+    model.scene(given.directions[0]).parameters.set_load(0.7)
+    return model
+
+
+@pytest.mark.parallel([1, 2, 3])
+@pytest.mark.parametrize("data", [MIXED, TWO_REGIONS, CUBES], ids=["mixed", "two regions", "hexahedra"])
+def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intracomm) -> None:
+    """To digits of single precision, in the rows of unknowns that are free."""
+    model = model_of(data, comm)
+    scene, unknowns = model.scene(model.job.directions[0]), model.unknowns
+    system = System(scene, model.supports, Timings())
+    system.linearise(0.7)
+    x = system.matrix.createVecRight()
+    x.array[:] = np.random.default_rng(comm.rank).normal(size=x.local_size)
+    held = np.zeros(len(unknowns.state.x.array), dtype=bool)
+    for condition in model.supports.conditions:
+        held[condition.dof_indices()[0]] = True
+    x.array[held[: x.local_size]] = 0.0
+    expected = x.duplicate()
+    system.matrix.mult(x, expected)
+    product = TangentProduct(compiled_moduli(scene.residual, unknowns, JIT_OPTIONS), unknowns, unknowns)
+    found = expected.duplicate()
+    found.array[:] = product(np.array(x.array, dtype=np.float32))
+    found.array[held[: x.local_size]] = 0.0
+    found.axpy(-1.0, expected)
+    error = found.norm(PETSc.NormType.INFINITY) / expected.norm(PETSc.NormType.INFINITY)
+    print(f"{error:.1e}")
+    assert error < 1e-5
+
+
+def forget(directory: Path, pattern: str) -> None:
+    for path in directory.glob(pattern):
+        path.unlink()
+
+
+def damage(directory: Path) -> None:
+    for path in directory.glob("moduli_*.txt"):
+        path.write_bytes(path.read_bytes()[:-60] + bytes(60))
+
+
+@pytest.mark.parallel([1, 2])
+def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And again, where the record or a kernel is not there any more or is damaged, or for other points."""
+    directory = Path(comm.bcast(str(tmp_path)))
+    options = {"cffi_extra_compile_args": ["-O0", "-g0"], "cache_dir": directory}
+    derived = 0
+
+    def derive(*arguments: Any) -> Any:
+        nonlocal derived
+        derived += 1
+        return moduli_of(*arguments)
+
+    moduli_of = module.moduli_of
+    monkeypatch.setattr(module, "moduli_of", derive)
+
+    def values(degree: int | None = None) -> tuple[int, Any]:
+        """How often moduli are derived in a new model, and their values."""
+        before, model = derived, model_of(TWO_REGIONS, comm)
+        found = compiled_moduli(model.scene("inverse").residual, model.unknowns, options, degree)
+        return derived - before, [one.expression.eval(model.unknowns.mesh, one.cells) for one in found]
+
+    count, first = values()
+    assert count == 1
+    changes: list[tuple[int, Callable[[], object]]] = [
+        (0, lambda: None),
+        (1, lambda: forget(directory, "libffcx_expressions_*.so")),
+        (1, lambda: forget(directory, "moduli_*.txt")),
+        (1, lambda: damage(directory)),
+        (0, lambda: None),
+    ]
+    for expected, change in changes:
+        comm.barrier()
+        if comm.rank == 0:
+            change()
+        comm.barrier()
+        count, again = values()
+        assert count == expected
+        assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert values(degree=4)[0] == 1
+    assert [v.shape[1] for v in values(degree=4)[1]] == [14, 14]
