@@ -91,6 +91,7 @@ def certify(
         check("round trip", way_back)
         (stable,) = check("stability", lambda: stability(model, solution, forward))
         forward.destroy()
+        model.free_multigrid()
         if is_checked:
             check("limit points", lambda: limit_points(model, solution, stable))
             check("ineffective loads", lambda: ineffective_loads(model))

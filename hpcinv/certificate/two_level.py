@@ -73,6 +73,7 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
             converged = _FinerProblem(finer, direction, coarse, product).solve()
             coarse.destroy()
         model.release(equilibrium)
+        model.free_multigrid()
     return converged
 
 
@@ -95,6 +96,7 @@ class _Coarse:
         self._linear, self._conditions = linear, given.supports.conditions
         self._transfer = Transfer(given.unknowns, finer)
         self._b, self._x = (fem_petsc.create_vector(given.unknowns.space) for _ in range(2))
+        linear.configuration.set_rough(rough=True)
 
     def solve(self, residual: Singles) -> Singles:
         """Return the solution for a residual, both at the owned unknowns of the finer spaces."""
@@ -106,6 +108,7 @@ class _Coarse:
 
     def destroy(self) -> None:
         """Free PETSc objects."""
+        self._linear.configuration.set_rough(rough=False)
         self._b.destroy()
         self._x.destroy()
 

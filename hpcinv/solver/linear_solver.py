@@ -178,13 +178,16 @@ class LinearSolver:
         self.ksp.setConvergenceTest(None)  # removes the test of the previous configuration
 
     def release_preconditioner(self) -> None:
-        """Free the multigrid hierarchy until the solver is used again; a factorization is kept.
+        """Let the next solve of Newton's method begin without the present factors, or without this preconditioner.
 
-        The next solve of Newton's method does not begin with its factors all the same.
+        `factorize_if_needed` takes them all the same.
         """
         self._released, self._factorized = max(self._factorized, self._released), -1
+
+    def free_preconditioner(self) -> None:
+        """Free the memory of the multigrid hierarchy; a factorization is kept."""
         if not self.configuration.has_analysis:
-            self._released = -1
+            self._released, self._factorized = -1, -1
             self.ksp.reset()
             release_freed_memory()
 

@@ -195,14 +195,24 @@ class Model:
         return equilibrium
 
     def release(self, equilibrium: Equilibrium) -> None:
-        """Keep equations for the next use, or destroy them if the model does not keep their scene."""
+        """Keep equations for the next use, or destroy them if the model does not keep their scene.
+
+        Factors stay, and so does multigrid where it takes a small part of the memory; see `free_multigrid`.
+        """
         scene = equilibrium.system.scene
         if any(scene is kept for kept in self._scenes.values()) and id(scene) not in self._idle:
             equilibrium.system.end_path()
             equilibrium.linear.release_preconditioner()
             self._idle[id(scene)] = equilibrium
+            if not self.chooser.can_keep_multigrid:
+                self.free_multigrid()
         else:
             equilibrium.destroy()
+
+    def free_multigrid(self) -> None:
+        """Free the memory of the multigrid hierarchies of equations that are not in use."""
+        for equilibrium in self._idle.values():
+            equilibrium.linear.free_preconditioner()
 
     def destroy(self) -> None:
         for equilibrium in self._idle.values():

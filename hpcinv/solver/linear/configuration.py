@@ -42,6 +42,9 @@ class Configuration(ABC):
     def allow(self, iterations: int) -> None:  # noqa: B027  (exact ones take none)
         """Limit the total number of Krylov iterations from now on."""
 
+    def set_rough(self, *, rough: bool) -> None:  # noqa: B027  (exact ones have no choice)
+        """Solve roughly from now on, as other iterations can make up for, or as accurately as before."""
+
     @property
     def note(self) -> str:
         """What is unusual about it; empty if nothing is."""

@@ -29,6 +29,7 @@ class Settling:
     """Convergence test for PETSc's KSP, in addition to the tolerances of the KSP.
 
     Attributes:
+        rough: whether larger changes will do, since other iterations make up for what is left.
         precise: whether only the residual counts, down to 1e-10.
         left: number of iterations left to all solutions until it is set again.
     """
@@ -36,9 +37,10 @@ class Settling:
     first = 1e-2  # relative residual of the first comparison
     ratio = 0.3  # of the residuals of successive comparisons
     change = 0.03  # relative change of the solution between comparisons at which it has converged
+    rough_first, rough_change = 0.05, 0.1  # the same where it may be rough
 
     def __init__(self) -> None:
-        self.precise = False
+        self.precise, self.rough = False, False
         self.left = math.inf
         self._vectors: Sequence[PETSc.Vec] = ()
         self._start, self._next, self._has_compared = 0.0, 0.0, False
@@ -47,7 +49,8 @@ class Settling:
         reasons = PETSc.KSP.ConvergedReason
         relative, absolute, _, limit = ksp.getTolerances()
         if iteration == 0:
-            self._start, self._next, self._has_compared = residual, self.first * residual, False
+            first = self.rough_first if self.rough else self.first
+            self._start, self._next, self._has_compared = residual, first * residual, False
         else:
             self.left -= 1
         if not math.isfinite(residual):
@@ -60,7 +63,7 @@ class Settling:
             return reasons.DIVERGED_MAX_IT
         if not self.precise and residual <= self._next:
             self._next = self.ratio * residual
-            if self._change(ksp) <= self.change:
+            if self._change(ksp) <= (self.rough_change if self.rough else self.change):
                 return reasons.CONVERGED_STEP_LENGTH
         return reasons.CONVERGED_ITERATING
 

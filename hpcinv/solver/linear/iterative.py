@@ -167,6 +167,9 @@ class Iterative(Configuration):
     def set_accuracy(self, *, precise: bool) -> None:
         self._settling.precise = precise
 
+    def set_rough(self, *, rough: bool) -> None:
+        self._settling.rough = rough
+
     def allow(self, iterations: int) -> None:
         self._settling.left = iterations
 

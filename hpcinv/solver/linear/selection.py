@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _WORTH = 1.5  # least gain of multigrid: factorizations also give signs along the path, and fail at once
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
 _ROOM = 0.8  # share of the memory that factors may take
+_KEPT = 3  # times the memory of multigrid, for which there must be room if it is kept
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
 _OWN = frozenset({"ksp_type", "pc_type"})
 
@@ -80,6 +81,11 @@ class Chooser:
     def can_factorize_symmetric(self) -> bool:
         """True if there is memory for the factors L D Lᵀ, which need half of that."""
         return self.forecast.factors / 2 <= self.room
+
+    @property
+    def can_keep_multigrid(self) -> bool:
+        """True if there is memory for a hierarchy that waits, beside another one and the fields of finer spaces."""
+        return _KEPT * self.forecast.multigrid <= self.room
 
     @property
     def _budget(self) -> int:
