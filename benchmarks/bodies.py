@@ -1,4 +1,4 @@
-"""The bodies of the benchmarks: the silicone beam of the paper, and a block, of about a number of unknowns."""
+"""The bodies of the benchmarks, of about a number of unknowns: the silicone beam of the paper, a block, a sphere."""
 
 from __future__ import annotations
 
@@ -48,6 +48,26 @@ def block(unknowns: int, **changes: Any) -> JobData:
         "mesh": {"file": str(MESHES / "box.py"), "parameters": dict.fromkeys(("nx", "ny", "nz"), divisions)},
         "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 963}],
         "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
+        **changes,
+    }
+
+
+def sphere(unknowns: int, **changes: Any) -> JobData:
+    """An octant of an incompressible hollow sphere under inner pressure, on curved cells; mixed form."""
+
+    def size(n: int) -> int:
+        """Unknowns of ``n`` divisions along the surface and half as many across the wall."""
+        return 3 * (12 * n**2 + 6 * n + 1) * (n + 1) + (3 * n**2 + 3 * n + 1) * (n // 2 + 1)
+
+    divisions = min(range(2, 100, 2), key=lambda n: abs(size(n) - unknowns))
+    wall = {"inner": 1.0, "outer": 1.5, "radial": divisions // 2, "along": divisions}
+    return {
+        **beam(unknowns),
+        "job": "sphere",
+        "mesh": {"file": str(MESHES / "thick_sphere.py"), "parameters": wall, "geometry_degree": 2},
+        "material": {"law": "mooney-rivlin", "c1": 0.3, "c2": 0.2, "d1": "incompressible"},
+        "effects": [{"effect": "pressure", "region": "inner", "pressure": 0.2}],
+        "supports": [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
         **changes,
     }
 

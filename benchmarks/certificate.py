@@ -1,16 +1,17 @@
-"""Seconds of the certificate beside the seconds of the solve, line by line, for the beam and the block.
+"""Seconds of the certificate beside the seconds of the solve, line by line, for beam, block and sphere.
 
-Command: python benchmarks/certificate.py [--sizes 41000] [--bodies beam block] [--ranks 1] [--level standard]
+Command: python benchmarks/certificate.py [--sizes 41000] [--bodies beam block sphere] [--ranks 1] [--level standard]
 """
 
 import argparse
 from functools import partial
 from typing import Any
 
-from bodies import beam, block, measure, sagging_beam
+from bodies import beam, block, measure, sagging_beam, sphere
 
 from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun, median
 
+BODIES = {"beam": beam, "block": block, "sphere": sphere}
 CHECKS = {
     "equilibrium residual": "equilibrium",
     "discretisation error": "error estimate",
@@ -36,9 +37,8 @@ def certificates(bench: Bench, options: argparse.Namespace) -> list[Findings]:
                 changes: dict[str, Any] = {"analysis": analysis, "certificate": options.level}
                 if name == "beam" and analysis == "inverse":
                     changes["mesh"] = sagging_beam(bench, size)
-                body = beam if name == "beam" else block
                 for ranks in options.ranks:
-                    jobs[f"{name}, {size}, {analysis}, {ranks} ranks"] = body(size, **changes), ranks
+                    jobs[f"{name}, {size}, {analysis}, {ranks} ranks"] = BODIES[name](size, **changes), ranks
     checks = (*dict.fromkeys(CHECKS.values()), "others")
     rows, data = [], {}
     for name, runs in bench.alternating(jobs, options.repeat).items():
@@ -55,7 +55,7 @@ def certificates(bench: Bench, options: argparse.Namespace) -> list[Findings]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=[41_000], help="unknowns, about (41000)")
-    parser.add_argument("--bodies", nargs="+", choices=["beam", "block"], default=["beam", "block"])
+    parser.add_argument("--bodies", nargs="+", choices=BODIES, default=list(BODIES))
     parser.add_argument("--ranks", type=int, nargs="+", default=[1])
     parser.add_argument("--level", choices=["quick", "standard", "full"], default="standard")
     measure(parser, certificates)

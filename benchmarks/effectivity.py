@@ -176,9 +176,7 @@ def graded_bar(divisions: int, displacement: int, *, hexahedra: bool) -> Case:
 
 def patch(divisions: int, displacement: int, *, hexahedra: bool) -> Case:
     """A uniform stretch, which all spaces contain."""
-    data = confined(
-        divisions, displacement, hexahedra=hexahedra, material=NEO_HOOKEAN, effects=[regions.pull()]
-    )
+    data = confined(divisions, displacement, hexahedra=hexahedra, material=NEO_HOOKEAN, effects=[regions.pull()])
     return data, {"length": 1 / root(lambda stretch: regions.neo_hookean(stretch) - regions.END, 1.0, 3.0)}
 
 
