@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from helpers.typed import type_in
+from helpers.typed import files, type_in
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
@@ -18,12 +18,6 @@ of_every_tutorial = pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: 
 def commands(page: Path) -> list[str]:
     blocks: list[str] = re.findall(r"^```sh\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     return [line for block in blocks for line in block.splitlines() if line and not line.startswith("#")]
-
-
-def files(page: Path) -> dict[str, str]:
-    """The files that the reader saves, by name."""
-    marked = r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```"
-    return dict(re.findall(marked, page.read_text(), flags=re.MULTILINE | re.DOTALL))
 
 
 @pytest.fixture
