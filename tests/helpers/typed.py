@@ -14,7 +14,7 @@ from helpers.command_line import MPIRUN, environment
 PROGRAMS = os.pathsep.join([str(Path(sys.executable).parent), str(MPIRUN.parent)])
 
 BLOCKS = re.compile(
-    r"^(?P<marks>(?:<!-- (?:not typed|file): .*? -->\n)*)```(?P<language>sh|python)\n(?P<text>.*?)^```", re.M | re.S
+    r"^(?P<marks>(?:<!-- (?:not typed|file): [^\n]*? -->\n)*)```(?P<language>sh|python)\n(?P<text>.*?)^```", re.M | re.S
 )
 FILES = re.compile(r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```", re.M | re.S)
 
