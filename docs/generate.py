@@ -149,7 +149,7 @@ def _component(name: str, kind: type[Ingredient], tag: str) -> Iterator[str]:
     example = kind.model_validate(kind.example)
     if isinstance(example, MaterialLaw):
         yield "```text"
-        yield from textwrap.wrap(f"ψ = {example.energy_formula}", 110, break_long_words=False, subsequent_indent="    ")
+        yield from textwrap.wrap(f"ψ = {example.energy_formula}", 88, break_long_words=False, subsequent_indent="    ")
         yield "```"
         yield ""
     rows = []
@@ -175,7 +175,7 @@ def _component(name: str, kind: type[Ingredient], tag: str) -> Iterator[str]:
                 yield ""
     section = {"material": kind.example} if tag == "law" else {"effects": [kind.example]}
     yield "```yaml"
-    yield yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True).rstrip()
+    yield yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=88, allow_unicode=True).rstrip()
     yield "```"
     yield ""
     if issubclass(kind, MaterialLaw) and kind.starting_values:
