@@ -244,6 +244,7 @@ def _rows(part: Mapping[str, Any], definitions: Mapping[str, Any]) -> Iterator[t
         needed = key in part.get("required", ())
         default = value.get("default")
         text = "needed" if needed else "" if default in (None, [], {}) or isinstance(default, dict) else _code(default)
+        text = "`m`" if (key, default) == ("unit", 1) else text
         yield f"`{key}`", _kind(key, value, definitions), text, _linked(" ".join(value.get("description", "").split()))
 
 
@@ -279,8 +280,8 @@ def _kind(key: str, value: Mapping[str, Any], definitions: Mapping[str, Any]) ->
             return "text"
         case "boolean":
             return "`true` or `false`"
-        case list():
-            return "formula"
+        case list() as types:
+            return "text, number, `true` or `false`" if "boolean" in types else "formula"
         case kind:
             bounds = [f"{sign} {value[key]}" for key, sign in _BOUNDS.items() if key in value]
             return str(kind) + (f" {' and '.join(bounds)}" if bounds else "")
@@ -352,7 +353,8 @@ def _commands() -> Iterator[str]:
                 rows.append(
                     (f"`{names}`", meaning + (" (needed)" if action.required and action.option_strings else ""))
                 )
-        yield from _table(("argument", "meaning"), rows)
+        if rows:
+            yield from _table(("argument", "meaning"), rows)
 
 
 def _leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:

@@ -130,7 +130,7 @@ def _warnings(
 
 def _regions_without_bounds(job: Job, body: Body) -> Iterator[str]:
     """Yield a warning for each support or load on a region whose condition on the position holds everywhere."""
-    used = dict.fromkeys(getattr(one, "region", None) for one in (*job.supports, *job.effects))
+    used = dict.fromkeys(str(getattr(one, "region", "")) for one in (*job.supports, *job.effects))
     for name in (name for name in used if name in job.regions):
         condition = job.regions[name]
         whole = body.regions[name].facet_count == body.regions[BOUNDARY].facet_count
