@@ -1,7 +1,7 @@
 """Pictures of the gallery: ``python3 -m uv run python docs/gallery_pictures.py NAME…``, after the jobs have run.
 
 Draws ``results/NAME`` (of an identification its ``run``) as ``hpcinv show`` does, and keeps it in
-``docs/pictures/gallery``, at most 1,600 pixels wide and in 256 colours.
+``docs/pictures/gallery``, at most 1,400 pixels wide and in 256 colours.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from PIL import Image
 
 ROOT = Path(__file__).parents[1]
-WIDTH = 1600
+WIDTH = 1400
 
 
 def main() -> None:
@@ -34,7 +34,8 @@ def shrink(drawn: Path, kept: Path) -> None:
     scale = min(1.0, WIDTH / picture.width)
     size = round(picture.width * scale), round(picture.height * scale)
     smaller = picture.resize(size, Image.Resampling.LANCZOS)
-    smaller.quantize(256, dither=Image.Dither.NONE).save(kept, optimize=True)
+    palette = smaller.quantize(256, method=Image.Quantize.MAXCOVERAGE)  # rare colours too, such as those of arrows
+    smaller.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(kept, optimize=True)
 
 
 if __name__ == "__main__":
