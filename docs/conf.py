@@ -5,15 +5,16 @@ from pathlib import Path
 
 from hpcinv.version import __version__
 
-sys.path.insert(0, str(Path(__file__).parent))  # for stress_plots
+sys.path.insert(0, str(Path(__file__).parent))  # for the extensions beside it
 
 project = "hpcinv"
 copyright = "the authors of hpcinv"
 release = version = __version__
-extensions = ["myst_parser", "sphinx.ext.mathjax", "stress_plots"]
+extensions = ["myst_parser", "mathml", "stress_plots"]
 root_doc = "index"
 exclude_patterns = ["results"]
 nitpicky = True
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = f"hpcinv {release}"
 html_show_copyright = False

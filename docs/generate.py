@@ -34,6 +34,8 @@ from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import members_of, metadata_in
 from hpcinv.quantity.spatial_fields import VaryingQuantity
+from hpcinv.reports.wording import MEANINGS
+from hpcinv.solver.diagnosis import Diagnosis
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
@@ -45,6 +47,30 @@ EXIT_CODES = {
     7: "the certificate has warnings or is not decided, with `--strict`",
     130: "Ctrl-C",
     141: "the output was closed",
+}
+REMEDIES = {
+    "equilibrium residual": "Lower `solver.tolerance`. Near the limit of a law the warning may remain, where the"
+    " residual is as small as rounding errors allow.",
+    "smallest volume ratio": "Check the load and the moduli. Else refine the mesh where `J` is small (`hpcinv show"
+    " results/job --colour J`).",
+    "largest volume ratio": "As for the smallest.",
+    "volume ratio not explained": "Smaller cells, or `discretisation: {displacement: 3}`.",
+    "discretisation error": "Smaller cells, [curved ones](images.md#curved-cells) (`geometry_degree: 2`) on a curved"
+    " body, or [ask for the accuracy](accuracy.md). Stresses are singular at the edge of a region that is fixed, not"
+    " where springs hold it (`elastic-foundation`).",
+    "worst cell": "Refine the mesh at the place that the note names. A folded cell is no solution: the load may be"
+    " more than the body can carry.",
+    "depth beyond the plane": "The body would pass through its mirror image: as for facets that cross.",
+    "boundary facets that cross": "No such body can be made. Check load and stiffness; where parts touch in the loaded"
+    " body, their contact carries a load that the job does not have.",
+    "round trip": "`geometry_degree: 2`: straight cells carry only their vertices, and close no better than their size"
+    " allows. On curved ones: [stability](../theory/stability.md), since the way back may lead to another state.",
+    "stability": "The loaded body would buckle or snap away, so that nobody can have seen it: check load and supports."
+    " What to do about 'not decided' is [on its page](../theory/stability.md#the-verdicts).",
+    "limit points": "The body may carry this load in two shapes: [what was found](../theory/newton.md#limit-points).",
+    "loads on parts": "Remove the load or the support.",
+    "contact": "[Contact](contact.md#what-determines-the-pressure).",
+    "error of": "Raise `solver.maximum_unknowns`, take a machine with more memory, or demand less.",
 }
 INTERFACE = {
     "hpcinv": ("load", "run", "sweep"),
@@ -65,6 +91,7 @@ def pages() -> dict[Path, str]:
         "reference/commands.md": _commands(),
         "reference/exit-codes.md": _exit_codes(),
         "reference/api.md": _api(),
+        "how-to/when-a-solve-fails.md": _failures(),
         "gallery.md": _gallery(),
         "verification/index.md": verification_table.page(),
     }
@@ -122,7 +149,7 @@ def _component(name: str, kind: type[Ingredient], tag: str) -> Iterator[str]:
     example = kind.model_validate(kind.example)
     if isinstance(example, MaterialLaw):
         yield "```text"
-        yield from textwrap.wrap(f"ψ = {example.energy_formula}", 110, break_long_words=False, subsequent_indent="    ")
+        yield from textwrap.wrap(f"ψ = {example.energy_formula}", 88, break_long_words=False, subsequent_indent="    ")
         yield "```"
         yield ""
     rows = []
@@ -148,7 +175,7 @@ def _component(name: str, kind: type[Ingredient], tag: str) -> Iterator[str]:
                 yield ""
     section = {"material": kind.example} if tag == "law" else {"effects": [kind.example]}
     yield "```yaml"
-    yield yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True).rstrip()
+    yield yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=88, allow_unicode=True).rstrip()
     yield "```"
     yield ""
     if issubclass(kind, MaterialLaw) and kind.starting_values:
@@ -217,6 +244,7 @@ def _rows(part: Mapping[str, Any], definitions: Mapping[str, Any]) -> Iterator[t
         needed = key in part.get("required", ())
         default = value.get("default")
         text = "needed" if needed else "" if default in (None, [], {}) or isinstance(default, dict) else _code(default)
+        text = "`m`" if (key, default) == ("unit", 1) else text
         yield f"`{key}`", _kind(key, value, definitions), text, _linked(" ".join(value.get("description", "").split()))
 
 
@@ -252,8 +280,8 @@ def _kind(key: str, value: Mapping[str, Any], definitions: Mapping[str, Any]) ->
             return "text"
         case "boolean":
             return "`true` or `false`"
-        case list():
-            return "formula"
+        case list() as types:
+            return "text, number, `true` or `false`" if "boolean" in types else "formula"
         case kind:
             bounds = [f"{sign} {value[key]}" for key, sign in _BOUNDS.items() if key in value]
             return str(kind) + (f" {' and '.join(bounds)}" if bounds else "")
@@ -325,7 +353,8 @@ def _commands() -> Iterator[str]:
                 rows.append(
                     (f"`{names}`", meaning + (" (needed)" if action.required and action.option_strings else ""))
                 )
-        yield from _table(("argument", "meaning"), rows)
+        if rows:
+            yield from _table(("argument", "meaning"), rows)
 
 
 def _leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -347,7 +376,7 @@ def _exit_codes() -> Iterator[str]:
             for k in kinds
             if k.exit_code == code
         ]
-        found[code] = "; ".join(sorted(texts))
+        found[code] = "; ".join(text[:1].lower() + text[1:] for text in sorted(texts))
     yield "# Exit codes"
     yield ""
     yield from _prose(
@@ -358,6 +387,62 @@ def _exit_codes() -> Iterator[str]:
     )
     yield ""
     yield from _table(("code", "meaning"), [(str(code), found[code].replace("``", "`")) for code in sorted(found)])
+
+
+def _failures() -> Iterator[str]:
+    yield "# What to do when a solve fails"
+    yield ""
+    yield from _prose(
+        """
+        A run that does not reach its full load ends with exit code 3, and its last message says at which load factor
+        it stopped, why, and what to try; `status` and `advice` in [summary.json](../reference/summary.md) say the
+        same. A run that reaches it ends with a certificate, whose lines may fail too
+        ([below](#when-the-certificate-does-not-pass)).
+        """
+    )
+    yield ""
+    yield "## Look first"
+    yield ""
+    yield from _prose(
+        """
+        1. At the line `meshed part:` near the beginning, with size, mass and load of the body, and at the warnings
+        below it: is a [unit](../reference/units.md#size-mass-and-load) wrong?
+        """
+    )
+    yield from _prose(
+        """
+        2. At the picture of the job, `hpcinv show job.yaml`: supports and loads, and their directions.
+        """
+    )
+    yield from _prose(
+        """
+        3. At the body where it stopped: `hpcinv show results/job`, or its [report](report.md), which says where it is
+        strained most.
+        """
+    )
+    yield ""
+    yield "## By diagnosis"
+    yield ""
+    yield from _prose(
+        """
+        Before a run gives up it has halved its load steps and tried its [rescue strategies](hard-cases.md), so that
+        another try with smaller steps alone seldom helps.
+        """
+    )
+    yield ""
+    yield from _table(("it says", "what to do"), [(kind.text, kind.advice) for kind in Diagnosis])
+    yield ""
+    yield "## When the certificate does not pass"
+    yield ""
+    yield from _prose(
+        """
+        The note of a line says what was seen and where. [The certificate](certificate.md) has how each line is found
+        and its threshold.
+        """
+    )
+    yield ""
+    rows = [(f"{name} …", meaning, REMEDIES[name]) for name, meaning in MEANINGS.items() if name in REMEDIES]
+    yield from _table(("line", "what it means", "what to do"), rows)
 
 
 def _api() -> Iterator[str]:

@@ -37,6 +37,7 @@ COMMANDS = {
     "sweep-throughput": "python benchmarks/sweep_throughput.py",
     "sweep-shares": "python benchmarks/sweep_shares.py --cases 32",
     "stability-without-factors": "mpirun -n 1 python benchmarks/stability.py without-factors",
+    "image-meshes": "python benchmarks/image_meshes.py",
     "newton": "mpirun -n 1 python benchmarks/newton.py",
     "effectivity": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2",
     "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",

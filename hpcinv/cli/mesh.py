@@ -30,8 +30,12 @@ def add_mesh(commands: Any) -> None:
         commands,
         "mesh",
         "Mesh an image or a surface; draw a mesh; cut one into parts that many ranks read, and put it together again.",
-        examples=("hpcinv mesh partition body.msh body.bp --parts 64\nhpcinv mesh gather body.bp body.vtu"),
-        page="how-to/large-meshes.md",
+        examples=(
+            "hpcinv mesh from-image organ.nii.gz organ.msh --label organ=1 --size '5 mm'\n"
+            "hpcinv mesh from-surface organ.stl organ.msh --size '5 mm' --unit mm\n"
+            "hpcinv mesh partition organ.msh organ.bp --parts 64"
+        ),
+        page="how-to/images.md",
     )
     actions = mesh.add_subparsers(required=True, metavar="action")
 
@@ -63,7 +67,7 @@ def add_mesh(commands: Any) -> None:
         "from-surface",
         "Mesh the body in a closed surface, to look at before a run.",
         examples="hpcinv mesh from-surface organ.stl organ.msh --size '5 mm' --unit mm",
-        page="how-to/images.md",
+        page="start/your-own-mesh.md",
     )
     surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
     _add_meshing(surface)

@@ -28,7 +28,7 @@ def add_show(commands: Any) -> None:
             "hpcinv show body.msh --unit mm\n"
             "hpcinv show results/thick-sphere --colour von-mises"
         ),
-        page="start/results.md",
+        page="start/jobs.md",
     )
     add_picture(command, "job file, mesh or generator of one, or directory of a run")
     command.add_argument("--colour", choices=COLOURS, help="field on the bodies of a run; by default displacement")

@@ -36,7 +36,8 @@ def add_sweep(commands: Any) -> None:
 
     def action(name: str, command: Any, sentence: str, example: str = "") -> argparse.ArgumentParser:
         example = f"hpcinv sweep {name} sweep.yaml {example}".strip()
-        parser = add_command(actions, name, sentence, examples=example, page="how-to/sweep.md")
+        page = "how-to/slurm.md" if name == "submit" else "how-to/sweep.md"
+        parser = add_command(actions, name, sentence, examples=example, page=page)
         parser.add_argument("sweep", type=Path, help="sweep file (YAML)")
         add_option(parser)
         parser.set_defaults(command=command)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 COLOUR_MAP = "viridis"
 _PIXELS = (1000, 800)  # of one view
 _MARGIN = 1.2  # of the picture around its frame, for symbols
+_IN_A_ROW = 4  # views
 _SHARP = 35.0  # degrees between triangles whose common side is drawn
 
 
@@ -46,7 +47,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Body:
-    """Triangles to draw, in one colour or with values (triangles,) or (points,) on a colour map."""
+    """Triangles to draw, in one colour or with values (triangles,) or (points,) on a colour map.
+
+    Of a translucent body only the far side is drawn, so that it veils nothing within it.
+    """
 
     points: Floats
     triangles: Ints
@@ -106,7 +110,7 @@ def figure(
     notes: str = "",
     colours: tuple[str, float, float] | None = None,
 ) -> Picture:
-    """Return a figure with views side by side.
+    """Return a figure with views side by side, and below each other if there are more than four.
 
     Args:
         legend: texts and their colours.
@@ -118,16 +122,22 @@ def figure(
     """
     limits = None if colours is None else colours[1:]
     images = [_rendered(view, limits) for view in views]
-    sheet = Figure(figsize=(6.4 * len(views), 6.6), dpi=130, layout="constrained")
-    axes = np.atleast_1d(sheet.subplots(1, len(views)))
-    for axis, image, view in zip(axes, images, views, strict=True):
-        axis.imshow(image)
-        axis.set_title(view.title, fontsize=11)
+    rows = -(-len(views) // _IN_A_ROW)
+    columns = -(-len(views) // rows)
+    larger = max(1.0, columns / 2.5)  # a wide figure is shown smaller
+    sheet = Figure(figsize=(6.4 * columns, 5.4 * rows + 1.2), dpi=130, layout="constrained")
+    axes = sheet.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes:
         axis.set_axis_off()
-    sheet.suptitle(title + (f"\n{notes}" if notes else ""), fontsize=12, x=0.01, ha="left")
+    for axis, image, view in zip(axes, images, views, strict=False):
+        axis.imshow(image)
+        axis.set_title(view.title, fontsize=11 * larger)
+    sheet.suptitle(title + (f"\n{notes}" if notes else ""), fontsize=12 * larger, x=0.01, ha="left")
     if colours is not None:
         mapped = ScalarMappable(Normalize(*colours[1:]), COLOUR_MAP)
-        sheet.colorbar(mapped, ax=axes.tolist(), orientation="horizontal", label=colours[0], shrink=0.5, pad=0.02)
+        bar = sheet.colorbar(mapped, ax=axes.tolist(), orientation="horizontal", shrink=0.5, pad=0.02)
+        bar.set_label(colours[0], fontsize=10 * larger)
+        bar.ax.tick_params(labelsize=10 * larger)
     if legend:
         patches = [Patch(color=colour, label=text) for text, colour in legend]
         sheet.legend(handles=patches, loc="outside lower left", fontsize=9, frameon=False)
@@ -198,6 +208,8 @@ def _add(plotter: Any, part: Body | Glyphs, limits: tuple[float, float] | None) 
     look: dict[str, Any] = {"color": part.colour}
     if part.values is not None:
         look = {"scalars": part.values, "cmap": COLOUR_MAP, "clim": limits, "show_scalar_bar": False}
+    if part.opacity < 1:
+        look["culling"] = "front"  # a shadow that is larger than the body would veil the body's colours
     plotter.add_mesh(mesh, opacity=part.opacity, ambient=0.25, smooth_shading=False, **look)
     sharp = mesh.extract_feature_edges(_SHARP, boundary_edges=True, manifold_edges=False, non_manifold_edges=True)
     if sharp.n_cells:

@@ -79,7 +79,8 @@ def draw_mesh(name: str, boundary: Boundary) -> Picture:
     hidden = np.zeros(len(boundary.triangles), dtype=bool)
     for (region, inside), colour in zip(reversed(list(boundary.regions.items())), _cycle(_REGIONS), strict=False):
         visible = inside & ~hidden
-        legend.append((f"{region}: {inside.sum()} triangles of the boundary", colour))
+        covered = "" if visible.any() or not inside.any() else ", covered by those above"
+        legend.append((f"{region}: {inside.sum()} triangles of the boundary{covered}", colour))
         if visible.any():
             parts.append(Body(boundary.points, boundary.triangles[visible], colour))
         hidden |= inside

@@ -72,7 +72,7 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour =
     front, _, up = directions(frame, upwards(job))
     views = []
     for i, (shape, of_shape) in enumerate(zip(shapes, known, strict=True)):
-        shadow = Body(shapes[0 if i else 1].points, boundary.triangles, opacity=0.2)
+        shadow = Body(shapes[0 if i else 1].points, boundary.triangles, opacity=0.35)
         body = Body(shape.points, boundary.triangles, values=of_shape)
         views.append(View([body, shadow], frame, front, up, shape.title))
     status, verdict = summary["status"], summary["certificate"]["verdict"]

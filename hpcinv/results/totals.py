@@ -1,4 +1,4 @@
-"""Size, volume, mass and load of the meshed part of a body, and warnings where they look like a mistake in a unit.
+"""Size, volume, mass and load of the meshed part of a body, and warnings of what looks like a mistake in a unit.
 
 The warnings are no verdict: bodies of micrometres and strains of 1e-10 exist. They are no lines of the certificate, and
 ``output.unit_warnings: false`` leaves them out.
@@ -16,9 +16,11 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.effects import Direction, Effect
+from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import jacobians
+from hpcinv.mesh.regions import BOUNDARY, of_facets
 from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import young_moduli
 from hpcinv.quantity.quantity import quantities_of
@@ -103,7 +105,8 @@ def totals_of(model: Model, direction: Direction) -> Totals:
         found = replace(found, weight_strain=pressure / softest)
     if not job.output.unit_warnings:
         return found
-    return replace(found, warnings=tuple(_warnings(found, job.mesh.unit, masses, pressure, stiffest)))
+    seen = _warnings(found, job.mesh.unit, masses, pressure, stiffest)
+    return replace(found, warnings=(*seen, *_regions_without_bounds(job, body)))
 
 
 def _warnings(
@@ -123,6 +126,19 @@ def _warnings(
             f"a column as high as the body weighs {readable(pressure, 'Pa')}, which is {pressure / stiffest:.2g} times"
             " Young's modulus of the stiffest part: are mesh.unit, density and moduli in the units that are meant?"
         )
+
+
+def _regions_without_bounds(job: Job, body: Body) -> Iterator[str]:
+    """Yield a warning for each support or load on a region whose condition on the position holds everywhere."""
+    used = dict.fromkeys(str(getattr(one, "region", "")) for one in (*job.supports, *job.effects))
+    for name in (name for name in used if name in job.regions):
+        condition = job.regions[name]
+        whole = body.regions[name].facet_count == body.regions[BOUNDARY].facet_count
+        if whole and not of_facets(condition):
+            yield (
+                f"region '{name}' is the whole boundary: '{condition}' holds all over it"
+                " (numbers without a unit are in m)"
+            )
 
 
 def _has(effect: Effect, name: str, dimension: Dimension) -> bool:

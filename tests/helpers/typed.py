@@ -14,13 +14,21 @@ from helpers.command_line import MPIRUN, environment
 PROGRAMS = os.pathsep.join([str(Path(sys.executable).parent), str(MPIRUN.parent)])
 
 BLOCKS = re.compile(
-    r"^(?P<marks>(?:<!-- not typed: .*? -->\n)*)```(?P<language>sh|python)\n(?P<text>.*?)^```", re.M | re.S
+    r"^(?P<marks>(?:<!-- (?:not typed|file): [^\n]*? -->\n)*)```(?P<language>sh|python)\n(?P<text>.*?)^```", re.M | re.S
 )
+FILES = re.compile(r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```", re.M | re.S)
+
+
+def files(page: Path) -> dict[str, str]:
+    """The files that the reader saves, by name."""
+    return dict(FILES.findall(page.read_text()))
 
 
 def blocks(page: Path) -> Iterator[tuple[str, str]]:
-    """Languages and texts of a page's blocks, without what is not typed."""
+    """Languages and texts of a page's blocks, without files that are saved and what is not typed."""
     for block in BLOCKS.finditer(page.read_text()):
+        if "<!-- file: " in block["marks"]:
+            continue
         patterns = re.findall(r"<!-- not typed: (.*?), ", block["marks"])
         lines = block["text"].splitlines()
         for pattern in patterns:

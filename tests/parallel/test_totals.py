@@ -81,6 +81,10 @@ def test_loads_that_cancel_have_no_resultant() -> None:
             block(0.1, effects=[GRAVITY, GRAVITY | {"density": 1100, "case": "b"}], load_cases=["a", "b"]),
             "effects give the body masses of 1 kg to 1.1 kg",
         ),
+        (
+            block(0.1, regions={"foot": "z < 5"}, supports=[{"region": "foot", "fix": ["x", "y", "z"]}]),
+            "region 'foot' is the whole boundary: 'z < 5' holds all over it (numbers without a unit are in m)",
+        ),
     ],
 )
 def test_what_looks_like_a_mistake_in_a_unit_is_told_unless_it_is_meant(job: dict[str, Any], text: str) -> None:

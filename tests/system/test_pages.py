@@ -16,7 +16,7 @@ import pytest
 import pyvista
 import yaml
 from helpers.command_line import BLOCK, ROOT, write_job
-from helpers.typed import blocks, type_in
+from helpers.typed import blocks, files, type_in
 
 OTHERS = [*(ROOT / "docs").glob("tutorials/*.md"), ROOT / "docs/start/your-own-mesh.md", ROOT / "docs/reference/api.md"]
 PAGES = [ROOT / "README.md", *sorted(set((ROOT / "docs").glob("*/*.md")) - set(OTHERS))]
@@ -140,6 +140,8 @@ def test_what_a_page_tells_to_type(page: Path, prepared: Path, tmp_path: Path) -
     shutil.copytree(prepared, directory, symlinks=True)
     for line in BEFORE.get(page.name, ()):
         type_in(line, directory)
+    for name, text in files(page).items():
+        (directory / name).write_text(text)
     for language, text in blocks(page):
         if language == "python":
             (directory / "typed.py").write_text(text)

@@ -1,12 +1,16 @@
 """``hpcinv show``: pictures of jobs, meshes and results, from the command line."""
 
+import io
 from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
+import pyvista
 from helpers.command_line import BLOCK, NO_CERTIFICATE, hpcinv, write_job
 from helpers.run_directories import run_directory
+
+from hpcinv.pictures.drawing import Body, View, figure, thumbnail
 
 MESHES = Path(__file__).parents[2] / "meshes"
 BLUE, ORANGE = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)
@@ -85,3 +89,33 @@ def test_what_cannot_be_drawn_gets_one_message(arguments: list[object], message:
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.glob("*.png"))
+
+
+def sphere_in_a_larger_one() -> tuple[Body, Body]:
+    ball = pyvista.Sphere(radius=1)
+    points, triangles = np.asarray(ball.points, dtype=np.float64), np.asarray(ball.regular_faces)
+    return Body(points, triangles, values=points[:, 2]), Body(1.5 * points, triangles, opacity=0.35)
+
+
+def image_of(png: bytes) -> np.ndarray:
+    return np.asarray(matplotlib.image.imread(io.BytesIO(png)))
+
+
+def test_a_shadow_around_a_body_does_not_veil_its_colours() -> None:
+    body, shadow = sphere_in_a_larger_one()
+    frame, towards, up = shadow.points, np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+    alone, both = (
+        image_of(thumbnail(View(parts, frame, towards, up), (-1.0, 1.0))) for parts in ([body], [body, shadow])
+    )
+    rows, columns = alone.shape[0] // 2, alone.shape[1] // 2
+    middle = np.s_[rows - 20 : rows + 20, columns - 20 : columns + 20]
+    assert np.array_equal(alone[middle], both[middle])
+    assert not np.array_equal(alone, both)
+
+
+def test_many_bodies_are_drawn_in_rows() -> None:
+    body, _ = sphere_in_a_larger_one()
+    view = View([body], body.points, np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))
+    two, seven = (image_of(figure([view] * count, "spheres").png) for count in (2, 7))
+    assert seven.shape[1] == 2 * two.shape[1]
+    assert seven.shape[0] > 1.7 * two.shape[0]

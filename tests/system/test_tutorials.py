@@ -6,11 +6,12 @@ import shutil
 from pathlib import Path
 
 import pytest
-from helpers.typed import type_in
+from helpers.typed import files, type_in
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 WITHOUT_SOLVE = re.compile(r"^sed | segmentation.py$| hpcinv (validate|sweep (plan|submit)) ")
+SHORT = {"silicone-beam"}  # others take minutes
 OWN_MESH = ROOT / "docs" / "start" / "your-own-mesh.md"
 of_every_tutorial = pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 
@@ -18,12 +19,6 @@ of_every_tutorial = pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: 
 def commands(page: Path) -> list[str]:
     blocks: list[str] = re.findall(r"^```sh\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     return [line for block in blocks for line in block.splitlines() if line and not line.startswith("#")]
-
-
-def files(page: Path) -> dict[str, str]:
-    """The files that the reader saves, by name."""
-    marked = r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```"
-    return dict(re.findall(marked, page.read_text(), flags=re.MULTILINE | re.DOTALL))
 
 
 @pytest.fixture
@@ -46,14 +41,15 @@ def test_commands_without_a_solve(page: Path, directory: Path) -> None:
     type_all(page, directory, WITHOUT_SOLVE)
 
 
-@pytest.mark.release
-@of_every_tutorial
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=() if page.stem in SHORT else pytest.mark.release, id=page.stem) for page in TUTORIALS],
+)
 def test_whole_tutorials(page: Path, directory: Path) -> None:
     assert commands(page)
     type_all(page, directory, re.compile(""))
 
 
-@pytest.mark.release
 def test_the_way_from_a_surface_to_a_report(directory: Path) -> None:
     """With the ellipsoid of the page."""
     type_all(OWN_MESH, directory, re.compile(""))

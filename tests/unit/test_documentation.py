@@ -141,7 +141,9 @@ def fragments() -> Iterator[Any]:
     """The parts of jobs in all pages, and whether they name files that only the reader has."""
     for page in PAGES:
         found = re.findall(
-            r"^(<!-- with files of the reader -->\n)?( *)```yaml\n(.*?)^ *```", page.read_text(), re.M | re.S
+            r"^(<!-- with files of the reader -->\n)?(?:<!-- file: \S+ -->\n)?( *)```yaml\n(.*?)^ *```",
+            page.read_text(),
+            re.M | re.S,
         )
         for number, (mark, _, block) in enumerate(found, start=1):
             if not re.match(r" *(sweep|study):", block):

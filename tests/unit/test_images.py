@@ -631,6 +631,18 @@ def test_surfaces_that_cannot_be_meshed_are_told(
     assert fault in str(told.value)
 
 
+def test_an_open_surface_is_refused_with_a_place_of_its_hole(tmp_path: Path) -> None:
+    """A tetrahedron without the side x + y + z = 1."""
+    points = np.vstack([np.zeros(3), np.eye(3)])
+    pyvista.PolyData.from_regular_faces(points, [[0, 2, 1], [0, 1, 3], [0, 3, 2]]).save(tmp_path / "body.stl")
+    with pytest.raises(MeshError) as told:
+        inside(tmp_path / "body.stl")
+    middles = r"(0, 0\.5, 0\.5|0\.5, 0, 0\.5|0\.5, 0\.5, 0)"
+    assert re.search(
+        rf"is open: 3 edges .* such as that at \({middles}\) in the coordinates of the file", str(told.value)
+    )
+
+
 def test_labels_of_a_mesh_file_are_refused(tmp_path: Path) -> None:
     mesh = {"file": str(Path(__file__).parents[2] / "meshes" / "box.py"), "labels": {"box": 1}}
     with pytest.raises(JobError, match=r"mesh\.labels: is for segmented images only"):

@@ -432,6 +432,14 @@ def test_the_artery_of_the_example_has_the_radii_that_its_header_tells(comm: MPI
     print(f"radii at rest {A * 1e3:.7f} and {B * 1e3:.7f} mm")
     assert all(f"{radius * 1e3:.7f} mm" in file.read_text() for radius in (A, B))
     stress = [artery(start).hoop_stress(inner, r, pressure) for r in (inner, outer)]
+    low = float(pressure) * 80 / 100
+    at_80 = root(lambda r: artery(start).carried(r) - low, 0.9 * inner, inner)
+    radii = at_80, sqrt(at_80**2 + outer**2 - inner**2)
+    lower = [artery(start).hoop_stress(at_80, r, low) / 1e3 for r in radii]
+    print("at 80 mmHg: radii {:.4f} and {:.4f} mm,".format(*(1e3 * r for r in radii)), f"stress {lower} kPa")
+    tutorial = (ROOT / "docs" / "tutorials" / "artery.md").read_text()
+    assert all(f"{radius * 1e3:.4f} mm" in tutorial for radius in radii)
+    assert f"| by quadrature | {A * 1e3:.5f} mm | {lower[0]:.1f} kPa | {lower[1]:.1f} kPa |" in tutorial
     result = hpcinv.run(example.with_({"certificate": "off"}), comm)
     found: Any = result.quantities
     print(found, stress)

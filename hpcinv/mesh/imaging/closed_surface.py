@@ -126,15 +126,21 @@ def read_closed(path: Path) -> pyvista.PolyData:
         MeshError: it cannot be read, is open, or has too many shells.
     """
     surface = _read(path)
-    count = 0
+    count, place = 0, np.zeros(3)
     for facets in _without_repeated(surface.regular_faces.astype(np.int64)):
         edges, shared = _edges(facets)
-        count = max(count, int(np.count_nonzero(shared % 2)))
-        if len(facets) and not (shared % 2).any():
+        odd = np.flatnonzero(shared % 2)
+        if len(facets) and not len(odd):
             break
+        if len(odd) > count:
+            row, corner = divmod(int(edges[shared[: odd[0]].sum()]), 3)
+            count, place = len(odd), surface.points[facets[row, [corner, (corner + 1) % 3]]].mean(axis=0)
     else:
+        at = ", ".join(f"{x:.6g}" for x in place)
         raise MeshError(
-            f"{path}: the surface is open: {count} edges have one triangle, or an odd number", "Close its holes."
+            f"{path}: the surface is open: {count} edges have one triangle, or an odd number, such as that at"
+            f" ({at}) in the coordinates of the file",
+            "Close its holes (Blender, MeshLab).",
         )
     pairs = edges[np.repeat(shared == 2, shared)].reshape(-1, 2) // 3  # triangles that share a manifold edge
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(len(facets),) * 2)
