@@ -23,7 +23,6 @@ from hpcinv.reports.arrays import Arrays
 from hpcinv.reports.charts import Curve, chart
 from hpcinv.reports.page import NAME, render, write_page
 from hpcinv.reports.scene import scene
-from hpcinv.reports.symbols import size_text
 from hpcinv.reports.wording import meaning, words
 
 _STRAINED = 1.001  # stretch, or its inverse, that is worth a word
@@ -80,7 +79,7 @@ def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Seque
         body=body,
         arrays=arrays.texts(),
         picture=picture,
-        size="" if boundary is None else size_text(boundary),
+        size="" if boundary is None else boundary.size,
         quantities=_quantities(summary),
         lines=[
             line | {"meaning": meaning(line["name"]), "state": line.get("state", "")} for line in certificate["lines"]
