@@ -14,11 +14,9 @@ from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import Surface, Triangles, gather_surface
 from hpcinv.pictures.boundary import Boundary, BoundaryResult
-from hpcinv.results.cell_middles import deformation_gradients, fibres
+from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
 
 if TYPE_CHECKING:
-    from dolfinx.fem import Function
-
     from hpcinv.certificate import Estimate
     from hpcinv.job.fibres import FibreFamily
     from hpcinv.mesh import Body
@@ -58,14 +56,14 @@ def boundary_of(
             if given is None:
                 given = gradients
                 undeformed = fibres(body, families, solution, gradients, cells)
-            found.extend([_in(solution.J, cells), *_in(solution.cauchy_stress, cells).reshape(-1, 9).T])
+            found.extend([*constants_in(solution.J, cells).T, *constants_in(solution.cauchy_stress, cells).T])
             found.extend(np.linalg.svd(gradients, compute_uv=False).T)
             for direction in undeformed.values():
-                found.extend(_unit(np.einsum("cij,cj->ci", gradients, direction)).T)
+                found.extend(unit_vectors(np.einsum("cij,cj->ci", gradients, direction)).T)
         for direction in undeformed.values():
             found.extend(direction.T)
         if estimate:
-            found.append(np.sqrt(estimate.cells[cells] / _volumes(body, cells)))
+            found.append(error_in(body, solutions[0], estimate, cells))
         return np.array(found, dtype=float).reshape(len(found), len(facets)).T
 
     nodes = solutions[0].mesh_nodes if solutions else body.mesh.geometry.x * body.length_scale
@@ -111,27 +109,18 @@ def boundary_of(
     )
 
 
-def _unit(vectors: Floats) -> Floats:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    found: Floats = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-    return found
-
-
 def cut_of(surface: Surface) -> Triangles:
     """Return the triangles of pictures of a boundary."""
     return surface.cut(1 if surface.degree == 1 else _SIDES, np.arange(len(surface.nodes)))
 
 
-def _in(function: Function, cells: LocalIndices) -> Floats:
-    """Values of a piecewise constant function, (cells, components)."""
-    space = function.function_space
-    values = function.x.array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list[cells, 0]]
-    return np.asarray(values.squeeze(axis=1) if values.shape[1] == 1 else values)
+def error_in(body: Body, solution: Solution, estimate: Estimate, cells: LocalIndices) -> Floats:
+    """Return the estimated error of the displacement gradient in local cells, root mean square, (cells,).
 
-
-def _volumes(body: Body, cells: LocalIndices) -> Floats:
-    """Volumes of cells in scaled lengths, from the Jacobian in their middle: exact for straight cells."""
-    geometry, kind = body.mesh.geometry, body.source.kind
+    Volumes are those of the Jacobian in the middle: exact for straight cells.
+    """
+    kind, nodes = body.source.kind, solution.mesh_nodes / body.length_scale
     middle = scalar_element(kind, 1).points.mean(axis=0)[None]
-    matrices = jacobians(kind, body.source.degree, geometry.x[geometry.dofmaps[0][cells]], middle)[:, 0]
-    return np.asarray(np.abs(np.linalg.det(matrices)) / (6.0 if kind == "tetrahedron" else 1.0))
+    matrices = jacobians(kind, body.source.degree, nodes[body.mesh.geometry.dofmaps[0][cells]], middle)[:, 0]
+    volumes = np.abs(np.linalg.det(matrices)) / (6.0 if kind == "tetrahedron" else 1.0)
+    return np.asarray(np.sqrt(estimate.cells[cells] / volumes))
