@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 
+from matplotlib.ticker import MaxNLocator
+
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62.0, 12.0, 10.0, 40.0
 
 
@@ -26,22 +28,21 @@ def chart(
     across: str,
     upward: str,
     *,
-    log_x: bool = False,
     log_y: bool = False,
     size: tuple[int, int] = (640, 300),
 ) -> str:
-    """Return a chart of curves with positive values on logarithmic axes; others are left out.
+    """Return a chart of curves; on a logarithmic axis values that are not positive are left out.
 
     Args:
         title: for readers of the page who do not see it.
         across, upward: names of the axes.
     """
     width, height = size
-    kept = [_positive(curve, log_x=log_x, log_y=log_y) for curve in curves]
+    kept = [_shown(curve, log=log_y) for curve in curves]
     every = [point for curve in kept for point in curve.points]
     if not every:
         return ""
-    x, y = _Axis([p[0] for p in every], log=log_x), _Axis([p[1] for p in every], log=log_y)
+    x, y = _Axis([p[0] for p in every], log=False), _Axis([p[1] for p in every], log=log_y)
 
     def at(point: tuple[float, float]) -> tuple[float, float]:
         px = _LEFT + x.share(point[0]) * (width - _LEFT - _RIGHT)
@@ -76,12 +77,8 @@ def chart(
     return "".join(parts)
 
 
-def _positive(curve: Curve, *, log_x: bool, log_y: bool) -> Curve:
-    rows = [
-        i
-        for i, (px, py) in enumerate(curve.points)
-        if math.isfinite(px) and math.isfinite(py) and (px > 0 or not log_x) and (py > 0 or not log_y)
-    ]
+def _shown(curve: Curve, *, log: bool) -> Curve:
+    rows = [i for i, (_, py) in enumerate(curve.points) if math.isfinite(py) and (py > 0 or not log)]
     labels = [curve.labels[i] for i in rows] if curve.labels else ()
     breaks = frozenset(new for new, old in enumerate(rows) if old in curve.breaks)
     return Curve(curve.name, [curve.points[i] for i in rows], labels, breaks)
@@ -91,26 +88,20 @@ class _Axis:
     """An axis from the least to the largest value, with some rounding outwards."""
 
     def __init__(self, values: Sequence[float], *, log: bool) -> None:
-        self.log = log
-        low, high = min(values), max(values)
+        self._scaled = math.log10 if log else float
+        low, high = self._scaled(min(values)), self._scaled(max(values))
         if log:
-            self.low, self.high = float(math.floor(math.log10(low))), float(math.ceil(math.log10(high)))
-            self.high += self.low == self.high
-            step = max(1, math.ceil((self.high - self.low) / 6))
-            self.ticks = [10.0**k for k in range(int(self.low), int(self.high) + 1, step)]
+            low, high = math.floor(low), math.ceil(high)
+            high += low == high
+            self.ticks = [10.0**k for k in range(low, high + 1, math.ceil((high - low) / 6))]
         else:
-            spread = high - low or abs(high) or 1.0
-            size = 10.0 ** math.floor(math.log10(spread / 4))
-            step_size = next(size * k for k in (1, 2, 5, 10) if spread / (size * k) <= 6)
-            self.low, self.high = math.floor(low / step_size) * step_size, math.ceil(high / step_size) * step_size
-            if self.low == self.high:
-                self.high += step_size
-            count = round((self.high - self.low) / step_size)
-            self.ticks = [self.low + k * step_size for k in range(count + 1)]
+            high = high if high > low else low + (abs(low) or 1.0)
+            self.ticks = list(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high))
+            low, high = self.ticks[0], self.ticks[-1]
+        self._low, self._high = low, high
 
     def share(self, value: float) -> float:
-        placed = math.log10(value) if self.log else value
-        return (placed - self.low) / (self.high - self.low)
+        return (self._scaled(value) - self._low) / (self._high - self._low)
 
 
 def _number(value: float) -> str:
