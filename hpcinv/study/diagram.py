@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from hpcinv.batch.diagram import Scale, Series, as_files, draw_lines, new_figure, style
+from hpcinv.batch.diagram import Scale, Series, draw_lines
+from hpcinv.pictures.figures import as_files, new_figure, style
 from hpcinv.study.findings import Accuracy, StepStatistics
 from hpcinv.study.rows import StudyRow
 from hpcinv.study.spec import Study
