@@ -8,12 +8,12 @@ import h5py
 import numpy as np
 
 from hpcinv.batch.specification import text_of
-from hpcinv.batch.tables import COSTS, Columns, fill
+from hpcinv.batch.tables import Columns, fill
 from hpcinv.study.findings import Accuracy
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue
 from hpcinv.study.rows import StudyRow
-from hpcinv.study.spec import STATISTICS
+from hpcinv.study.spec import COSTS, STATISTICS
 
 
 def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> Columns:
