@@ -7,7 +7,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.overlap import find_overlap
@@ -46,25 +45,26 @@ def boundary_of(
     solutions = [*solutions[:1], *(one for one in solutions[1:] if one.state)]
     regions = {name: region for name, region in body.regions.items() if region.origin != "built in"}
 
+    widths = dict[str, int]()  # numbers of each field in a cell
+
     def evaluate(facets: LocalIndices, cells: LocalIndices) -> Floats:
-        found: list[Floats | npt.NDArray[np.bool_]] = [
-            np.isin(facets, one.facets) | np.isin(cells, one.cells) for one in regions.values()
-        ]
-        given, undeformed = None, dict[str, Floats]()
-        for solution in solutions:
+        inside = {name: np.isin(facets, one.facets) | np.isin(cells, one.cells) for name, one in regions.items()}
+        found = {f"region:{name}": mask.astype(float)[:, None] for name, mask in inside.items()}
+        undeformed = dict[str, Floats]()
+        for number, solution in enumerate(solutions):
             gradients = deformation_gradients(body, solution, cells)
-            if given is None:
-                given = gradients
+            if number == 0:
                 undeformed = fibres(body, families, solution, gradients, cells)
-            found.extend([*constants_in(solution.J, cells).T, *constants_in(solution.cauchy_stress, cells).T])
-            found.extend(np.linalg.svd(gradients, compute_uv=False).T)
-            for direction in undeformed.values():
-                found.extend(unit_vectors(np.einsum("cij,cj->ci", gradients, direction)).T)
-        for direction in undeformed.values():
-            found.extend(direction.T)
+                found |= {f"fibre:{name}": directions for name, directions in undeformed.items()}
+            found[f"J {number}"] = constants_in(solution.J, cells)
+            found[f"stress {number}"] = constants_in(solution.cauchy_stress, cells)
+            found[f"stretches {number}"] = np.linalg.svd(gradients, compute_uv=False)
+            for name, directions in undeformed.items():
+                found[f"fibre {number}:{name}"] = unit_vectors(np.einsum("cij,cj->ci", gradients, directions))
         if estimate:
-            found.append(error_in(body, solutions[0], estimate, cells))
-        return np.array(found, dtype=float).reshape(len(found), len(facets)).T
+            found["error"] = error_in(body, solutions[0], estimate, cells)[:, None]
+        widths.update({name: values.shape[1] for name, values in found.items()})
+        return np.concatenate([np.zeros((len(facets), 0)), *found.values()], axis=1)
 
     nodes = solutions[0].mesh_nodes if solutions else body.mesh.geometry.x * body.length_scale
     given = gather_surface(body, nodes, evaluate)
@@ -72,16 +72,12 @@ def boundary_of(
     rest = gather_surface(body, solutions[1].mesh_nodes) if len(solutions) > 1 else given
     if given is None or rest is None:
         return None
-    cut, n = cut_of(given), len(regions)
+    cut = cut_of(given)
     meshes = [cut.points, *[cut_of(rest).points] * (len(solutions) - 1)]  # further states are solved from one shape
-    values = given.values[cut.facet]
-    columns = iter(values[:, n:].T)
-
-    def take(count: int) -> Floats:
-        return np.stack([next(columns) for _ in range(count)], axis=1)
-
+    columns = np.split(given.values[cut.facet], np.cumsum([*widths.values()])[:-1], axis=1)
+    of = dict(zip(widths, columns, strict=True)) if widths else {}
     results = []
-    for mesh, solution, surface in zip(meshes[: len(solutions)], solutions, others, strict=True):
+    for i, (mesh, solution, surface) in enumerate(zip(meshes[: len(solutions)], solutions, others, strict=True)):
         assert surface is not None  # on rank 0
         crossing = np.zeros(len(cut.corners), dtype=bool)
         if solution.state in overlapping:
@@ -92,20 +88,20 @@ def boundary_of(
                 solution.direction,
                 mesh,
                 cut_of(surface).points,
-                J=take(1)[:, 0],
-                stress=take(9),
-                stretches=take(3),
+                J=of[f"J {i}"][:, 0],
+                stress=of[f"stress {i}"],
+                stretches=of[f"stretches {i}"],
                 crossing=crossing,
-                fibres={name: take(3) for name in families},
+                fibres={name: of[f"fibre {i}:{name}"] for name in families},
             )
         )
     return Boundary(
         points=cut.points,
         triangles=cut.corners,
-        regions={name: values[:, i] > 0 for i, name in enumerate(regions)},
+        regions={name: of[f"region:{name}"][:, 0] > 0 for name in regions},
         results=tuple(results),
-        fibres={name: take(3) for name in families} if solutions else {},
-        error=take(1)[:, 0] if estimate else None,
+        fibres={name: of[f"fibre:{name}"] for name in families} if solutions else {},
+        error=of["error"][:, 0] if estimate else None,
     )
 
 
