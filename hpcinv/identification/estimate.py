@@ -173,8 +173,7 @@ class _Problem:
     """The least squares on rank 0."""
 
     def __init__(self, evaluations: Evaluations, report: Report) -> None:
-        section = evaluations.job.identify
-        assert section is not None
+        section = evaluations.section
         self._evaluations, self._report = evaluations, report
         self.parameters = evaluations.parameters
         sought = [section.sought(p.key) for p in self.parameters]
