@@ -22,7 +22,7 @@ import numpy as np
 from hpcinv.driver import run
 from hpcinv.errors import Interrupted, JobError, MeshError, SolveError
 from hpcinv.files.atomic import output_errors, replace
-from hpcinv.identification.observations import Observed, Prediction, observations_of
+from hpcinv.identification.observations import Observed, PredictedObservation, observations_of
 from hpcinv.identification.shares import Share
 from hpcinv.job.fingerprint import content_key, file_digest
 from hpcinv.job.identification import Identification
@@ -80,10 +80,10 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _TeamResult:
     """What one team has found: predictions by name of the observation."""
 
-    predictions: Mapping[str, Prediction]
+    predictions: Mapping[str, PredictedObservation]
     factorizations: int
     failure: str = ""
 
@@ -170,7 +170,7 @@ class Evaluations:
         on_root(self.comm, lambda: self._keep(found, path))
         return found
 
-    def _of_team(self, job: Job) -> _Part:
+    def _of_team(self, job: Job) -> _TeamResult:
         """Solve the states of this team."""
         team, share = self._workspace.comm, self._share
         result: Result | None = None
@@ -187,18 +187,18 @@ class Evaluations:
             wait_for_all(self.comm)
         agree(self.comm, stopped)
         if result is None:
-            return _Part({}, 0, failure)
+            return _TeamResult({}, 0, failure)
         keys = [share.key(p) for p in self.parameters]
-        predictions: dict[str, Prediction] = {}
+        predictions: dict[str, PredictedObservation] = {}
         for one in self._own:
             found = one.predict(result, [key for key in keys if key])
             if found is not None:
                 whole = np.zeros((len(found.differences), len(keys)))
                 whole[:, [i for i, key in enumerate(keys) if key]] = found.jacobian
-                predictions[one.spec.name] = Prediction(found.differences, whole)
-        return _Part(predictions, sum(solution.factorizations for solution in result.solutions))
+                predictions[one.spec.name] = PredictedObservation(found.differences, whole)
+        return _TeamResult(predictions, sum(solution.factorizations for solution in result.solutions))
 
-    def _joined(self, part: _Part, begun: float) -> Evaluation | None:
+    def _joined(self, part: _TeamResult, begun: float) -> Evaluation | None:
         """Return what all teams have found, on rank 0."""
         parts = self.comm.gather(part if self._workspace.comm.rank == 0 else None)
         if parts is None:

@@ -24,7 +24,7 @@ from hpcinv.files.atomic import create, output_errors, replace
 from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.files.json_data import json_data
 from hpcinv.files.names import check_output
-from hpcinv.identification.estimate import Estimate, Report, estimate
+from hpcinv.identification.estimate import ParameterEstimate, Report, estimate
 from hpcinv.identification.evaluation import Evaluation, Evaluations, SolveTimer
 from hpcinv.identification.report import as_data, changes, sections, sensitivities
 from hpcinv.identification.shares import shares_of, teams_of
@@ -38,7 +38,7 @@ _ORIGIN, _FIGURES, _SECTIONS, _RUN = "identification-origin.json", "identificati
 
 
 @dataclass(frozen=True)
-class Cost:
+class IdentificationCost:
     """Time of an identification, with that of earlier commands.
 
     Attributes:
@@ -75,10 +75,10 @@ class Identified:
         quantity_deviations: standard deviations of the quantities, likewise.
     """
 
-    estimate: Estimate
+    estimate: ParameterEstimate
     job: Job
     result: Result
-    cost: Cost
+    cost: IdentificationCost
     shape_deviations: dict[str, float]
     quantity_deviations: dict[str, float | list[float]]
 
@@ -152,12 +152,12 @@ def identify(
                 one.release()
 
 
-def _cost(evaluations: Sequence[Evaluation], seconds: float, unit: float, factorizations: int) -> Cost:
+def _cost(evaluations: Sequence[Evaluation], seconds: float, unit: float, factorizations: int) -> IdentificationCost:
     """Return the cost of evaluations that took ``seconds`` now, and of one solve."""
     kept = [one for one in evaluations if one.kept]
     total = sum(one.factorizations for one in evaluations)
     whole = seconds + sum(one.seconds for one in kept)
-    return Cost(len(evaluations), len(kept), whole, unit, (total, factorizations))
+    return IdentificationCost(len(evaluations), len(kept), whole, unit, (total, factorizations))
 
 
 def _opened(directory: Path | None, job: Job, content: str, *, overwrite: bool) -> Path | None:

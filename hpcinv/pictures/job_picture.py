@@ -12,7 +12,7 @@ import yaml
 from hpcinv.effects import Effect
 from hpcinv.job.job import Job
 from hpcinv.pictures.boundary import Boundary
-from hpcinv.pictures.drawing import Body, Glyphs, Picture, View, directions, extent, figure
+from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
 
 if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats
@@ -36,14 +36,14 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
     if job.state:
         given_data = {**given_data, **next(state for state in given_data["states"] if state["name"] == job.state)}
         kind += f", loads of '{job.state}'"
-    parts: list[Body | Glyphs] = []
+    parts: list[DrawnBody | Glyphs] = []
     legend, marked = [], np.zeros(len(boundary.triangles), dtype=bool)
     up = None
     for support, colour, given in zip(job.supports, cycle(_SUPPORTS), _rows(given_data, "supports"), strict=False):
         inside = boundary.inside(support.region)
         legend.append((f"support {_text(given, f'region: {support.region}')}", colour))
         marked |= inside
-        parts.append(Body(boundary.points, boundary.triangles[inside], colour))
+        parts.append(DrawnBody(boundary.points, boundary.triangles[inside], colour))
         parts.extend(_fixings(boundary, support.region, sorted(support.held), colour, size))
     for effect, colour, given in zip(job.effects, cycle(_LOADS), _rows(given_data, "effects"), strict=False):
         legend.append(
@@ -58,33 +58,33 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         inside = boundary.inside(region)
         new = inside & ~marked
         marked |= inside
-        parts.append(Body(boundary.points, boundary.triangles[new], colour))
+        parts.append(DrawnBody(boundary.points, boundary.triangles[new], colour))
         centres, normals = _sample(boundary, region)
         vector = _numbers(getattr(effect, "traction", None))
         pull = -normals if vector is None else np.broadcast_to(vector / np.linalg.norm(vector), normals.shape)
         parts.append(Glyphs(centres, colour, pull * _SIZE * size))
-    parts.append(Body(boundary.points, boundary.triangles[~marked], _BODY))
+    parts.append(DrawnBody(boundary.points, boundary.triangles[~marked], _BODY))
     return _both_sides(f"{job.job}: {kind}", boundary, parts, legend, up)
 
 
 def draw_mesh(name: str, boundary: Boundary) -> Picture:
     """Draw a mesh from two sides, each named region in a colour; of regions that overlap the last is on top."""
-    parts, legend = list[Body | Glyphs](), list[tuple[str, str]]()
+    parts, legend = list[DrawnBody | Glyphs](), list[tuple[str, str]]()
     hidden = np.zeros(len(boundary.triangles), dtype=bool)
     for (region, inside), colour in zip(reversed(list(boundary.regions.items())), cycle(_REGIONS), strict=False):
         visible = inside & ~hidden
         legend.append((f"{region}: {inside.sum()} triangles of the boundary", colour))
         if visible.any():
-            parts.append(Body(boundary.points, boundary.triangles[visible], colour))
+            parts.append(DrawnBody(boundary.points, boundary.triangles[visible], colour))
         hidden |= inside
-    parts.append(Body(boundary.points, boundary.triangles[~hidden], _BODY))
+    parts.append(DrawnBody(boundary.points, boundary.triangles[~hidden], _BODY))
     return _both_sides(name, boundary, parts, legend)
 
 
 def _both_sides(
     title: str,
     boundary: Boundary,
-    parts: Sequence[Body | Glyphs],
+    parts: Sequence[DrawnBody | Glyphs],
     legend: Sequence[tuple[str, str]],
     up: Floats | None = None,
 ) -> Picture:
