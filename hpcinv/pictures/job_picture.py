@@ -89,9 +89,11 @@ def _both_sides(
     up: Floats | None = None,
 ) -> Picture:
     front, back, up = directions(boundary.points, up)
+    tails = [part.points - part.vectors for part in parts if isinstance(part, Glyphs) and part.vectors is not None]
+    frame = np.concatenate([boundary.points, *tails])
     views = [
-        View(parts, boundary.points, front, up, "from in front, above"),
-        View(parts, boundary.points, back, up, "from behind, below"),
+        View(parts, frame, front, up, "from in front, above"),
+        View(parts, frame, back, up, "from behind, below"),
     ]
     return figure(views, title, legend=legend, notes=boundary.size)
 
