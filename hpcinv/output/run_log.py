@@ -30,7 +30,8 @@ class RunLog:
             self._fail(error)
             return
         waiting, self._waiting = self._waiting, []
-        self._append("".join([f"{time.strftime(_STAMP)} {_command()}\n", *waiting]))
+        command = shlex.join(["python", "-m", "hpcinv", *sys.argv[1:]]) if sys.argv[1:] else "hpcinv, from Python"
+        self._append("".join([f"{time.strftime(_STAMP)} {command}\n", *waiting]))
 
     def write(self, text: str) -> None:
         stamp = time.strftime(_STAMP)
@@ -59,7 +60,3 @@ class RunLog:
     def _fail(self, error: OSError) -> None:
         self.fault = f"{NAME} cannot be written: {error.strerror or error}"
         self._file, self._waiting = None, []
-
-
-def _command() -> str:
-    return shlex.join(["python", "-m", "hpcinv", *sys.argv[1:]]) if sys.argv[1:] else "hpcinv, from Python"

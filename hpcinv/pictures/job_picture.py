@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from hpcinv.effects import Effect
 from hpcinv.job.job import Job
 from hpcinv.pictures.boundary import Boundary
 from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
@@ -46,9 +45,8 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         parts.append(DrawnBody(boundary.points, boundary.triangles[inside], colour))
         parts.extend(_fixings(boundary, support.region, sorted(support.held), colour, size))
     for effect, colour, given in zip(job.effects, cycle(_LOADS), _rows(given_data, "effects"), strict=False):
-        legend.append(
-            (_text({name: value for name, value in given.items() if name != "effect"}, _kind(effect)), colour)
-        )
+        kept = {name: value for name, value in given.items() if name != "effect"}
+        legend.append((_text(kept, effect.effect), colour))  # type: ignore[attr-defined]
         region, vector = getattr(effect, "region", None), _numbers(getattr(effect, "acceleration", None))
         if vector is not None:
             up = -vector
@@ -131,10 +129,6 @@ def _numbers(value: Any) -> Floats | None:
     if isinstance(value, list | tuple) and len(value) == 3 and all(isinstance(v, int | float) for v in value):
         return np.array(value, dtype=float) if any(value) else None
     return None
-
-
-def _kind(effect: Effect) -> str:
-    return str(getattr(effect, "effect", type(effect).__name__))
 
 
 def _rows(data: Mapping[str, Any], section: str) -> list[Mapping[str, Any]]:

@@ -163,14 +163,11 @@ def _newton(solutions: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Charts and table of each solution: corrections and residuals over the iterations, and the load of each solve."""
     found = []
     for solution in solutions:
-        title, solves = f"Newton's method, {solution['direction']} solution{_of_state(solution)}", solution["solves"]
+        state = f" of state '{solution['state']}'" if solution.get("state") else ""
+        title, solves = f"Newton's method, {solution['direction']} solution{state}", solution["solves"]
         charts = {"chart": convergence_chart(solves, title), "path": load_chart(solves, f"{title}: load")}
         found.append({"title": title, **charts, "solves": solves, "linear": solution.get("linear")})
     return found
-
-
-def _of_state(solution: Mapping[str, Any]) -> str:
-    return f" of state '{solution['state']}'" if solution.get("state") else ""
 
 
 def _phases(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
