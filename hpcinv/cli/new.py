@@ -291,7 +291,7 @@ def _of_kind(kind: str, source: _Source) -> dict[str, str]:
                 supports = [("x0", "x"), ("y0", "y"), ("z0", "z"), ("z1", "z")]
             else:
                 values, law = _starting("fung-demiray"), "law-of-artery.txt"
-                comment = "Where the vessel is cut, what goes on holds it. Read no stress near these ends."
+                comment = "Where the vessel was cut, the rest of it holds the ends. Do not use stresses near them."
                 supports = [(name, "x, y, z") for name in _SURFACES[kind][0]]
             lines = [f"  # {comment}", *(f"  - {{region: {name}, fix: [{axes}]}}" for name, axes in supports)]
             text = Template((_TEMPLATES / law).read_text()).substitute(values).rstrip()

@@ -1,8 +1,8 @@
 """Flow of an identification: evaluations and estimate, then one run of the job at the estimate.
 
 A directory has ``identification.json``, ``sections.yaml`` (of the job, at the estimate), ``run/`` (the run there) and
-``evaluations/``, which a command that was killed goes on from: least squares take the same way again, and find there
-what was evaluated before.
+``evaluations/``, from which a command that was killed continues: the least squares take the same steps again, and find
+there what was evaluated before.
 """
 
 from __future__ import annotations
