@@ -25,23 +25,22 @@ _LOOK |= {"axes.edgecolor": _LINES, "grid.color": _LINES}
 def convergence_chart(solves: Sequence[Mapping[str, Any]], title: str) -> str:
     """Return a chart of corrections, relative to the state, and residuals after each iteration, a line for each solve.
 
-    A new tangent is marked by a full circle, a kept one by an empty one. It is empty without iterations.
+    A new tangent is marked by a full circle, a kept one by an empty one. It is empty without positive norms.
 
     Args:
         title: for readers of the page who do not see it.
     """
     iterations = [iteration for solve in solves for iteration in solve["iterations"]]
-    if not iterations:
+    corrections = np.array([_ratio(iteration["correction"], iteration["state"]) for iteration in iterations])
+    residuals = np.array([_ratio(iteration["residual"], 1.0) for iteration in iterations])
+    if not np.isfinite([corrections, residuals]).any():
         return ""
     across = np.arange(1, len(iterations) + 1)
     is_new = np.array([iteration["new_tangent"] for iteration in iterations])
     ends = np.cumsum([len(solve["iterations"]) for solve in solves])[:-1]
     with _axes(3.0, "iteration", "norm") as axes:
-        for name, colour, values in (
-            ("relative correction", _FIRST, [_ratio(i["correction"], i["state"]) for i in iterations]),
-            ("residual (scaled)", _SECOND, [_ratio(i["residual"], 1.0) for i in iterations]),
-        ):
-            norms = np.array(values)
+        curves = {"relative correction": (corrections, _FIRST), "residual (scaled)": (residuals, _SECOND)}
+        for name, (norms, colour) in curves.items():
             for x, y in zip(np.split(across, ends), np.split(norms, ends), strict=True):
                 axes.plot(x, y, color=colour)
             for chosen, face in ((is_new, colour), (~is_new, "none")):

@@ -226,6 +226,7 @@ def test_charts_show_each_iteration_and_leave_out_what_has_no_place() -> None:
     assert len(marks) == 3 + 1  # and one in the legend
     assert len({*marks}) == 2  # full and empty
     assert convergence_chart([{"load": 1.0, "iterations": []}], "t") == ""
+    assert convergence_chart([{"load": 1.0, "iterations": [iteration(0.0, new=True)]}], "t") == ""
     assert load_chart([first], "t") == ""
     assert load_chart([first, second], "t").count("<use ") > 2
     for text in (chart, load_chart([first, second], "t")):
