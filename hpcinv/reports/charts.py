@@ -25,7 +25,7 @@ _LOOK |= {"axes.edgecolor": _LINES, "grid.color": _LINES}
 def convergence_chart(solves: Sequence[Mapping[str, Any]], title: str) -> str:
     """Return a chart of corrections, relative to the state, and residuals after each iteration, a line for each solve.
 
-    A new tangent is marked by a full circle, a kept one by an empty one. It is empty without positive norms.
+    A new tangent is marked by a full circle, a kept one by an empty one. The text is empty without positive norms.
 
     Args:
         title: for readers of the page who do not see it.
@@ -52,7 +52,7 @@ def convergence_chart(solves: Sequence[Mapping[str, Any]], title: str) -> str:
 
 
 def load_chart(solves: Sequence[Mapping[str, Any]], title: str) -> str:
-    """Return a chart of the load factor of each solve; empty for one solve."""
+    """Return a chart of the load factor of each solve; no text for one solve."""
     if len(solves) < 2:
         return ""
     with _axes(2.0, "solve", "load factor") as axes:
