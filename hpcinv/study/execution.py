@@ -85,7 +85,7 @@ class StudySchedule:
         if claim is not None:
             done, total = known.count()
             yield StudyTask(known.plan.runs[run].place.title, job, claim, done + 1, total)
-        known.read_one(run, number)
+            known.read()
 
     def _is_finished(self) -> bool:
         known = self.executions
