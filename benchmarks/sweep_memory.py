@@ -19,7 +19,7 @@ import yaml
 
 from hpcinv.batch.worker import work
 from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep.execution import SweepBatch
+from hpcinv.sweep.execution import sweep_batch
 from hpcinv.sweep.plan import load_sweep
 
 mpl.use("Agg")
@@ -78,7 +78,7 @@ def main() -> None:
         axes = [{"grid": {"mesh.parameters": meshes}}, {"name": "law", "branches": laws}]
         sweep.write_text(yaml.safe_dump({"job": base.name, "store": "store", "axes": axes}))
         plan = load_sweep(sweep)
-        work(SweepBatch(plan), MPI.COMM_WORLD, 0.0, 60.0, note, lambda: False)
+        work(sweep_batch(plan), MPI.COMM_WORLD, 0.0, 60.0, note, lambda: False)
 
     reuse_groups = len({case.reuse_group for case in plan.cases})
     print(f"{done} cases of {reuse_groups} reuse groups in one process; MB resident, communicators free")

@@ -1,19 +1,15 @@
 """Drawing of the diagrams of studies and sweeps: lines or points over one parameter, maps over two.
 
-Failed cases are red. Colours are distinguishable for colour-blind readers (Okabe & Ito, 2008); in black and white
-series differ by markers and dashes.
+Failed cases are red.
 """
 
-import io
 import math
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
@@ -21,55 +17,14 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from hpcinv.pictures.figures import style
+
 type Floats = npt.NDArray[np.float64]
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-# dotted lines are for estimates
-DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (10, 2, 3, 2)), (0, (8, 2)), (0, (2, 1)))
-STYLE: Any = {
-    "svg.fonttype": "none",  # text stays text
-    "svg.hashsalt": "hpcinv",  # the same diagram is the same file
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "0.92",
-    "grid.linewidth": 0.6,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 10,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-}
-FORMATS = ("png", "svg")
 RED = "#C00000"
 GREEN = "#009E73"
 _CROSS: dict[str, Any] = {"linestyle": "none", "marker": "x", "markersize": 6, "markeredgewidth": 1.5}
 _DIAGNOSES = (RED, "#E69F00", "#CC79A7", "#000000")
-
-
-def style(number: int) -> tuple[str, str, Any]:
-    """Return colour, marker and dashes of a series; after the last colour the combinations differ."""
-    turn, i = divmod(number, len(COLOURS))
-    return COLOURS[i], MARKERS[(i + turn) % len(MARKERS)], DASHES[(i + turn) % len(DASHES)]
-
-
-@contextmanager
-def new_figure(width: float, height: float) -> Iterator[Figure]:
-    """Yield a figure of a size in inches; the common style holds within the context."""
-    with mpl.rc_context(STYLE):
-        yield Figure(figsize=(width, height), layout="constrained")
-
-
-def as_files(figure: Figure) -> dict[str, bytes]:
-    """Return the contents of a figure's files by format."""
-    files = {}
-    for form in FORMATS:
-        content = io.BytesIO()
-        figure.savefig(content, format=form, dpi=200, metadata={"Date": None} if form == "svg" else None)
-        files[form] = content.getvalue()
-    return files
 
 
 @dataclass(frozen=True)

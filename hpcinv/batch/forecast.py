@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 
 from hpcinv.batch.ledger.record import CaseRecord
@@ -13,30 +13,21 @@ def remaining_seconds(
 ) -> float | None:
     """Return the seconds that the cases without a record take one after the other; ``None`` if nothing is known.
 
+    A case takes the median of the finished ones of its reuse group. Where there are none, it takes the median of the
+    group with the nearest number of unknowns (by their ratio), times that ratio; where that number is not known, the
+    median over the groups.
+
     Args:
+        reuse_groups: of all cases by key.
+        records: of the finished ones by key.
         unknowns: number of unknowns by reuse group, where it is known without a record.
     """
-    seconds: dict[str, list[float]] = {}
-    sizes: dict[str, int] = {}
+    finished: dict[str, list[float]] = {}
+    sizes = dict(unknowns or {})
     for key, record in records.items():
-        seconds.setdefault(reuse_groups[key], []).append(record.seconds)
+        finished.setdefault(reuse_groups[key], []).append(record.seconds)
         if (size := record.statistics.get("mesh", {}).get("unknowns")) is not None:
-            sizes[reuse_groups[key]] = size
-    left = (group for key, group in reuse_groups.items() if key not in records)
-    return forecast(left, seconds, sizes | dict(unknowns or {}))
-
-
-def forecast(
-    reuse_groups: Iterable[str], finished: Mapping[str, Sequence[float]], unknowns: Mapping[str, int]
-) -> float | None:
-    """Return the seconds that open cases take one after the other; ``None`` if nothing has been finished.
-
-    A case takes the median of the finished ones of its reuse group. Where there are none, it takes the median of the
-    group with the nearest number of unknowns (by their ratio), times that ratio.
-
-    Args:
-        unknowns: number of unknowns by reuse group; where it is not known, a case takes the median over the groups.
-    """
+            sizes.setdefault(reuse_groups[key], size)
     medians = {reuse_group: statistics.median(seconds) for reuse_group, seconds in finished.items()}
     if not medians:
         return None
@@ -45,13 +36,13 @@ def forecast(
     def seconds_of(reuse_group: str) -> float:
         if reuse_group in medians:
             return medians[reuse_group]
-        ratios = {s: unknowns[reuse_group] / unknowns[s] for s in medians if {s, reuse_group} <= unknowns.keys()}
+        ratios = {s: sizes[reuse_group] / sizes[s] for s in medians if {s, reuse_group} <= sizes.keys()}
         if not ratios:
             return statistics.median(medians.values())
         nearest = min(ratios, key=lambda s: abs(math.log(ratios[s])))
         return medians[nearest] * ratios[nearest]
 
-    return sum(map(seconds_of, reuse_groups))
+    return sum(seconds_of(group) for key, group in reuse_groups.items() if key not in records)
 
 
 def in_words(seconds: float) -> str:

@@ -38,7 +38,6 @@ def fill(group: h5py.Group, columns: Columns, units: Mapping[str, str]) -> None:
             data.attrs["unit"] = units[column]
 
 
-COSTS = {"time": "s", "run": "s", "certified": "s", "solver": "s", "compile": "s", "memory": "B"}
 _IN_SUMMARY = {"max": "m", "rms": "m", "strain_energy": "J", "total": "s"}
 
 

@@ -85,32 +85,24 @@ class Runner[T: BatchTask](ABC):
             task.claim.run.parent.rmdir()
 
 
-class Batch(ABC):
+@dataclass(frozen=True)
+class Batch:
     """Set of cases that any number of allocations solve together.
 
     Attributes:
+        store: the directory that the allocations share.
+        limit: largest wall time (s) of a case; ``None`` without limit.
         retry: the command that opens failed cases again.
+        schedule: makes the schedule of a group from the ledger, the share (0 to 1) of the list of cases at which it
+            begins, and its number of ranks.
+        runner: makes the runner on the ranks of a group.
     """
 
+    store: Path
+    limit: float | None
     retry: str
-
-    @property
-    @abstractmethod
-    def store(self) -> Path:
-        """The directory that the allocations share."""
-
-    @property
-    @abstractmethod
-    def limit(self) -> float | None:
-        """Largest wall time (s) of a case; ``None`` without limit."""
-
-    @abstractmethod
-    def schedule(self, ledger: Ledger, begin: float, ranks: int) -> Schedule[Any]:
-        """Return the schedule of a group of ``ranks``, which begins at a share (0 to 1) of the list of cases."""
-
-    @abstractmethod
-    def runner(self, comm: Intracomm) -> Runner[Any]:
-        """Return the runner on the ranks of a group."""
+    schedule: Callable[[Ledger, float, int], Schedule[Any]]
+    runner: Callable[[Intracomm], Runner[Any]]
 
     def overdue_record(self, claim: Claim) -> CaseRecord:
         """Return the record of a case that took longer than the limit."""

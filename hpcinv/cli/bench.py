@@ -1,4 +1,4 @@
-"""``hpcinv bench``: measure the set-up of a machine, linear solvers, the gain of more ranks, and the cost of states.
+"""``hpcinv bench``: measure the set-up of a machine, linear solvers, and the gain of more ranks.
 
 Two bodies of silicone are solved: a cube on its clamped bottom face, and a rod 20 times as long as wide, clamped at one
 end; both under their own weight, inverse, in the mixed form.
@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 
     type Bodies = Mapping[str, Callable[[int], JobData]]
 
-SECTIONS = ("setup", "linear", "ranks", "states")
+SECTIONS = ("setup", "linear", "ranks")
 LINEAR_SOLVERS = ("direct", "iterative")
-_SIZES = {"linear": (5_000, 15_000, 50_000), "ranks": (40_000,), "states": (15_000,)}
-_STATES = (1, 2, 5)
+_SIZES = {"linear": (5_000, 15_000, 50_000), "ranks": (40_000,)}
 _PHASES = ("tangent", "factorization", "linear solve")
 _GEOMETRY = """SetFactory("OpenCASCADE");
 Box(1) = {{0, 0, 0, {length}, {width}, {width}}};
@@ -48,7 +47,7 @@ def add_bench(commands: Any) -> None:
     bench = add_command(
         commands,
         "bench",
-        "Measure this machine: set-up, linear solvers, ranks, states (without mpirun).",
+        "Measure this machine: set-up, linear solvers, ranks (without mpirun).",
         examples=("hpcinv bench\nhpcinv bench linear ranks --sizes 20000 --ranks 1 2 4 --out bench.json"),
         page="performance/index.md",
     )
@@ -58,7 +57,7 @@ def add_bench(commands: Any) -> None:
         type=positive,
         nargs="+",
         metavar="N",
-        help="unknowns, about (linear: 5000 15000 50000; ranks: 40000; states: 15000)",
+        help="unknowns, about (linear: 5000 15000 50000; ranks: 40000)",
     )
     bench.add_argument(
         "--ranks", type=positive, nargs="+", metavar="N", help="ranks that are compared (1, 2, 4 … up to the cores)"
@@ -86,8 +85,6 @@ def _bench(options: argparse.Namespace) -> int:
                     findings = setup(bench, counts)
                 case "linear":
                     findings = linear(bench, bodies(bench), sizes, options.repeat)
-                case "states":
-                    findings = states(bench, bodies(bench), sizes, options.repeat)
                 case _:
                     findings = ranks(bench, bodies(bench), sizes, counts, options.repeat)
             findings.show()
@@ -292,55 +289,3 @@ def ranks(bench: Bench, measured: Bodies, sizes: Sequence[int], counts: Sequence
         notes,
         {"repeat": repeat, "unknowns": {name: of[0].unknowns for name, of in runs.items()}, "seconds": seconds},
     )
-
-
-def states(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) -> Findings:
-    """Compare jobs of several states of one body on one rank: what does a further state cost beside its solve?"""
-    from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Findings, median
-
-    jobs = {
-        f"{name}, {size}, {count}": (_with_states({**body(size), "certificate": WITHOUT_CERTIFICATE}, count), 1)
-        for size in sizes
-        for name, body in measured.items()
-        for count in _STATES
-    }
-    runs = bench.alternating(jobs, repeat)
-    seconds = {
-        name: {
-            "command": median(of, lambda run: run.seconds),
-            "solver": median(of, lambda run: run.solver),
-            "others": median(of, lambda run: run.seconds - run.solver),
-        }
-        for name, of in runs.items()
-    }
-    rows, notes = list[tuple[str, ...]](), list[str]()
-    for size in sizes:
-        for name in measured:
-            one, last = (seconds[f"{name}, {size}, {count}"] for count in (_STATES[0], _STATES[-1]))
-            for count in _STATES:
-                key = f"{name}, {size}, {count}"
-                of = runs[key][0]
-                figures = (f"{value:.2f}" for value in seconds[key].values())
-                rows.append((name, f"{of.unknowns}", str(count), f"{of.count('factorizations')}", *figures))
-            each = {title: (last[title] - one[title]) / (_STATES[-1] - _STATES[0]) for title in one}
-            notes.append(
-                f"{name}, {rows[-1][1]} unknowns: a further state takes {each['command']:.2f} s, {each['solver']:.2f} s"
-                f" of them its solve; a job of its own would take {one['others']:.2f} s beside its solve"
-            )
-    return Findings(
-        f"states: 1 rank, seconds, medians of {repeat}",
-        ("body", "unknowns", "states", "factorizations", "command", "solver", "others"),
-        rows,
-        notes,
-        {"repeat": repeat, "seconds": seconds},
-    )
-
-
-def _with_states(job: JobData, count: int) -> JobData:
-    """Return a job with a number of loaded states: the given one, and others with the load turned and smaller."""
-    (effect,), found = job["effects"], []
-    for i in range(count):
-        x, y, z = ((1 - i / 8) * a for a in effect["acceleration"])
-        turned = effect | {"acceleration": [x, y, z] if i % 2 == 0 else [x, z, y]}
-        found.append({"name": f"state-{i}", "effects": [turned]} | ({} if i else {"given": True}))
-    return {key: value for key, value in job.items() if key != "effects"} | {"states": found}

@@ -71,16 +71,15 @@ def show(job: Job, found: Explanation) -> None:
 def _cells(row: PartCosts, found: Explanation, *, signed: bool) -> tuple[str, ...]:
     sign = "+" if signed else ""
     kinds = ", ".join(f"{sign}{n} {kind}" for kind, n in row.integrals.items()) or "-"
-    cost = row.cost
     return (
         row.name,
         kinds,
         f"{row.constants:{sign}}",
         f"{row.fields:{sign}}",
-        f"{cost.compile:{sign}.1f} s",
-        f"{sign if cost.residual >= 0 else ''}{_ms(cost.residual)}",
-        f"{sign if cost.tangent >= 0 else ''}{_ms(cost.tangent)}",
-        f"{cost.assembly / found.iteration:{sign}.1%}",
+        f"{row.compile:{sign}.1f} s",
+        f"{sign if row.residual >= 0 else ''}{_ms(row.residual)}",
+        f"{sign if row.tangent >= 0 else ''}{_ms(row.tangent)}",
+        f"{row.assembly / found.iteration:{sign}.1%}",
     )
 
 

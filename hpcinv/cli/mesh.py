@@ -39,41 +39,7 @@ def add_mesh(commands: Any) -> None:
     )
     actions = mesh.add_subparsers(required=True, metavar="action")
 
-    image = add_command(
-        actions,
-        "from-image",
-        "Mesh a segmented image, with a region for each label, to look at before a run.",
-        examples="hpcinv mesh from-image organ.nii.gz organ.msh --label organ=1 --size '5 mm'",
-        page="how-to/images.md",
-    )
-    image.add_argument("input", type=Path, help="image of labels (.nii, .nrrd, .mha, .mhd, .vti, also with .gz; .dcm)")
-    _add_meshing(image)
-    image.add_argument(
-        "--label", action="append", required=True, metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
-    )
-    image.add_argument("--unit", help="length unit of the image, as mesh.unit of a job; by default mm")
-    image.add_argument(
-        "--neighbour",
-        action="append",
-        default=[],
-        metavar="NAME=NUMBER[,NUMBER…]",
-        help="voxels that are not meshed, as mesh.neighbours of a job",
-    )
-    image.add_argument("--orientation", help="frame of the mesh, as mesh.orientation of a job; by default LPS")
-    image.set_defaults(command=_from_image)
-
-    surface = add_command(
-        actions,
-        "from-surface",
-        "Mesh the body in a closed surface, to look at before a run.",
-        examples="hpcinv mesh from-surface organ.stl organ.msh --size '5 mm' --unit mm",
-        page="start/your-own-mesh.md",
-    )
-    surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
-    _add_meshing(surface)
-    surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
-    surface.set_defaults(command=_from_surface)
-
+    _add_scans(actions)
     picture = add_command(
         actions,
         "show",
@@ -118,6 +84,43 @@ def add_mesh(commands: Any) -> None:
     gather.add_argument("output", type=Path, help=_OUTPUT)
     add_option(gather)
     gather.set_defaults(command=_gather)
+
+
+def _add_scans(actions: Any) -> None:
+    image = add_command(
+        actions,
+        "from-image",
+        "Mesh a segmented image, with a region for each label, to look at before a run.",
+        examples="hpcinv mesh from-image organ.nii.gz organ.msh --label organ=1 --size '5 mm'",
+        page="how-to/images.md",
+    )
+    image.add_argument("input", type=Path, help="image of labels (.nii, .nrrd, .mha, .mhd, .vti, also with .gz; .dcm)")
+    _add_meshing(image)
+    image.add_argument(
+        "--label", action="append", required=True, metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
+    )
+    image.add_argument("--unit", help="length unit of the image, as mesh.unit of a job; by default mm")
+    image.add_argument(
+        "--neighbour",
+        action="append",
+        default=[],
+        metavar="NAME=NUMBER[,NUMBER…]",
+        help="voxels that are not meshed, as mesh.neighbours of a job",
+    )
+    image.add_argument("--orientation", help="frame of the mesh, as mesh.orientation of a job; by default LPS")
+    image.set_defaults(command=_from_image)
+
+    surface = add_command(
+        actions,
+        "from-surface",
+        "Mesh the body in a closed surface, to look at before a run.",
+        examples="hpcinv mesh from-surface organ.stl organ.msh --size '5 mm' --unit mm",
+        page="start/your-own-mesh.md",
+    )
+    surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
+    _add_meshing(surface)
+    surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
+    surface.set_defaults(command=_from_surface)
 
 
 def _add_meshing(action: argparse.ArgumentParser) -> None:

@@ -10,7 +10,6 @@ import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
@@ -111,10 +110,8 @@ def _new(options: argparse.Namespace) -> int:
         "command": " ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))]),
         "file": shlex.quote(str(output)),
         "name": output.stem,
-        "mesh": source.mesh,
-        "frame": source.frame,
     }
-    text = Template((_TEMPLATES / f"{kind}.yaml").read_text()).substitute(values | _of_kind(kind, source))
+    text = _job(kind, source, values)
     paths = [output] if source.beside is None else [output, source.beside]
     if (existing := [path for path in paths if path.exists()]) and not options.force:
         raise OutputError(f"{existing[0]}: exists", "Choose another name, or replace it by --force.")
@@ -256,74 +253,41 @@ def _of_surface(options: argparse.Namespace) -> _Source:
     return _Source(_section(entries), (bounds[0], bounds[1]), _UNKNOWN)
 
 
-def _of_kind(kind: str, source: _Source) -> dict[str, str]:
-    """What the template of a kind needs further."""
-    import numpy as np
+def _job(kind: str, source: _Source, values: Mapping[str, Any]) -> str:
+    """Return the content of a job: the template of its kind, filled."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    match kind:
-        case "liver":
-            if source.box is None:
-                frame = " (the example lies on z = -40 mm)"
-                return {"gravity": "[0, 0, -9.81 m/s^2]", "held": "z < -20 mm", "frame": frame}
-            return {"gravity": "[0, 9.81 m/s^2, 0]", "held": _end(source.box, 1, -1)}
-        case "breast":
-            fat = laws()["neo-hookean"].starting_values["tissue"]
-            published = fat.source.removesuffix(", at small strain")
-            values = {"of": fat.of, "source": published, "young": fat.parameters["young"]}
-            if source.box is None:
-                return values | {
-                    "frame": " (the chest of the example is z = 0)",
-                    "gravity": "[0, 0, 9.81 m/s^2]",
-                    "reverse": "[0, 0, -9.81 m/s^2]",
-                    "wall": "wall",
-                    "regions": "# regions of the mesh: wall (on the chest), skin, gland, fat",
-                }
-            return values | {
-                "gravity": "[0, -9.81 m/s^2, 0]",
-                "reverse": "[0, 9.81 m/s^2, 0]",
-                "wall": "chest",
-                "regions": f"regions:\n  chest: {_end(source.box, 1, -1)} # what lies on the chest, by its position",
-            }
-        case "artery":
-            if source.is_example:
-                values, law = _starting("holzapfel-gasser-ogden"), "law-of-artery-with-fibres.txt"
-                comment = "A quarter by symmetry, between two planes: the artery is as long with pressure as without."
-                supports = [("x0", "x"), ("y0", "y"), ("z0", "z"), ("z1", "z")]
-            else:
-                values, law = _starting("fung-demiray"), "law-of-artery.txt"
-                comment = "Where the vessel is cut, what goes on holds it. Read no stress near these ends."
-                supports = [(name, "x, y, z") for name in _SURFACES[kind][0]]
-            lines = [f"  # {comment}", *(f"  - {{region: {name}, fix: [{axes}]}}" for name, axes in supports)]
-            text = Template((_TEMPLATES / law).read_text()).substitute(values).rstrip()
-            return {"law": text, "supports": "\n".join(lines)}
-        case "ventricle":
-            return _starting("guccione")
-        case _:
-            if source.box is None:
-                return {"regions": "# regions of the mesh: clamp, tip, side", "clamp": "clamp"}
-            axis = int(np.argmax(source.box[1] - source.box[0]))
-            held = _end(source.box, axis, 1)
-            return {"regions": f"regions:\n  clamp: {held} # the end that is held, by its position", "clamp": "clamp"}
+    templates = Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    tissue = {name: of for name, law in laws().items() if (of := law.starting_values.get("tissue"))}
+    ends: dict[str, dict[str, str]] = {}
+    longest = ""
+    if source.box is not None:
+        low, size = source.box[0] * 1e3, (source.box[1] - source.box[0]) * 1e3  # mm
+        longest = "xyz"[int(size.argmax())]
+        for i, axis in enumerate("xyz"):
+            below, above = low[i] + _HELD * size[i], low[i] + (1 - _HELD) * size[i]
+            ends[axis] = {"low": f"{axis} < {below:.4g} mm", "high": f"{axis} > {above:.4g} mm"}
+    return templates.get_template(f"{kind}.yaml").render(
+        mesh=source.mesh,
+        frame=source.frame,
+        example=source.is_example,
+        tissue=tissue,
+        ends=ends,
+        longest=longest,
+        **values,
+    )
 
 
 def _section(entries: list[str]) -> str:
     return (
         "# For figures that count, take smaller cells until the certificate passes.\nmesh: {" + ", ".join(entries) + "}"
     )
-
-
-def _starting(law: str) -> dict[str, str]:
-    """Published values of a law, as lines of a job, and their source."""
-    found = laws()[law].starting_values["tissue"]
-    lines = "\n".join(f"  {name}: {value}" for name, value in found.parameters.items())
-    return {"values": lines, "of": found.of, "source": found.source}
-
-
-def _end(box: tuple[np.ndarray, np.ndarray], axis: int, side: int) -> str:
-    """The condition for one end of a body: at its low coordinates (1) or at its high ones (-1)."""
-    low, high = (float(corner[axis]) for corner in box)
-    at = low + _HELD * (high - low) if side > 0 else high - _HELD * (high - low)
-    return f"{'xyz'[axis]} {'<' if side > 0 else '>'} {at * 1e3:.4g} mm"
 
 
 def _size(options: argparse.Namespace, volume: float) -> str:

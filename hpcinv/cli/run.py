@@ -39,7 +39,7 @@ def add_run(commands: Any) -> None:
     resume = add_command(
         commands,
         "resume",
-        "Go on with a run from its last checkpoint, on any number of ranks.",
+        "Continue a run from its last checkpoint, on any number of ranks.",
         examples="mpirun -n 3 hpcinv resume results/pdms-beam",
         page="how-to/interruptions.md",
     )
@@ -89,8 +89,8 @@ def _resume(options: argparse.Namespace) -> int:
     if options.untrusted:
         directory = options.directory
         text = f"{directory}: --untrusted: checkpoints that came from elsewhere are not read"
-        anew = f"Start anew with 'run --untrusted {directory / 'job.yaml'}'"
-        raise OutputError(text, f"{anew}; a run of your own that began with --untrusted keeps to it by itself.")
+        again = f"Start it again with 'run --untrusted {directory / 'job.yaml'}'"
+        raise OutputError(text, f"{again}; a run that you have started with --untrusted is resumed so without it.")
 
     def read() -> tuple[Job, RunDirectory]:
         directory = RunDirectory(options.directory)

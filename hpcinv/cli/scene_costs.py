@@ -34,35 +34,29 @@ _ROUNDS = 7  # the fastest counts, since disturbances only lengthen a measuremen
 
 
 @dataclass(frozen=True)
-class Cost:
-    """Seconds: of processor time to compile residual and tangent, of wall time to assemble each of them once."""
-
-    compile: float
-    residual: float
-    tangent: float
-
-    def __sub__(self, other: Cost) -> Cost:
-        return Cost(self.compile - other.compile, self.residual - other.residual, self.tangent - other.tangent)
-
-    @property
-    def assembly(self) -> float:
-        return self.residual + self.tangent
-
-
-@dataclass(frozen=True)
 class PartCosts:
-    """One part of the scene: its name, its contributions to the forms, and its costs."""
+    """One part of the scene: its contributions to the forms, and its costs.
+
+    Attributes:
+        compile: seconds of processor time to compile residual and tangent.
+        residual, tangent: seconds to assemble each of them once.
+    """
 
     name: str
     integrals: Counter[str]
     constants: int
     fields: int
-    cost: Cost
+    compile: float
+    residual: float
+    tangent: float
+
+    @property
+    def assembly(self) -> float:
+        return self.residual + self.tangent
 
     def more_than(self, other: PartCosts, name: str) -> PartCosts:
         """Return the part that is in these and not in the others."""
-        constants, fields = self.constants - other.constants, self.fields - other.fields
-        return PartCosts(name, self.integrals - other.integrals, constants, fields, self.cost - other.cost)
+        return PartCosts(name, **{key: mine - vars(other)[key] for key, mine in vars(self).items() if key != "name"})
 
 
 @dataclass(frozen=True)
@@ -87,7 +81,7 @@ class Explanation:
     @property
     def iteration(self) -> float:
         """Seconds of one Newton iteration with a new tangent."""
-        return self.total.cost.assembly + self.factorization + self.solution
+        return self.total.assembly + self.factorization + self.solution
 
 
 def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda text: None) -> Explanation:
@@ -115,7 +109,7 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
             note(f"compiling {name}")
             compiled[scene] = _Compiled(scene, model.supports.conditions)
     measured = _measured(compiled)
-    total, laws, *without_one = (_part(scene, measured[scene]) for scene in scenes.values())
+    total, laws, *without_one = (_part(scene, *measured[scene]) for scene in scenes.values())
     rows = [replace(laws, name=_laws(job))]
     for (where, effect), without in zip(job.named_effects, without_one, strict=True):
         rows.append(total.more_than(without, f"{where} {effect.effect}"))  # type: ignore[attr-defined]
@@ -162,14 +156,14 @@ def _processor_seconds() -> float:
     return used.user + used.system + used.children_user + used.children_system
 
 
-def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, Cost]:
-    """Measure assembly times, all scenes in turn, so that a disturbance affects all of them."""
+def _measured(compiled: Mapping[Scene, _Compiled]) -> dict[Scene, tuple[float, float, float]]:
+    """Measure assembly times, all scenes in turn, so that a disturbance affects all of them; return all seconds."""
     best = {scene: [np.inf, np.inf] for scene in compiled}
     for _ in range(_ROUNDS):
         for scene, forms in compiled.items():
             for i, assemble in enumerate((forms.assemble_residual, forms.assemble_tangent)):
                 best[scene][i] = min(best[scene][i], _seconds(forms.vector.comm.tompi4py(), assemble))
-    return {scene: Cost(forms.seconds, *best[scene]) for scene, forms in compiled.items()}
+    return {scene: (forms.seconds, best[scene][0], best[scene][1]) for scene, forms in compiled.items()}
 
 
 def _linear_solver(model: Model, scene: Scene) -> tuple[str, float, float]:
@@ -198,13 +192,13 @@ def _seconds(comm: MPI.Intracomm, work: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def _part(scene: Scene, cost: Cost) -> PartCosts:
+def _part(scene: Scene, *seconds: float) -> PartCosts:
     """Return contents and costs of a whole scene."""
     form = scene.residual
     kinds = {(i.integral_type(), i.subdomain_id()) for i in form.integrals()}
     integrals = Counter(_KINDS[kind] for kind, _ in kinds)
     constants = sum(int(np.prod(c.ufl_shape)) for c in form.constants())
-    return PartCosts("scene", integrals, constants, len(form.coefficients()) - 1, cost)
+    return PartCosts("scene", integrals, constants, len(form.coefficients()) - 1, *seconds)
 
 
 _KINDS = {"cell": "volume", "exterior_facet": "surface"}

@@ -15,7 +15,7 @@ from hpcinv.cli.sweep_results import add_results
 from hpcinv.cli.sweep_submit import add_submit
 from hpcinv.errors import Interrupted
 from hpcinv.files.untrusted import add_option
-from hpcinv.sweep.execution import SweepBatch
+from hpcinv.sweep.execution import sweep_batch
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import results, status_of
 
@@ -126,7 +126,7 @@ def _run(options: argparse.Namespace) -> int:
         interrupted = False
         try:
             conduct(
-                SweepBatch(plan),
+                sweep_batch(plan),
                 world,
                 ranks_per_case=options.ranks_per_case,
                 share=options.shard,

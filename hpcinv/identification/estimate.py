@@ -52,7 +52,7 @@ class Residuals:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """Parameters that fit the observations best.
 
     Attributes:
@@ -140,7 +140,7 @@ type Report = Callable[[int, Floats, float, Evaluation], None]
 """called on rank 0 with the number of an evaluation, the values, χ² and the evaluation"""
 
 
-def estimate(evaluations: Evaluations, report: Report) -> Estimate:
+def estimate(evaluations: Evaluations, report: Report) -> ParameterEstimate:
     """Find the parameters, on all ranks; collective.
 
     Raises:
@@ -151,7 +151,7 @@ def estimate(evaluations: Evaluations, report: Report) -> Estimate:
     comm = evaluations.comm
     if comm.rank == 0:
         problem = _Problem(evaluations, report)
-        found: Estimate | None = None
+        found: ParameterEstimate | None = None
         try:
             found = problem.solve()
         except (JobError, SolveError) as error:
@@ -164,7 +164,7 @@ def estimate(evaluations: Evaluations, report: Report) -> Estimate:
         if values is None:
             if isinstance(ending, Exception):
                 raise ending
-            assert isinstance(ending, Estimate)
+            assert isinstance(ending, ParameterEstimate)
             return ending
         evaluations.at(values)
 
@@ -173,8 +173,7 @@ class _Problem:
     """The least squares on rank 0."""
 
     def __init__(self, evaluations: Evaluations, report: Report) -> None:
-        section = evaluations.job.identify
-        assert section is not None
+        section = evaluations.section
         self._evaluations, self._report = evaluations, report
         self.parameters = evaluations.parameters
         sought = [section.sought(p.key) for p in self.parameters]
@@ -193,7 +192,7 @@ class _Problem:
         candidates = [abs(self._start[i]), prior[1] if prior else 0.0, width if np.isfinite(width) else 0.0]
         return float(next((c for c in candidates if c > 0), 1.0))
 
-    def solve(self) -> Estimate:
+    def solve(self) -> ParameterEstimate:
         first = self._at(self._start)
         if first.failure:
             raise SolveError(
@@ -216,7 +215,7 @@ class _Problem:
         parts = np.split(last.differences / self._deviation, np.cumsum(self._counts)[:-1])
         observed = self._evaluations.observed
         near = _AT_BOUND * self._unit
-        return Estimate(
+        return ParameterEstimate(
             parameters=self.parameters,
             values=values,
             scales=np.where(values != 0.0, np.abs(values), self._unit),

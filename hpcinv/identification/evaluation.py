@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,10 @@ import numpy as np
 from hpcinv.driver import run
 from hpcinv.errors import Interrupted, JobError, MeshError, SolveError
 from hpcinv.files.atomic import output_errors, replace
-from hpcinv.identification.observations import Observed, Prediction, observations_of
+from hpcinv.identification.observations import Observed, PredictedObservation, observations_of
 from hpcinv.identification.shares import Share
 from hpcinv.job.fingerprint import content_key, file_digest
+from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
@@ -78,10 +80,10 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _TeamResult:
     """What one team has found: predictions by name of the observation."""
 
-    predictions: Mapping[str, Prediction]
+    predictions: Mapping[str, PredictedObservation]
     factorizations: int
     failure: str = ""
 
@@ -114,8 +116,6 @@ class Evaluations:
         share: states that the team solves.
         directory: where evaluations are kept; ``None`` keeps none.
 
-    Attributes:
-
     Raises:
         MeshError: on all ranks, if an observation does not fit the mesh.
     """
@@ -129,10 +129,8 @@ class Evaluations:
         directory: Path | None,
         stop: Callable[[], bool],
     ) -> None:
-        section = job.identify
-        assert section is not None
         self.job, self.comm = job, comm
-        sought = {key: {"also": section.keys_of(key)[1:]} for key in section.parameters}
+        sought = {key: {"also": self.section.keys_of(key)[1:]} for key in self.section.parameters}
         # Without what does not count here: checks, and the section itself.
         self._base = job.with_({"certificate": "off", "sensitivities": sought, "identify": None})
         self.parameters: Sequence[Parameter] = self._base.differentiated
@@ -142,7 +140,7 @@ class Evaluations:
         self.observed: list[Observed] = observations_of(job, workspace.body(job))
         self._own = [one for one in self.observed if share.has(one.spec, first=first)]
         self._guesses: tuple[Guess, ...] = ()
-        self._digests: dict[Path, str] = {}
+        self._digest = cache(file_digest)
         self.content = on_root(comm, self._content)
 
     def job_at(self, values: Floats, **changes: Any) -> Job:
@@ -172,7 +170,7 @@ class Evaluations:
         on_root(self.comm, lambda: self._keep(found, path))
         return found
 
-    def _of_team(self, job: Job) -> _Part:
+    def _of_team(self, job: Job) -> _TeamResult:
         """Solve the states of this team."""
         team, share = self._workspace.comm, self._share
         result: Result | None = None
@@ -189,18 +187,18 @@ class Evaluations:
             wait_for_all(self.comm)
         agree(self.comm, stopped)
         if result is None:
-            return _Part({}, 0, failure)
+            return _TeamResult({}, 0, failure)
         keys = [share.key(p) for p in self.parameters]
-        predictions: dict[str, Prediction] = {}
+        predictions: dict[str, PredictedObservation] = {}
         for one in self._own:
             found = one.predict(result, [key for key in keys if key])
             if found is not None:
                 whole = np.zeros((len(found.differences), len(keys)))
                 whole[:, [i for i, key in enumerate(keys) if key]] = found.jacobian
-                predictions[one.spec.name] = Prediction(found.differences, whole)
-        return _Part(predictions, sum(solution.factorizations for solution in result.solutions))
+                predictions[one.spec.name] = PredictedObservation(found.differences, whole)
+        return _TeamResult(predictions, sum(solution.factorizations for solution in result.solutions))
 
-    def _joined(self, part: _Part, begun: float) -> Evaluation | None:
+    def _joined(self, part: _TeamResult, begun: float) -> Evaluation | None:
         """Return what all teams have found, on rank 0."""
         parts = self.comm.gather(part if self._workspace.comm.rank == 0 else None)
         if parts is None:
@@ -226,31 +224,30 @@ class Evaluations:
     def _failed(self, failure: str) -> Evaluation | None:
         return Evaluation(np.zeros(0), np.zeros((0, 0)), 0, 0.0, failure) if self.comm.rank == 0 else None
 
-    def _digest(self, path: Path) -> str:
-        if path not in self._digests:
-            self._digests[path] = file_digest(path)
-        return self._digests[path]
+    @cached_property
+    def section(self) -> Identification:
+        assert self.job.identify is not None
+        return self.job.identify
+
+    def _files(self) -> list[str]:
+        """Return the digests of the files of observations."""
+        files = (one.file for one in self.section.observations)
+        return [self._digest(self.job.resolve(file)) for file in files if file is not None]
 
     def _content(self) -> str:
         """Return a hash of all that the estimate depends on."""
-        section = self.job.identify
-        assert section is not None
-        files = [self._digest(self.job.resolve(one.file)) for one in section.observations if one.file is not None]
-        data = section.model_dump(mode="json", exclude={"maximum_evaluations"})
+        data = self.section.model_dump(mode="json", exclude={"maximum_evaluations"})
         for one in data["observations"]:  # a moved file is the same observation
             for kind in ("mesh", "surface", "landmarks"):
                 if isinstance(one[kind], str):
                     one[kind] = ""
-        return content_key(self._base, self._digest, identify=data, files=files, version=__version__)
+        return content_key(self._base, self._digest, identify=data, files=self._files(), version=__version__)
 
     def _path(self, job: Job) -> Path | None:
         if self._directory is None:
             return None
-        section = self.job.identify
-        assert section is not None
-        data = [one.model_dump(mode="json", exclude={"sd", "name"}) for one in section.observations]
-        files = [self._digest(self.job.resolve(one.file)) for one in section.observations if one.file is not None]
-        observed = hashlib.sha256(json.dumps([data, files], sort_keys=True).encode()).hexdigest()
+        data = [one.model_dump(mode="json", exclude={"sd", "name"}) for one in self.section.observations]
+        observed = hashlib.sha256(json.dumps([data, self._files()], sort_keys=True).encode()).hexdigest()
         key = content_key(job, self._digest, observed=observed, version=__version__)
         return self._directory / f"{key}.npz"
 

@@ -36,7 +36,7 @@ _FLAT = 0.02  # distance of these from the facet that is allowed, in standard de
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedObservation:
     """Differences of computed and observed values, (n,), and their derivatives by the parameters, (n, k), in SI."""
 
     differences: Floats
@@ -59,7 +59,7 @@ class Observed(ABC):
         """Number of its numbers; on rank 0."""
 
     @abstractmethod
-    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+    def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         """Compare with a run, on rank 0; ``None`` on others; collective."""
 
     def _nodes(self, result: Result, keys: Sequence[str]) -> list[Floats]:
@@ -84,12 +84,12 @@ class ObservedQuantity(Observed):
     def count(self) -> int:
         return len(self._value)
 
-    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+    def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         assert result.sensitivities is not None
         name = str(self.spec.quantity)
         slopes = result.sensitivities.slopes[name]
         jacobian = np.stack([np.atleast_1d(np.array(slopes[key])) for key in keys], axis=1)
-        return Prediction(np.atleast_1d(np.array(result.quantities[name])) - self._value, jacobian)
+        return PredictedObservation(np.atleast_1d(np.array(result.quantities[name])) - self._value, jacobian)
 
 
 class ObservedMesh(Observed):
@@ -107,12 +107,12 @@ class ObservedMesh(Observed):
     def count(self) -> int:
         return 0 if self._points is None else self._points.size
 
-    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+    def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         arrays = [_whole(result.body, in_source_order(result.body, n)) for n in self._nodes(result, keys)]
         if self._points is None:
             return None
         nodes, *slopes = (array.ravel() for array in arrays if array is not None)
-        return Prediction(nodes - self._points.ravel(), np.stack(slopes, axis=1))
+        return PredictedObservation(nodes - self._points.ravel(), np.stack(slopes, axis=1))
 
 
 class ObservedLandmarks(Observed):
@@ -140,12 +140,12 @@ class ObservedLandmarks(Observed):
     def count(self) -> int:
         return self._observed.size
 
-    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+    def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         arrays = [
             np.concatenate([position(result.body, place, nodes) for place in self._places])
             for nodes in self._nodes(result, keys)
         ]
-        return Prediction(arrays[0] - self._observed.ravel(), np.stack(arrays[1:], axis=1))
+        return PredictedObservation(arrays[0] - self._observed.ravel(), np.stack(arrays[1:], axis=1))
 
 
 class ObservedSurface(Observed):
@@ -164,7 +164,7 @@ class ObservedSurface(Observed):
     def count(self) -> int:
         return len(self._points)
 
-    def predict(self, result: Result, keys: Sequence[str]) -> Prediction | None:
+    def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         def chosen(facets: LocalIndices, _cells: LocalIndices) -> Floats:
             mine = np.ones(len(facets)) if self._facets is None else np.isin(facets, self._facets).astype(float)
             return mine[:, None]
@@ -191,7 +191,7 @@ class ObservedSurface(Observed):
         moved = [np.einsum("nv,nvi->ni", weights, cut.points[corners[cells]]) for cut in cuts[1:]]
         jacobian = np.stack([np.einsum("ni,ni->n", normals, m) for m in moved], axis=1)
         # Along the normal alone: at the rim of a region errors along the surface say nothing.
-        return Prediction(np.einsum("ni,ni->n", normals, offsets), jacobian)
+        return PredictedObservation(np.einsum("ni,ni->n", normals, offsets), jacobian)
 
 
 def observations_of(job: Job, body: Body) -> list[Observed]:

@@ -10,7 +10,7 @@ import yaml
 from hpcinv.fitting.candidate import quantity
 from hpcinv.fitting.linearised import Combination, correlations
 from hpcinv.fitting.report import rounded, short
-from hpcinv.identification.estimate import Estimate
+from hpcinv.identification.estimate import ParameterEstimate
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
@@ -28,7 +28,7 @@ def value_text(parameter: Parameter, value: float, digits: int = 5) -> str:
     return short(value, parameter.dimension or Dimension(), digits)
 
 
-def describe(found: Estimate) -> list[str]:
+def describe(found: ParameterEstimate) -> list[str]:
     """Return the report as lines."""
     lines = ["estimate:"]
     for p, value, sd, bound in zip(found.parameters, found.values, found.deviations, found.at_bound, strict=True):
@@ -52,19 +52,19 @@ def describe(found: Estimate) -> list[str]:
     return lines
 
 
-def _correlation(found: Estimate) -> str:
+def _correlation(found: ParameterEstimate) -> str:
     """Return the correlations as text, empty if not all parameters are determined."""
     if len(found.values) == 1 or None in found.deviations:
         return ""
     return f"correlation: {correlations([p.key for p in found.parameters], found.correlation)}"
 
 
-def identifiability(found: Estimate) -> list[str]:
+def identifiability(found: ParameterEstimate) -> list[str]:
     """Return what the observations determine, and what they leave free, one line for each combination."""
     return [_in_words(found, one) for one in found.combinations]
 
 
-def _in_words(found: Estimate, one: Combination) -> str:
+def _in_words(found: ParameterEstimate, one: Combination) -> str:
     powers = one.vector / one.vector[np.argmax(np.abs(one.vector))]
     involved = [(p.key, float(power)) for p, power in zip(found.parameters, powers, strict=True) if abs(power) > _SMALL]
     if not one.deviation < _VAGUE:
@@ -84,7 +84,7 @@ def _factor(power: float) -> str:
     return "f" if abs(power - 1) < 5e-3 else f"f^{power:.2g}"
 
 
-def warnings(found: Estimate) -> list[str]:
+def warnings(found: ParameterEstimate) -> list[str]:
     """Return what a user should know before the estimate is used."""
     texts = []
     if not found.converged:
@@ -106,7 +106,7 @@ def warnings(found: Estimate) -> list[str]:
     return texts
 
 
-def as_data(found: Estimate) -> dict[str, Any]:
+def as_data(found: ParameterEstimate) -> dict[str, Any]:
     """Return all figures, in SI, as plain data."""
     return {
         "parameters": [
@@ -142,7 +142,7 @@ def as_data(found: Estimate) -> dict[str, Any]:
     }
 
 
-def changes(found: Estimate, section: Identification) -> dict[str, float | str]:
+def changes(found: ParameterEstimate, section: Identification) -> dict[str, float | str]:
     """Return the values by key, with the digits that a job needs."""
     return {
         key: quantity(float(v), p.dimension or Dimension())
@@ -151,7 +151,7 @@ def changes(found: Estimate, section: Identification) -> dict[str, float | str]:
     }
 
 
-def sensitivities(found: Estimate) -> dict[str, Any]:
+def sensitivities(found: ParameterEstimate) -> dict[str, Any]:
     """Return the section of standard deviations, ``None`` for parameters that are not determined."""
     section: dict[str, Any] = {}
     for p, sd in zip(found.parameters, found.deviations, strict=True):
@@ -160,7 +160,7 @@ def sensitivities(found: Estimate) -> dict[str, Any]:
     return section
 
 
-def sections(job: Job, found: Estimate) -> str:
+def sections(job: Job, found: ParameterEstimate) -> str:
     """Return those sections of the job at the estimate that it changes, and ``sensitivities``, as YAML.
 
     Args:

@@ -1,8 +1,8 @@
 """Flow of an identification: evaluations and estimate, then one run of the job at the estimate.
 
 A directory has ``identification.json``, ``sections.yaml`` (of the job, at the estimate), ``run/`` (the run there) and
-``evaluations/``, which a command that was killed goes on from: least squares take the same way again, and find there
-what was evaluated before.
+``evaluations/``, from which a command that was killed continues: the least squares take the same steps again, and find
+there what was evaluated before.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from hpcinv.files.atomic import create, output_errors, replace
 from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.files.json_data import json_data
 from hpcinv.files.names import check_output
-from hpcinv.identification.estimate import Estimate, Report, estimate
-from hpcinv.identification.evaluation import Evaluations, SolveTimer
+from hpcinv.identification.estimate import ParameterEstimate, Report, estimate
+from hpcinv.identification.evaluation import Evaluation, Evaluations, SolveTimer
 from hpcinv.identification.report import as_data, changes, sections, sensitivities
 from hpcinv.identification.shares import shares_of, teams_of
 from hpcinv.job.job import Job
@@ -38,7 +38,7 @@ _ORIGIN, _FIGURES, _SECTIONS, _RUN = "identification-origin.json", "identificati
 
 
 @dataclass(frozen=True)
-class Cost:
+class IdentificationCost:
     """Time of an identification, with that of earlier commands.
 
     Attributes:
@@ -75,10 +75,10 @@ class Identified:
         quantity_deviations: standard deviations of the quantities, likewise.
     """
 
-    estimate: Estimate
+    estimate: ParameterEstimate
     job: Job
     result: Result
-    cost: Cost
+    cost: IdentificationCost
     shape_deviations: dict[str, float]
     quantity_deviations: dict[str, float | list[float]]
 
@@ -130,30 +130,18 @@ def identify(
             except Interrupted:
                 where = f"evaluations are kept in {directory}" if directory else "nothing was saved"
                 raise Interrupted(f"stopped by a signal; {where}", "Start the same command again.") from None
-            took = time.perf_counter() - begun
-            section = job.identify
-            assert section is not None
-            best = job.with_(changes(found, section))
-            final = best.with_({"sensitivities": sensitivities(found)})
-            timer, run_directory = SolveTimer(comm), None if directory is None else directory / _RUN
+            took, timer = time.perf_counter() - begun, SolveTimer(comm)
+            best = job.with_(changes(found, evaluations.section))
             result = run(
-                final,
+                best.with_({"sensitivities": sensitivities(found)}),
                 comm,
                 workspace=workspace,
-                directory=run_directory,
+                directory=directory and directory / _RUN,
                 overwrite=True,
                 progress=timer,
                 stop_asked=stop_asked,
             )
-            kept = [one for one in found.evaluations if one.kept]
-            unit, first = timer.solves[0], result.solutions[0].factorizations
-            cost = Cost(
-                len(found.evaluations),
-                len(kept),
-                took + sum(one.seconds for one in kept),
-                unit,
-                (sum(one.factorizations for one in found.evaluations), first),
-            )
+            cost = _cost(found.evaluations, took, timer.solves[0], result.solutions[0].factorizations)
             shapes, quantities = _spread(result, [p.key for p in found.parameters], found.covariance)
             identified = Identified(found, best, result, cost, shapes, quantities)
             if directory is not None:
@@ -162,6 +150,14 @@ def identify(
         finally:
             for one in held:
                 one.release()
+
+
+def _cost(evaluations: Sequence[Evaluation], seconds: float, unit: float, factorizations: int) -> IdentificationCost:
+    """Return the cost of evaluations that took ``seconds`` now, and of one solve."""
+    kept = [one for one in evaluations if one.kept]
+    total = sum(one.factorizations for one in evaluations)
+    whole = seconds + sum(one.seconds for one in kept)
+    return IdentificationCost(len(evaluations), len(kept), whole, unit, (total, factorizations))
 
 
 def _opened(directory: Path | None, job: Job, content: str, *, overwrite: bool) -> Path | None:

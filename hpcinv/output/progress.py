@@ -69,7 +69,7 @@ class Progress(Observer):
             from hpcinv.output.console import run_console  # rich is slow to import
 
             self._console = run_console(stream)
-        self._log = RunLog() if comm.rank == 0 else None
+        self._log = RunLog(written=comm.rank == 0)
         self._ranks = comm.size
         self._bar: LiveBar | None = None
         self._direction = ""
@@ -84,18 +84,16 @@ class Progress(Observer):
     def __exit__(self, _kind: type[BaseException] | None, error: BaseException | None, _trace: object) -> None:
         self._break_line()
         self.close()
-        if self._log is not None:
-            if error is not None:
-                text = str(error) if isinstance(error, HpcinvError) else "".join(traceback.format_exception(error))
-                self._log.write(f"ended by an error: {text}")
-            self._log.close()
+        if error is not None:
+            text = str(error) if isinstance(error, HpcinvError) else "".join(traceback.format_exception(error))
+            self._log.write(f"ended by an error: {text}")
+        self._log.close()
 
     def note(self, text: str, level: Level = Level.NORMAL) -> None:
         if self._console is not None and level <= self.level:
             self._break_line()
             self._console.print(text)
-        if self._log is not None:
-            self._log.write(text)
+        self._log.write(text)
 
     def warn(self, text: str) -> None:
         """Print a warning at every level."""
@@ -104,10 +102,10 @@ class Progress(Observer):
     def open_log(self, comm: Intracomm, directory: Path, about: str) -> None:
         """Open the log in a run's directory, and write earlier messages to it; collective."""
         hosts = comm.gather(socket.gethostname())
-        if self._log is None:
+        if hosts is None:  # not rank 0
             return
         self._log.open(directory)
-        self._log.write(f"{about}; {_count(self._ranks, 'rank')} on {', '.join(sorted(set(hosts or ())))}")
+        self._log.write(f"{about}; {_count(self._ranks, 'rank')} on {', '.join(sorted(set(hosts)))}")
         if self._log.fault:
             self.warn(self._log.fault)
 
@@ -123,8 +121,7 @@ class Progress(Observer):
         self._break_line()
         outer, self._phase = self._phase, _Phase(title, broken=not announced)
         if announced:
-            if self._log is not None:
-                self._log.write(f"{title} ...")
+            self._log.write(f"{title} ...")
             if self._is_terminal:
                 self._show(title)
             else:
@@ -139,8 +136,7 @@ class Progress(Observer):
     def detail(self, text: str) -> None:
         if self._phase is None:
             return
-        if self._log is not None:
-            self._log.write(f"  {text}")
+        self._log.write(f"  {text}")
         first, self._phase.details = not self._phase.details, [*self._phase.details, text]
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], description=f"{self._phase.title}: {text}")
@@ -156,8 +152,7 @@ class Progress(Observer):
 
     def _end_phase(self, phase: _Phase, name: str, seconds: float) -> None:
         text = f"{', '.join(phase.details)}; {seconds:.1f} s" if phase.details else f"{seconds:.1f} s"
-        if self._log is not None:
-            self._log.write(f"{phase.title}: {text}")
+        self._log.write(f"{phase.title}: {text}")
         if self._is_terminal:
             self.close()
         if phase.broken:

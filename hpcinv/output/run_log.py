@@ -14,12 +14,15 @@ class RunLog:
     """Lines with their times; lines before the file is open are kept and written then.
 
     If the file cannot be written, the log ends but the run continues; ``fault`` is the reason.
+
+    Args:
+        written: whether this process writes a log; otherwise lines are dropped.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, written: bool) -> None:
         self.fault = ""
         self._file: TextIO | None = None
-        self._waiting: list[str] = []
+        self._waiting: list[str] | None = [] if written else None
 
     def open(self, directory: Path) -> None:
         """Open the log of a directory, after the lines of earlier runs there."""
@@ -29,15 +32,16 @@ class RunLog:
         except OSError as error:
             self._fail(error)
             return
-        waiting, self._waiting = self._waiting, []
-        self._append("".join([f"{time.strftime(_STAMP)} {_command()}\n", *waiting]))
+        waiting, self._waiting = self._waiting or [], []
+        command = shlex.join(["python", "-m", "hpcinv", *sys.argv[1:]]) if sys.argv[1:] else "hpcinv, from Python"
+        self._append("".join([f"{time.strftime(_STAMP)} {command}\n", *waiting]))
 
     def write(self, text: str) -> None:
         stamp = time.strftime(_STAMP)
         lines = "".join(f"{stamp}   {line}\n" for line in text.splitlines())
         if self._file is not None:
             self._append(lines)
-        elif not self.fault:
+        elif self._waiting is not None:
             self._waiting.append(lines)
 
     def close(self) -> None:
@@ -58,8 +62,4 @@ class RunLog:
 
     def _fail(self, error: OSError) -> None:
         self.fault = f"{NAME} cannot be written: {error.strerror or error}"
-        self._file, self._waiting = None, []
-
-
-def _command() -> str:
-    return shlex.join(["python", "-m", "hpcinv", *sys.argv[1:]]) if sys.argv[1:] else "hpcinv, from Python"
+        self._file = self._waiting = None

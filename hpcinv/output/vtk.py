@@ -20,14 +20,15 @@ from hpcinv.certificate import Estimate
 from hpcinv.errors import OutputError
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
-from hpcinv.mesh.cells import jacobians, scalar_element, vtk_order
+from hpcinv.mesh.cells import vtk_order
 from hpcinv.mesh.io.vtu import VTK_TYPES
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Floats
 from hpcinv.output.vtu_writer import Array, Grid, write_vtu
 from hpcinv.parallel.runtime import on_root
+from hpcinv.pictures.gathering import error_in
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
-from hpcinv.results.cell_middles import deformation_gradients, fibres
+from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
 from hpcinv.results.nodal_projection import projected
 from hpcinv.results.solution import Solution
 
@@ -162,7 +163,7 @@ class _Fields:
         for contact in solution.contacts:
             found.extend(Array(field.name, self._nodal(field), "Pa") for field in contact.fields)
         found.extend(Array(function.name, self._nodal(function)) for function in more)
-        stress, J = self._of_cells(solution.cauchy_stress), self._of_cells(solution.J)
+        stress, J = (constants_in(function, self.cells) for function in (solution.cauchy_stress, solution.J))
         smooth = projected(self._body, np.concatenate([stress, J], axis=1), self._spaces[()])
         found.extend(_stresses(smooth[:, :9], "_projected"))
         found.append(Array("J_projected", smooth[:, 9].astype(np.float32)))
@@ -170,15 +171,16 @@ class _Fields:
 
     def in_cells(self, estimate: Estimate | None) -> list[Array]:
         solution, body = self._solution, self._body
-        stress = self._of_cells(solution.cauchy_stress)
-        found = [Array("J", self._of_cells(solution.J)[:, 0]), Array("cauchy_stress", stress, "Pa")]
+        stress = constants_in(solution.cauchy_stress, self.cells)
+        found = [Array("J", constants_in(solution.J, self.cells)[:, 0]), Array("cauchy_stress", stress, "Pa")]
         found.extend(one for one in _stresses(stress) if one.name != "cauchy_stress")
         stretches = np.linalg.svd(self.gradients, compute_uv=False)
         found.append(Array("principal_stretches", stretches.astype(np.float32)))
         if solution.prestrain_stress is not None:
-            found.append(Array("prestrain_stress", self._of_cells(solution.prestrain_stress), "Pa"))
+            found.append(Array("prestrain_stress", constants_in(solution.prestrain_stress, self.cells), "Pa"))
         if estimate is not None:
-            found.append(Array("estimated_error", self._error(estimate).astype(np.float32)))
+            error = error_in(body, solution, estimate, self.cells)
+            found.append(Array("estimated_error", error.astype(np.float32)))
         for region in body.regions.values():
             if region.cell_count:
                 inside = np.isin(self.cells, region.cells).astype(np.int32)
@@ -189,24 +191,7 @@ class _Fields:
         """Unit directions in the cells of one of the bodies."""
         for family, directions in undeformed.items():
             moved = directions if name == BODIES[0] else np.einsum("cij,cj->ci", self.gradients, directions)
-            length = np.linalg.norm(moved, axis=1, keepdims=True)
-            unit = np.divide(moved, length, out=np.zeros_like(moved), where=length > 0)
-            yield Array(f"fibre:{family}", unit.astype(np.float32))
-
-    def _error(self, estimate: Estimate) -> Floats:
-        """Root mean square of the error of the displacement gradient in each cell."""
-        body = self._body
-        kind, degree = body.source.kind, body.source.degree
-        nodes = body.mesh.geometry.x[body.mesh.geometry.dofmaps[0][self.cells]] / body.length_scale
-        middle = scalar_element(kind, 1).points.mean(axis=0)[None]
-        volumes = np.abs(np.linalg.det(jacobians(kind, degree, nodes, middle)[:, 0]))
-        return np.asarray(np.sqrt(estimate.cells / (volumes / (6.0 if kind == "tetrahedron" else 1.0))))
-
-    def _of_cells(self, function: fem.Function) -> Floats:
-        """Values of a piecewise constant function in the owned cells, (c, components)."""
-        space = function.function_space
-        values = function.x.array.reshape(-1, space.dofmap.index_map_bs)
-        return np.asarray(values[space.dofmap.list[: len(self.cells), 0]])
+            yield Array(f"fibre:{family}", unit_vectors(moved).astype(np.float32))
 
 
 def _stresses(stress: Floats, suffix: str = "") -> Iterator[Array]:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import output_errors, replace
+from hpcinv.quantity.units import readable
 
 if TYPE_CHECKING:  # importing the mesh takes seconds
     from hpcinv.mesh.source import Floats, Ints
@@ -78,6 +79,26 @@ class Boundary:
     results: tuple[BoundaryResult, ...] = ()
     error: Floats | None = None
     fibres: Mapping[str, Floats] = field(default_factory=dict)
+
+    @property
+    def size(self) -> str:
+        """Sides of the box around the body, as text."""
+        return " x ".join(readable(float(side), "m") for side in np.ptp(self.points, axis=0))
+
+    def inside(self, region: str) -> npt.NDArray[np.bool_]:
+        """Return which triangles are in a region, (m,); all of them are in ``boundary``."""
+        every = np.ones(len(self.triangles), dtype=bool)
+        return every if region == "boundary" else self.regions.get(region, ~every)
+
+    def spread(self, region: str, most: int) -> Ints:
+        """Return the rows of some triangles of a region, evenly distributed: each is the farthest from those before."""
+        rows = np.flatnonzero(self.inside(region))
+        centres = self.points[self.triangles[rows]].mean(axis=1)
+        chosen, distance = [0][: len(rows)], np.full(len(rows), np.inf)
+        while len(chosen) < min(most, len(rows)):
+            distance = np.minimum(distance, np.linalg.norm(centres - centres[chosen[-1]], axis=1))
+            chosen.append(int(distance.argmax()))
+        return np.asarray(rows[chosen])
 
 
 def write_boundary(path: Path, boundary: Boundary) -> None:

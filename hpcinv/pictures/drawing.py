@@ -46,7 +46,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Body:
+class DrawnBody:
     """Triangles to draw, in one colour or with values (triangles,) or (points,) on a colour map.
 
     Of a translucent body only the far side is drawn, so that it veils nothing within it.
@@ -78,7 +78,7 @@ class Glyphs:
 class View:
     """One rendering: what is drawn, the points that fill it, and from which direction."""
 
-    parts: Sequence[Body | Glyphs]
+    parts: Sequence[DrawnBody | Glyphs]
     frame: Floats
     towards: Floats
     up: Floats
@@ -198,7 +198,7 @@ def _aim(plotter: Any, view: View) -> None:
 _ADVICE = "Install OpenGL in software: on Debian, libegl1 and libgl1-mesa-dri."
 
 
-def _add(plotter: Any, part: Body | Glyphs, limits: tuple[float, float] | None) -> None:
+def _add(plotter: Any, part: DrawnBody | Glyphs, limits: tuple[float, float] | None) -> None:
     import pyvista as pv
 
     if isinstance(part, Glyphs):

@@ -7,18 +7,15 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import Surface, Triangles, gather_surface
 from hpcinv.pictures.boundary import Boundary, BoundaryResult
-from hpcinv.results.cell_middles import deformation_gradients, fibres
+from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
 
 if TYPE_CHECKING:
-    from dolfinx.fem import Function
-
     from hpcinv.certificate import Estimate
     from hpcinv.job.fibres import FibreFamily
     from hpcinv.mesh import Body
@@ -48,25 +45,26 @@ def boundary_of(
     solutions = [*solutions[:1], *(one for one in solutions[1:] if one.state)]
     regions = {name: region for name, region in body.regions.items() if region.origin != "built in"}
 
+    widths = dict[str, int]()  # numbers of each field in a cell
+
     def evaluate(facets: LocalIndices, cells: LocalIndices) -> Floats:
-        found: list[Floats | npt.NDArray[np.bool_]] = [
-            np.isin(facets, one.facets) | np.isin(cells, one.cells) for one in regions.values()
-        ]
-        given, undeformed = None, dict[str, Floats]()
-        for solution in solutions:
+        inside = {name: np.isin(facets, one.facets) | np.isin(cells, one.cells) for name, one in regions.items()}
+        found = {f"region:{name}": mask.astype(float)[:, None] for name, mask in inside.items()}
+        undeformed = dict[str, Floats]()
+        for number, solution in enumerate(solutions):
             gradients = deformation_gradients(body, solution, cells)
-            if given is None:
-                given = gradients
+            if number == 0:
                 undeformed = fibres(body, families, solution, gradients, cells)
-            found.extend([_in(solution.J, cells), *_in(solution.cauchy_stress, cells).reshape(-1, 9).T])
-            found.extend(np.linalg.svd(gradients, compute_uv=False).T)
-            for direction in undeformed.values():
-                found.extend(_unit(np.einsum("cij,cj->ci", gradients, direction)).T)
-        for direction in undeformed.values():
-            found.extend(direction.T)
+                found |= {f"fibre:{name}": directions for name, directions in undeformed.items()}
+            found[f"J {number}"] = constants_in(solution.J, cells)
+            found[f"stress {number}"] = constants_in(solution.cauchy_stress, cells)
+            found[f"stretches {number}"] = np.linalg.svd(gradients, compute_uv=False)
+            for name, directions in undeformed.items():
+                found[f"fibre {number}:{name}"] = unit_vectors(np.einsum("cij,cj->ci", gradients, directions))
         if estimate:
-            found.append(np.sqrt(estimate.cells[cells] / _volumes(body, cells)))
-        return np.array(found, dtype=float).reshape(len(found), len(facets)).T
+            found["error"] = error_in(body, solutions[0], estimate, cells)[:, None]
+        widths.update({name: values.shape[1] for name, values in found.items()})
+        return np.concatenate([np.zeros((len(facets), 0)), *found.values()], axis=1)
 
     nodes = solutions[0].mesh_nodes if solutions else body.mesh.geometry.x * body.length_scale
     given = gather_surface(body, nodes, evaluate)
@@ -74,16 +72,12 @@ def boundary_of(
     rest = gather_surface(body, solutions[1].mesh_nodes) if len(solutions) > 1 else given
     if given is None or rest is None:
         return None
-    cut, n = cut_of(given), len(regions)
+    cut = cut_of(given)
     meshes = [cut.points, *[cut_of(rest).points] * (len(solutions) - 1)]  # further states are solved from one shape
-    values = given.values[cut.facet]
-    columns = iter(values[:, n:].T)
-
-    def take(count: int) -> Floats:
-        return np.stack([next(columns) for _ in range(count)], axis=1)
-
+    columns = np.split(given.values[cut.facet], np.cumsum([*widths.values()])[:-1], axis=1)
+    of = dict(zip(widths, columns, strict=True)) if widths else {}
     results = []
-    for mesh, solution, surface in zip(meshes[: len(solutions)], solutions, others, strict=True):
+    for i, (mesh, solution, surface) in enumerate(zip(meshes[: len(solutions)], solutions, others, strict=True)):
         assert surface is not None  # on rank 0
         crossing = np.zeros(len(cut.corners), dtype=bool)
         if solution.state in overlapping:
@@ -94,27 +88,21 @@ def boundary_of(
                 solution.direction,
                 mesh,
                 cut_of(surface).points,
-                J=take(1)[:, 0],
-                stress=take(9),
-                stretches=take(3),
+                J=of[f"J {i}"][:, 0],
+                stress=of[f"stress {i}"],
+                stretches=of[f"stretches {i}"],
                 crossing=crossing,
-                fibres={name: take(3) for name in families},
+                fibres={name: of[f"fibre {i}:{name}"] for name in families},
             )
         )
     return Boundary(
         points=cut.points,
         triangles=cut.corners,
-        regions={name: values[:, i] > 0 for i, name in enumerate(regions)},
+        regions={name: of[f"region:{name}"][:, 0] > 0 for name in regions},
         results=tuple(results),
-        fibres={name: take(3) for name in families} if solutions else {},
-        error=take(1)[:, 0] if estimate else None,
+        fibres={name: of[f"fibre:{name}"] for name in families} if solutions else {},
+        error=of["error"][:, 0] if estimate else None,
     )
-
-
-def _unit(vectors: Floats) -> Floats:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    found: Floats = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-    return found
 
 
 def cut_of(surface: Surface) -> Triangles:
@@ -122,16 +110,13 @@ def cut_of(surface: Surface) -> Triangles:
     return surface.cut(1 if surface.degree == 1 else _SIDES, np.arange(len(surface.nodes)))
 
 
-def _in(function: Function, cells: LocalIndices) -> Floats:
-    """Values of a piecewise constant function, (cells, components)."""
-    space = function.function_space
-    values = function.x.array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list[cells, 0]]
-    return np.asarray(values.squeeze(axis=1) if values.shape[1] == 1 else values)
+def error_in(body: Body, solution: Solution, estimate: Estimate, cells: LocalIndices) -> Floats:
+    """Return the estimated error of the displacement gradient in local cells, root mean square, (cells,).
 
-
-def _volumes(body: Body, cells: LocalIndices) -> Floats:
-    """Volumes of cells in scaled lengths, from the Jacobian in their middle: exact for straight cells."""
-    geometry, kind = body.mesh.geometry, body.source.kind
+    Volumes are those of the Jacobian in the middle: exact for straight cells.
+    """
+    kind, nodes = body.source.kind, solution.mesh_nodes / body.length_scale
     middle = scalar_element(kind, 1).points.mean(axis=0)[None]
-    matrices = jacobians(kind, body.source.degree, geometry.x[geometry.dofmaps[0][cells]], middle)[:, 0]
-    return np.asarray(np.abs(np.linalg.det(matrices)) / (6.0 if kind == "tetrahedron" else 1.0))
+    matrices = jacobians(kind, body.source.degree, nodes[body.mesh.geometry.dofmaps[0][cells]], middle)[:, 0]
+    volumes = np.abs(np.linalg.det(matrices)) / (6.0 if kind == "tetrahedron" else 1.0)
+    return np.asarray(np.sqrt(estimate.cells[cells] / volumes))

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
-from hpcinv.effects import Effect
 from hpcinv.job.job import Job
 from hpcinv.pictures.boundary import Boundary
-from hpcinv.pictures.drawing import Body, Glyphs, Picture, View, directions, extent, figure
-from hpcinv.quantity.units import readable
+from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
 
 if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats
@@ -37,86 +35,79 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
     if job.state:
         given_data = {**given_data, **next(state for state in given_data["states"] if state["name"] == job.state)}
         kind += f", loads of '{job.state}'"
-    parts: list[Body | Glyphs] = []
+    parts: list[DrawnBody | Glyphs] = []
     legend, marked = [], np.zeros(len(boundary.triangles), dtype=bool)
     up = None
-    for support, colour, given in zip(job.supports, _cycle(_SUPPORTS), _rows(given_data, "supports"), strict=False):
-        inside = _triangles(boundary, support.region)
+    for support, colour, given in zip(job.supports, cycle(_SUPPORTS), _rows(given_data, "supports"), strict=False):
+        inside = boundary.inside(support.region)
         legend.append((f"support {_text(given, f'region: {support.region}')}", colour))
         marked |= inside
-        parts.append(Body(boundary.points, boundary.triangles[inside], colour))
-        parts.extend(_fixings(boundary, inside, sorted(support.held), colour, size))
-    for effect, colour, given in zip(job.effects, _cycle(_LOADS), _rows(given_data, "effects"), strict=False):
-        legend.append(
-            (_text({name: value for name, value in given.items() if name != "effect"}, _kind(effect)), colour)
-        )
+        parts.append(DrawnBody(boundary.points, boundary.triangles[inside], colour))
+        parts.extend(_fixings(boundary, support.region, sorted(support.held), colour, size))
+    for effect, colour, given in zip(job.effects, cycle(_LOADS), _rows(given_data, "effects"), strict=False):
+        kept = {name: value for name, value in given.items() if name != "effect"}
+        legend.append((_text(kept, effect.effect), colour))  # type: ignore[attr-defined]
         region, vector = getattr(effect, "region", None), _numbers(getattr(effect, "acceleration", None))
         if vector is not None:
             up = -vector
             parts.append(_beside(boundary.points, vector, colour, size))
         if region is None:
             continue
-        inside = _triangles(boundary, region)
+        inside = boundary.inside(region)
         new = inside & ~marked
         marked |= inside
-        parts.append(Body(boundary.points, boundary.triangles[new], colour))
-        centres, normals = _sample(boundary, inside)
+        parts.append(DrawnBody(boundary.points, boundary.triangles[new], colour))
+        centres, normals = _sample(boundary, region)
         vector = _numbers(getattr(effect, "traction", None))
         pull = -normals if vector is None else np.broadcast_to(vector / np.linalg.norm(vector), normals.shape)
         parts.append(Glyphs(centres, colour, pull * _SIZE * size))
-    parts.append(Body(boundary.points, boundary.triangles[~marked], _BODY))
-    front, back, up = directions(boundary.points, up)
-    views = [
-        View(parts, boundary.points, front, up, "from in front, above"),
-        View(parts, boundary.points, back, up, "from behind, below"),
-    ]
-    return figure(views, f"{job.job}: {kind}", legend=legend, notes=_size(boundary.points))
+    parts.append(DrawnBody(boundary.points, boundary.triangles[~marked], _BODY))
+    return _both_sides(f"{job.job}: {kind}", boundary, parts, legend, up)
 
 
 def draw_mesh(name: str, boundary: Boundary) -> Picture:
     """Draw a mesh from two sides, each named region in a colour; of regions that overlap the last is on top."""
-    parts, legend = [], list[tuple[str, str]]()
+    parts, legend = list[DrawnBody | Glyphs](), list[tuple[str, str]]()
     hidden = np.zeros(len(boundary.triangles), dtype=bool)
-    for (region, inside), colour in zip(reversed(list(boundary.regions.items())), _cycle(_REGIONS), strict=False):
+    for (region, inside), colour in zip(reversed(list(boundary.regions.items())), cycle(_REGIONS), strict=False):
         visible = inside & ~hidden
         covered = "" if visible.any() or not inside.any() else ", covered by those above"
         legend.append((f"{region}: {inside.sum()} triangles of the boundary{covered}", colour))
         if visible.any():
-            parts.append(Body(boundary.points, boundary.triangles[visible], colour))
+            parts.append(DrawnBody(boundary.points, boundary.triangles[visible], colour))
         hidden |= inside
-    parts.append(Body(boundary.points, boundary.triangles[~hidden], _BODY))
-    front, back, up = directions(boundary.points)
+    parts.append(DrawnBody(boundary.points, boundary.triangles[~hidden], _BODY))
+    return _both_sides(name, boundary, parts, legend)
+
+
+def _both_sides(
+    title: str,
+    boundary: Boundary,
+    parts: Sequence[DrawnBody | Glyphs],
+    legend: Sequence[tuple[str, str]],
+    up: Floats | None = None,
+) -> Picture:
+    front, back, up = directions(boundary.points, up)
+    tails = [part.points - part.vectors for part in parts if isinstance(part, Glyphs) and part.vectors is not None]
+    frame = np.concatenate([boundary.points, *tails])
     views = [
-        View(parts, boundary.points, front, up, "from in front, above"),
-        View(parts, boundary.points, back, up, "from behind, below"),
+        View(parts, frame, front, up, "from in front, above"),
+        View(parts, frame, back, up, "from behind, below"),
     ]
-    return figure(views, name, legend=legend, notes=_size(boundary.points))
+    return figure(views, title, legend=legend, notes=boundary.size)
 
 
-def _triangles(boundary: Boundary, region: str) -> npt.NDArray[np.bool_]:
-    every = np.ones(len(boundary.triangles), dtype=bool)
-    return every if region == "boundary" else boundary.regions[region]
-
-
-def _sample(boundary: Boundary, inside: npt.NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Centres and unit normals of some triangles, evenly distributed: each the nearest to a cell of a coarse grid."""
-    corners = boundary.points[boundary.triangles[inside]]
-    centres = corners.mean(axis=1)
+def _sample(boundary: Boundary, region: str) -> tuple[Floats, Floats]:
+    """Centres and unit normals of some triangles of a region."""
+    corners = boundary.points[boundary.triangles[boundary.spread(region, _SYMBOLS)]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
-    chosen = [0] if len(centres) else []
-    distance = np.full(len(centres), np.inf)
-    while chosen and len(chosen) < min(_SYMBOLS, len(centres)):  # the farthest from those chosen before
-        distance = np.minimum(distance, np.linalg.norm(centres - centres[chosen[-1]], axis=1))
-        chosen.append(int(distance.argmax()))
-    return centres[chosen], normals[chosen]
+    return corners.mean(axis=1), normals
 
 
-def _fixings(
-    boundary: Boundary, inside: npt.NDArray[np.bool_], axes: Sequence[str], colour: str, size: float
-) -> Iterator[Glyphs]:
+def _fixings(boundary: Boundary, region: str, axes: Sequence[str], colour: str, size: float) -> Iterator[Glyphs]:
     """Cubes where all displacements are prescribed, else arrows along each prescribed axis, from outside."""
-    centres, normals = _sample(boundary, inside)
+    centres, normals = _sample(boundary, region)
     if len(axes) == 3:
         yield Glyphs(centres, colour, size=0.2 * _SIZE * size)
         return
@@ -141,10 +132,6 @@ def _numbers(value: Any) -> Floats | None:
     return None
 
 
-def _kind(effect: Effect) -> str:
-    return str(getattr(effect, "effect", type(effect).__name__))
-
-
 def _rows(data: Mapping[str, Any], section: str) -> list[Mapping[str, Any]]:
     """The section as the user wrote it."""
     return [row if isinstance(row, Mapping) else {} for row in data.get(section) or ()]
@@ -155,12 +142,3 @@ def _text(given: Mapping[str, Any], head: str) -> str:
     more = yaml.safe_dump(kept, default_flow_style=True, sort_keys=False, width=10_000).strip()[1:-1] if kept else ""
     text = f"{head}, {more}" if more else head
     return text if len(text) <= _TEXT else text[: _TEXT - 1] + "…"
-
-
-def _size(points: Floats) -> str:
-    return " x ".join(readable(float(side), "m") for side in np.ptp(points, axis=0))
-
-
-def _cycle(colours: Sequence[str]) -> Iterator[str]:
-    while True:
-        yield from colours

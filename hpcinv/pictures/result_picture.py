@@ -11,7 +11,7 @@ import numpy as np
 from hpcinv.errors import OutputError
 from hpcinv.pictures.boundary import Boundary, BoundaryResult
 from hpcinv.pictures.colours import Colour
-from hpcinv.pictures.drawing import Body, Picture, View, directions, figure
+from hpcinv.pictures.drawing import DrawnBody, Picture, View, directions, figure
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 
 if TYPE_CHECKING:
@@ -72,8 +72,8 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour =
     front, _, up = directions(frame, upwards(job))
     views = []
     for i, (shape, of_shape) in enumerate(zip(shapes, known, strict=True)):
-        shadow = Body(shapes[0 if i else 1].points, boundary.triangles, opacity=0.35)
-        body = Body(shape.points, boundary.triangles, values=of_shape)
+        shadow = DrawnBody(shapes[0 if i else 1].points, boundary.triangles, opacity=0.35)
+        body = DrawnBody(shape.points, boundary.triangles, values=of_shape)
         views.append(View([body, shadow], frame, front, up, shape.title))
     status, verdict = summary["status"], summary["certificate"]["verdict"]
     notes = f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"

@@ -72,7 +72,7 @@ def write_snapshot(directory: Path, snapshot: Snapshot, most: int) -> None:
             "range": range_,
         },
     )
-    own = _of(directory, snapshot.solution)
+    own = [path for path in _all(directory) if _place(path)[0] == snapshot.solution]
     if len(own) > most:
         for path in own[-2::-2]:
             path.unlink(missing_ok=True)
@@ -107,10 +107,6 @@ def read_snapshots(directory: Path) -> list[Snapshot]:
 
 def _all(directory: Path) -> list[Path]:
     return sorted(path for path in directory.glob("*.npz") if path.stem.replace("-", "").isdigit())
-
-
-def _of(directory: Path, solution: int) -> list[Path]:
-    return [path for path in _all(directory) if _place(path)[0] == solution]
 
 
 def _place(path: Path) -> tuple[int, int]:

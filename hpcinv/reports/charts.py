@@ -1,117 +1,89 @@
-"""Line charts as SVG in the colours of the page."""
+"""Charts of Newton's method as SVG in the colours of the page."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import io
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from html import escape
+from typing import Any
 
-_LEFT, _RIGHT, _TOP, _BOTTOM = 62.0, 12.0, 10.0, 40.0
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from hpcinv.pictures.figures import new_figure
+
+# Colours that stand for those of the page, which are light or dark.
+_INK, _LINES, _FIRST, _SECOND = "#010001", "#010002", "#010003", "#010004"
+_OF_PAGE = {_INK: "var(--soft)", _LINES: "var(--line)", _FIRST: "var(--c0)", _SECOND: "var(--c1)"}
+_LOOK = {"text.color": _INK, "axes.labelcolor": _INK, "xtick.color": _INK, "ytick.color": _INK}
+_LOOK |= {"axes.edgecolor": _LINES, "grid.color": _LINES}
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Points (x, y) joined by lines; ``name`` goes into the legend, ``label`` of a point into its tooltip."""
+def convergence_chart(solves: Sequence[Mapping[str, Any]], title: str) -> str:
+    """Return a chart of corrections, relative to the state, and residuals after each iteration, a line for each solve.
 
-    name: str
-    points: Sequence[tuple[float, float]]
-    labels: Sequence[str] = field(default_factory=tuple)
-    breaks: frozenset[int] = frozenset()
-
-
-def chart(
-    curves: Sequence[Curve],
-    title: str,
-    across: str,
-    upward: str,
-    *,
-    log_x: bool = False,
-    log_y: bool = False,
-    size: tuple[int, int] = (640, 300),
-) -> str:
-    """Return a chart of curves with positive values on logarithmic axes; others are left out.
+    A new tangent is marked by a full circle, a kept one by an empty one. The text is empty without positive norms.
 
     Args:
         title: for readers of the page who do not see it.
-        across, upward: names of the axes.
     """
-    width, height = size
-    kept = [_positive(curve, log_x=log_x, log_y=log_y) for curve in curves]
-    every = [point for curve in kept for point in curve.points]
-    if not every:
+    iterations = [iteration for solve in solves for iteration in solve["iterations"]]
+    corrections = np.array([_ratio(iteration["correction"], iteration["state"]) for iteration in iterations])
+    residuals = np.array([_ratio(iteration["residual"], 1.0) for iteration in iterations])
+    if not np.isfinite([corrections, residuals]).any():
         return ""
-    x, y = _Axis([p[0] for p in every], log=log_x), _Axis([p[1] for p in every], log=log_y)
-
-    def at(point: tuple[float, float]) -> tuple[float, float]:
-        px = _LEFT + x.share(point[0]) * (width - _LEFT - _RIGHT)
-        py = height - _BOTTOM - y.share(point[1]) * (height - _TOP - _BOTTOM)
-        return px, py
-
-    parts = [f'<svg class="chart" viewBox="0 0 {width} {height}" role="img" aria-label="{escape(title)}">']
-    for tick in y.ticks:
-        _, py = at((every[0][0], tick))
-        parts.append(f'<line class="grid" x1="{_LEFT}" x2="{width - _RIGHT}" y1="{py:.1f}" y2="{py:.1f}"/>')
-        parts.append(f'<text x="{_LEFT - 6}" y="{py + 4:.1f}" text-anchor="end">{_number(tick)}</text>')
-    for tick in x.ticks:
-        px, _ = at((tick, every[0][1]))
-        parts.append(f'<text x="{px:.1f}" y="{height - _BOTTOM + 16}" text-anchor="middle">{_number(tick)}</text>')
-    parts.append(f'<text x="{(width + _LEFT) / 2}" y="{height - 6}" text-anchor="middle">{escape(across)}</text>')
-    middle = (height - _BOTTOM + _TOP) / 2
-    parts.append(f'<text transform="translate(12 {middle}) rotate(-90)" text-anchor="middle">{escape(upward)}</text>')
-    for number, curve in enumerate(kept):
-        places = [at(point) for point in curve.points]
-        path = "".join(
-            f"{'M' if i == 0 or i in curve.breaks else 'L'}{px:.1f} {py:.1f}" for i, (px, py) in enumerate(places)
-        )
-        parts.append(f'<path class="curve c{number % 8}" d="{path}"/>')
-        for i, (px, py) in enumerate(places):
-            label = curve.labels[i] if curve.labels else f"{curve.name}: {_number(curve.points[i][1])}"
-            title_of_point = f"<title>{escape(label)}</title>"
-            parts.append(f'<circle class="c{number % 8}" cx="{px:.1f}" cy="{py:.1f}" r="2.6">{title_of_point}</circle>')
-    parts.append("</svg>")
-    if len(kept) > 1:
-        names = "".join(f'<li><span class="mark c{i % 8}"></span>{escape(c.name)}</li>' for i, c in enumerate(kept))
-        parts.append(f'<ul class="legend">{names}</ul>')
-    return "".join(parts)
+    across = np.arange(1, len(iterations) + 1)
+    is_new = np.array([iteration["new_tangent"] for iteration in iterations])
+    ends = np.cumsum([len(solve["iterations"]) for solve in solves])[:-1]
+    with _axes(3.0, "iteration", "norm") as axes:
+        curves = {"relative correction": (corrections, _FIRST), "residual (scaled)": (residuals, _SECOND)}
+        for name, (norms, colour) in curves.items():
+            for x, y in zip(np.split(across, ends), np.split(norms, ends), strict=True):
+                axes.plot(x, y, color=colour)
+            for chosen, face in ((is_new, colour), (~is_new, "none")):
+                axes.plot(across[chosen], norms[chosen], "o", color=colour, markerfacecolor=face)
+            axes.plot([], [], "o-", color=colour, label=name)
+        axes.set_yscale("log")
+        axes.legend()
+        return _svg(axes, title)
 
 
-def _positive(curve: Curve, *, log_x: bool, log_y: bool) -> Curve:
-    rows = [
-        i
-        for i, (px, py) in enumerate(curve.points)
-        if math.isfinite(px) and math.isfinite(py) and (px > 0 or not log_x) and (py > 0 or not log_y)
-    ]
-    labels = [curve.labels[i] for i in rows] if curve.labels else ()
-    breaks = frozenset(new for new, old in enumerate(rows) if old in curve.breaks)
-    return Curve(curve.name, [curve.points[i] for i in rows], labels, breaks)
+def load_chart(solves: Sequence[Mapping[str, Any]], title: str) -> str:
+    """Return a chart of the load factor of each solve; no text for one solve."""
+    if len(solves) < 2:
+        return ""
+    with _axes(2.0, "solve", "load factor") as axes:
+        axes.plot(range(1, len(solves) + 1), [solve["load"] for solve in solves], "o-", color=_FIRST)
+        return _svg(axes, title)
 
 
-class _Axis:
-    """An axis from the least to the largest value, with some rounding outwards."""
-
-    def __init__(self, values: Sequence[float], *, log: bool) -> None:
-        self.log = log
-        low, high = min(values), max(values)
-        if log:
-            self.low, self.high = float(math.floor(math.log10(low))), float(math.ceil(math.log10(high)))
-            self.high += self.low == self.high
-            step = max(1, math.ceil((self.high - self.low) / 6))
-            self.ticks = [10.0**k for k in range(int(self.low), int(self.high) + 1, step)]
-        else:
-            spread = high - low or abs(high) or 1.0
-            size = 10.0 ** math.floor(math.log10(spread / 4))
-            step_size = next(size * k for k in (1, 2, 5, 10) if spread / (size * k) <= 6)
-            self.low, self.high = math.floor(low / step_size) * step_size, math.ceil(high / step_size) * step_size
-            if self.low == self.high:
-                self.high += step_size
-            count = round((self.high - self.low) / step_size)
-            self.ticks = [self.low + k * step_size for k in range(count + 1)]
-
-    def share(self, value: float) -> float:
-        placed = math.log10(value) if self.log else value
-        return (placed - self.low) / (self.high - self.low)
+def _ratio(value: float | None, of: float | None) -> float:
+    """Return a ratio on a logarithmic scale, NaN if it has no place there."""
+    return value / of if value and of else np.nan
 
 
-def _number(value: float) -> str:
-    return f"{value:.6g}" if value == 0 or 1e-3 <= abs(value) < 1e5 else f"{value:.2g}"
+@contextmanager
+def _axes(height: float, across: str, upward: str) -> Iterator[Axes]:
+    with new_figure(8.0, height, _LOOK | {"lines.markersize": 4, "lines.linewidth": 1.2}) as figure:
+        axes = figure.subplots()
+        axes.set(xlabel=across, ylabel=upward)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        yield axes
+
+
+def _svg(axes: Axes, title: str) -> str:
+    """Return the figure of axes as an element of the page."""
+    figure, content = axes.get_figure(root=True), io.StringIO()
+    assert figure is not None
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    figure.savefig(content, format="svg", transparent=True, metadata=nothing)
+    text = re.sub(r"<style.*?</style>", "", content.getvalue(), flags=re.DOTALL)  # it would hold for the whole page
+    for stand_in, colour in _OF_PAGE.items():
+        text = text.replace(stand_in, colour)
+    name = f'class="chart" role="img" aria-label="{escape(title)}"'
+    return re.sub(
+        r'.*?<svg .*?(viewBox="[^"]*").*?>', lambda head: f"<svg {name} {head[1]}>", text, count=1, flags=re.DOTALL
+    )

@@ -20,10 +20,9 @@ from hpcinv.pictures import snapshots
 from hpcinv.pictures.boundary import Boundary, read_boundary
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots
 from hpcinv.reports.arrays import Arrays
-from hpcinv.reports.charts import Curve, chart
+from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.page import NAME, render, write_page
 from hpcinv.reports.scene import scene
-from hpcinv.reports.symbols import size_text
 from hpcinv.reports.wording import meaning, words
 
 _STRAINED = 1.001  # stretch, or its inverse, that is worth a word
@@ -80,7 +79,7 @@ def run_page(summary: Mapping[str, Any], boundary: Boundary | None, steps: Seque
         body=body,
         arrays=arrays.texts(),
         picture=picture,
-        size="" if boundary is None else size_text(boundary),
+        size="" if boundary is None else boundary.size,
         quantities=_quantities(summary),
         lines=[
             line | {"meaning": meaning(line["name"]), "state": line.get("state", "")} for line in certificate["lines"]
@@ -164,46 +163,11 @@ def _newton(solutions: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Charts and table of each solution: corrections and residuals over the iterations, and the load of each solve."""
     found = []
     for solution in solutions:
-        corrections, residuals, breaks, labels = list[float](), list[float](), set[int](), list[str]()
-        for solve in solution["solves"]:
-            breaks.add(len(corrections))
-            for iteration in solve["iterations"]:
-                state = iteration["state"] or 0.0
-                corrections.append((iteration["correction"] or 0.0) / state if state else 0.0)
-                residuals.append(iteration["residual"] or 0.0)
-                kind = "new tangent" if iteration["new_tangent"] else "kept tangent"
-                labels.append(f"load {solve['load']:.6g}, {kind}")
-        across = range(1, len(corrections) + 1)
-        curves = [
-            Curve(
-                name,
-                list(zip(across, values, strict=True)),
-                [f"{name} {v:.3g}, {t}" for v, t in zip(values, labels, strict=True)],
-                frozenset(breaks),
-            )
-            for name, values in (("relative correction", corrections), ("residual (scaled)", residuals))
-        ]
-        title = f"Newton's method, {solution['direction']} solution{_of_state(solution)}"
-        steps = [(float(i), solve["load"]) for i, solve in enumerate(solution["solves"], 1)]
-        texts = [f"load {s['load']:.6g}: {s['outcome']}" for s in solution["solves"]]
-        found.append(
-            {
-                "title": title,
-                "chart": chart(curves, title, "iteration", "norm", log_y=True),
-                "path": chart(
-                    [Curve("load factor", steps, texts)], f"{title}: load", "solve", "load factor", size=(640, 200)
-                )
-                if len(steps) > 1
-                else "",
-                "solves": solution["solves"],
-                "linear": solution.get("linear"),
-            }
-        )
+        state = f" of state '{solution['state']}'" if solution.get("state") else ""
+        title, solves = f"Newton's method, {solution['direction']} solution{state}", solution["solves"]
+        charts = {"chart": convergence_chart(solves, title), "path": load_chart(solves, f"{title}: load")}
+        found.append({"title": title, **charts, "solves": solves, "linear": solution.get("linear")})
     return found
-
-
-def _of_state(solution: Mapping[str, Any]) -> str:
-    return f" of state '{solution['state']}'" if solution.get("state") else ""
 
 
 def _phases(summary: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -43,7 +43,7 @@ def scene(
         "up": [0.0, 0.0, 1.0] if up is None else (up / np.linalg.norm(up)).tolist(),
         "regions": _regions(boundary, kept, arrays),
         "error": None if boundary.error is None else arrays.add(boundary.error[kept.of]),
-        "fibres": _fibres(boundary, kept, arrays),
+        "fibres": {"every": _every(kept), "families": _lines(boundary.fibres, kept, arrays)},
         "results": [
             _result(summary, boundary, number, result, kept, arrays)
             | {"steps": [step for step in steps if step["solution"] == number]}
@@ -88,25 +88,18 @@ def _result(
         "J": arrays.add(result.J[kept.of]),
         "stretches": arrays.add(result.stretches[kept.of]),
         "crossing": arrays.add_whole(result.crossing[kept.of]) if result.crossing.any() else None,
-        "fibres": {name: arrays.add(lines[_sampled(kept)]) for name, lines in _directions(result, kept).items()},
+        "fibres": _lines(result.fibres, kept, arrays),
         "symbols": loads,
     }
 
 
-def _directions(result: BoundaryResult, kept: Decimated) -> dict[str, Floats]:
-    return {name: lines[kept.of] for name, lines in result.fibres.items()}
+def _every(kept: Decimated) -> int:
+    return -(-len(kept.of) // _FIBRES)
 
 
-def _sampled(kept: Decimated) -> slice:
-    return slice(None, None, -(-len(kept.of) // _FIBRES))
-
-
-def _fibres(boundary: Boundary, kept: Decimated, arrays: Arrays) -> dict[str, Any]:
-    """Directions on the undeformed body, for every n-th triangle."""
-    return {
-        "every": _sampled(kept).step,
-        "families": {name: arrays.add(lines[kept.of][_sampled(kept)]) for name, lines in boundary.fibres.items()},
-    }
+def _lines(fibres: Mapping[str, Floats], kept: Decimated, arrays: Arrays) -> dict[str, int]:
+    """Add the directions of each family on every n-th triangle."""
+    return {name: arrays.add(directions[kept.of][:: _every(kept)]) for name, directions in fibres.items()}
 
 
 def _regions(boundary: Boundary, kept: Decimated, arrays: Arrays) -> dict[str, Any]:

@@ -56,7 +56,7 @@ def mean_and_cases(
 
 def pictures(named: Sequence[tuple[str, Boundary]]) -> list[tuple[str, bytes]]:
     """Draw the shapes that some cases have found from one direction; none without OpenGL."""
-    from hpcinv.pictures.drawing import Body, View, directions, thumbnail  # loads VTK
+    from hpcinv.pictures.drawing import DrawnBody, View, directions, thumbnail  # loads VTK
 
     chosen = [named[i] for i in _spread(len(named), _PICTURES)]
     frame = np.concatenate([boundary.results[0].others for _, boundary in chosen])
@@ -66,7 +66,7 @@ def pictures(named: Sequence[tuple[str, Boundary]]) -> list[tuple[str, bytes]]:
     found = []
     try:
         for (title, boundary), size in zip(chosen, sizes, strict=True):
-            body = Body(boundary.results[0].others, boundary.triangles, values=size)
+            body = DrawnBody(boundary.results[0].others, boundary.triangles, values=size)
             found.append((title, thumbnail(View([body], frame, front, up), limits)))
     except SystemPartMissing:
         return []

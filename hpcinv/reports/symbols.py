@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hpcinv.pictures.boundary import Boundary
-from hpcinv.quantity.units import readable
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Ints
 
 _EACH = 60  # symbols of one support or load
 _HIDDEN = ("effect", "region", "case", "constants", "fix")
@@ -33,8 +29,8 @@ def symbols(job: Mapping[str, Any], state: Mapping[str, Any], boundary: Boundary
         moved = support.get("displacement")
         fixed = support.get("fix") or [axis for axis, one in zip("xyz", moved or (), strict=False) if one is not None]
         label = f"support {support['region']}: {'moves ' if moved else 'holds '}{', '.join(fixed)}"
-        rows = _rows(boundary, support["region"])
-        found.append({"kind": "support", "label": label, "rows": rows.tolist(), "fixed": fixed})
+        rows = boundary.spread(support["region"], _EACH).tolist()
+        found.append({"kind": "support", "label": label, "rows": rows, "fixed": fixed})
     for effect in state.get("effects") or job.get("effects") or ():
         found.append(_load(effect, boundary))
     return found
@@ -43,24 +39,10 @@ def symbols(job: Mapping[str, Any], state: Mapping[str, Any], boundary: Boundary
 def _load(effect: Mapping[str, Any], boundary: Boundary) -> dict[str, Any]:
     vector = next((v for v in map(_numbers, (effect.get("acceleration"), effect.get("traction"))) if v), None)
     region, on_surface = effect.get("region"), "region" in effect
-    rows = _rows(boundary, region) if region else np.zeros(0, dtype=np.int64)
+    rows = boundary.spread(region, _EACH).tolist() if region else []
     given = ", ".join(f"{name} {_text(value)}" for name, value in effect.items() if name not in _HIDDEN and value)
     label = f"{effect['effect']}{f' on {region}' if region else ''}: {given}"
-    return {"kind": "load", "label": label, "rows": rows.tolist(), "vector": vector, "body": not on_surface}
-
-
-def _rows(boundary: Boundary, region: str) -> Ints:
-    """Some triangles of a region, each the farthest from those before."""
-    every = np.ones(len(boundary.triangles), dtype=bool)
-    inside = np.flatnonzero(every if region == "boundary" else boundary.regions.get(region, ~every))
-    if not len(inside):
-        return inside
-    centres = boundary.points[boundary.triangles[inside]].mean(axis=1)
-    chosen, distance = [0], np.full(len(inside), np.inf)
-    while len(chosen) < min(_EACH, len(inside)):
-        distance = np.minimum(distance, np.linalg.norm(centres - centres[chosen[-1]], axis=1))
-        chosen.append(int(distance.argmax()))
-    return np.asarray(inside[chosen])
+    return {"kind": "load", "label": label, "rows": rows, "vector": vector, "body": not on_surface}
 
 
 def _numbers(value: Any) -> list[float] | None:
@@ -76,8 +58,3 @@ def _text(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"({', '.join(map(_text, value))})"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def size_text(boundary: Boundary) -> str:
-    """Return the sides of the box around the given body."""
-    return " × ".join(readable(float(side), "m") for side in np.ptp(boundary.points, axis=0))

@@ -1,4 +1,4 @@
-"""Deformation gradient and fibres of a solution in the middle of each cell, without compiled kernels."""
+"""Fields of a solution in the middle of each cell, without compiled kernels."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from hpcinv.quantity.spatial_fields import ByData, ByRule
 from hpcinv.results.solution import Solution
 
 if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
     from hpcinv.mesh import Body
 
 type Cells = npt.NDArray[np.integer]
@@ -50,9 +52,21 @@ def fibres(
         direction: Floats = _given(body, name, family, given, cells)
         if family.given_on == "current":
             direction = np.asarray(np.linalg.solve(gradients, direction[:, :, None])[:, :, 0], dtype=float)
-        length = np.linalg.norm(direction, axis=1, keepdims=True)
-        found[name] = np.divide(direction, length, out=np.zeros_like(direction), where=length > 0)
+        found[name] = unit_vectors(direction)
     return found
+
+
+def unit_vectors(vectors: Floats) -> Floats:
+    """Return vectors (n, 3) with length 1, those without length as they are."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))
+
+
+def constants_in(function: Function, cells: Cells) -> Floats:
+    """Return the values of a piecewise constant function in local cells, (cells, components)."""
+    space = function.function_space
+    values = function.x.array.reshape(-1, space.dofmap.index_map_bs)
+    return np.asarray(values[space.dofmap.list[cells, 0]])
 
 
 def _given(body: Body, name: str, family: FibreFamily, solution: Solution, cells: Cells) -> Floats:

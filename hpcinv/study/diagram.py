@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from hpcinv.batch.diagram import Scale, Series, as_files, draw_lines, new_figure, style
+from hpcinv.batch.diagram import Scale, Series, draw_lines
+from hpcinv.pictures.figures import as_files, new_figure, style
 from hpcinv.study.findings import Accuracy, StepStatistics
 from hpcinv.study.rows import StudyRow
 from hpcinv.study.spec import Study
@@ -88,12 +89,12 @@ def over_cases(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict
 
 
 def _is_shown(point: StepStatistics) -> bool:
-    return bool(point.average) and bool(point.costs["time"])
+    return bool(point.average) and bool(point.time)
 
 
 def _draw_series(axes: Axes, number: int, name: str, points: Sequence[StepStatistics]) -> None:
     colour, marker, dashes = style(number)
-    times = [point.costs["time"] or 0.0 for point in points]
+    times = [point.time or 0.0 for point in points]
     errors = [point.average or 0.0 for point in points]
     axes.plot(times, errors, linestyle=dashes, color=colour, linewidth=1.2, gid=f"series-{number}")
     for point, time, error in zip(points, times, errors, strict=True):
@@ -113,7 +114,7 @@ def _draw_series(axes: Axes, number: int, name: str, points: Sequence[StepStatis
 
 
 def _draw_estimates(axes: Axes, number: int, points: Sequence[StepStatistics]) -> None:
-    shown = [(point.costs["time"] or 0.0, point.promised) for point in points if point.promised]
+    shown = [(point.time or 0.0, point.promised) for point in points if point.promised]
     colour, _, _ = style(number)
     axes.plot(*zip(*shown, strict=True), linestyle=":", color=colour, linewidth=1.0, gid=f"estimates-{number}")
 
@@ -122,7 +123,7 @@ def _draw_front(axes: Axes, points: Sequence[StepStatistics]) -> None:
     """Draw the smallest error that is reached within a time, which decreases in steps."""
     if not points:  # a run without any error, which cannot be shown, is better than all others
         return
-    corners = sorted((point.costs["time"] or 0.0, point.average or 0.0) for point in points)
+    corners = sorted((point.time or 0.0, point.average or 0.0) for point in points)
     x, y = zip(*corners, strict=True)
     axes.step(
         x,

@@ -4,6 +4,7 @@ import contextlib
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +85,7 @@ class StudySchedule:
         if claim is not None:
             done, total = known.count()
             yield StudyTask(known.plan.runs[run].place.title, job, claim, done + 1, total)
-        known.read_one(run, number)
+            known.read()
 
     def _is_finished(self) -> bool:
         known = self.executions
@@ -114,27 +115,13 @@ class StudyRunner(Runner[StudyTask]):
         collect_garbage(self.comm)
 
 
-@dataclass(frozen=True)
-class StudyBatch(Batch):
-    """The executions of the runs of a study in a directory."""
+def study_batch(plan: StudyPlan, directory: Path) -> Batch:
+    """Return the executions of the runs of a study in a directory."""
+    return Batch(store_in(directory), plan.study.limit, RETRY, partial(_schedule, plan), StudyRunner)
 
-    plan: StudyPlan
-    directory: Path
-    retry = RETRY
 
-    @property
-    def store(self) -> Path:
-        return store_in(self.directory)
-
-    @property
-    def limit(self) -> float | None:
-        return self.plan.study.limit
-
-    def schedule(self, ledger: Ledger, begin: float, ranks: int) -> StudySchedule:
-        return StudySchedule(Executions(self.plan, ledger, ranks))
-
-    def runner(self, comm: MPI.Intracomm) -> StudyRunner:
-        return StudyRunner(comm)
+def _schedule(plan: StudyPlan, ledger: Ledger, _begin: float, ranks: int) -> StudySchedule:
+    return StudySchedule(Executions(plan, ledger, ranks))
 
 
 def _load_gmsh(job: Job, comm: MPI.Intracomm) -> None:

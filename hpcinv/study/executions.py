@@ -65,12 +65,6 @@ class Executions:
             self._records |= dict(self.ledger.records(new))  # with these records further runs may be ready
             requested.update(new)
 
-    def read_one(self, run: int, number: int) -> None:
-        """Read the record of one execution of a ready run, if there is one."""
-        key = self.execution_key(run, number)
-        if key not in self._records and (record := self.ledger.record(key)) is not None:
-            self._records[key] = record
-
     def is_ready(self, run: int) -> bool:
         """Return whether all values that a run takes from other runs are known."""
         return run in self._jobs or all(self.is_ready(i) and self._first(i) is not None for _, i in self._sources(run))

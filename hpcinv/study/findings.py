@@ -18,9 +18,10 @@ class StepStatistics:
     """Statistics of one step of a series over all cases: a point in the diagrams.
 
     Attributes:
-        average, sd, minimum, maximum: of the errors; ``sd`` of a sample, ``None`` for fewer than two.
-        costs: averages over the cases that converged.
-        ratio: time over that of the base series, for the cases that converged in both.
+        errors: of the cases that have one.
+        statistics: columns of the table: those of the errors (``sd`` of a sample), averages of the costs of the cases
+            that converged, the ``ratio`` of time to that of the base series for the cases that converged in both, and
+            the number of ``failed`` cases; ``None`` if unknown.
         promised: average size of the errors that certificates estimate, ``None`` without any.
     """
 
@@ -28,34 +29,17 @@ class StepStatistics:
     step: int
     label: str
     errors: tuple[float, ...]
-    costs: Mapping[str, float | None]
-    ratio: float | None
-    failed: int
+    statistics: Mapping[str, float | None]
     promised: float | None = None
     on_front: bool = False
 
     @property
     def average(self) -> float | None:
-        return _average(self.errors)
+        return self.statistics["average"]
 
     @property
-    def sd(self) -> float | None:
-        return statistics.stdev(self.errors) if len(self.errors) > 1 else None
-
-    @property
-    def minimum(self) -> float | None:
-        return min(self.errors, default=None)
-
-    @property
-    def maximum(self) -> float | None:
-        return max(self.errors, default=None)
-
-    def statistic(self, name: str) -> float | None:
-        """Return the value of a column of the table of statistics."""
-        if name in self.costs:
-            return self.costs[name]
-        value: float | None = getattr(self, name)
-        return value
+    def time(self) -> float | None:
+        return self.statistics["time"]
 
 
 @dataclass(frozen=True)
@@ -86,7 +70,7 @@ class Accuracy:
     def front(self) -> str:
         """Return the titles of the points on the Pareto front, from fast to accurate; empty without points."""
         on_front = [point for point in self.points if point.on_front]
-        best = sorted(on_front, key=lambda point: point.costs["time"] or 0.0)
+        best = sorted(on_front, key=lambda point: point.time or 0.0)
         return "; ".join(", ".join(filter(None, (point.series, point.label))) for point in best)
 
     def point_of(self, row: StudyRow) -> StepStatistics:
@@ -152,13 +136,18 @@ def _points(
         ratio = None if base is None else _ratio(those, [rows[i] for i in members.get((base, step), members[base, 0])])
         known = tuple(e for i in numbers if (e := errors[i]) is not None)
         converged = [row for row in those if row.converged]
-        costs = {
-            name: _average([c for row in converged if (c := row.costs[name]) is not None]) for name in those[0].costs
+        found: dict[str, float | None] = {
+            "average": _average(known),
+            "sd": statistics.stdev(known) if len(known) > 1 else None,
+            "minimum": min(known, default=None),
+            "maximum": max(known, default=None),
         }
-        failed = len(those) - len(converged)
+        for name in those[0].costs:
+            found[name] = _average([c for row in converged if (c := row.costs[name]) is not None])
+        found |= {"ratio": ratio, "failed": len(those) - len(converged)}
         promised = _average([abs(e) for row in converged if (e := row.estimates[measured]) is not None])
-        points.append(StepStatistics(series, step, those[0].place.label, known, costs, ratio, failed, promised))
-    best = front([(point.costs["time"], point.average) for point in points])
+        points.append(StepStatistics(series, step, those[0].place.label, known, found, promised))
+    best = front([(point.time, point.average) for point in points])
     return tuple(replace(point, on_front=is_best) for point, is_best in zip(points, best, strict=True))
 
 

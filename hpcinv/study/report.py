@@ -70,7 +70,7 @@ def _of_cases(plan: StudyPlan, accuracy: Accuracy) -> Table:
     names = (*STATISTICS, *_COSTS, *extra, "ratio", "failed")
     table = table_of_numbers("series", "run", *(_COSTS.get(name, name) for name in names), texts=2, header_style="bold")
     for point in accuracy.points:
-        table.add_row(point.series, point.label, *(_statistic(name, point.statistic(name)) for name in names))
+        table.add_row(point.series, point.label, *(_statistic(name, point.statistics[name]) for name in names))
         if point.series in published and point.step == 0:
             numbers = published[point.series]
             table.add_row("", "published", *(_statistic(name, numbers.get(name)) for name in names), style="italic")

@@ -73,7 +73,7 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
         "certified": certified,
         "solver": [_phases(s, SOLVER) for s in timed],
     }
-    costs: dict[str, float | None] = {name: _median(values) for name, values in seconds.items()}
+    costs: dict[str, float | None] = {name: statistics.median(of) if of else None for name, of in seconds.items()}
     costs |= {
         "time": costs[study.time],
         "compile": max((_phases(r.statistics, ("compile",)) for r in records if r.statistics), default=None),
@@ -97,10 +97,6 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
 def _phases(found: Mapping[str, Any], names: Sequence[str]) -> float:
     phases = found["timings"]["phases"]
     return float(sum(phases[name]["max"] for name in names if name in phases))
-
-
-def _median(values: Sequence[float]) -> float | None:
-    return statistics.median(values) if values else None
 
 
 def _refines(run: Run) -> bool:

@@ -12,7 +12,7 @@ from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.signals import StopRequest
 from hpcinv.study.diagram import over_cases, work_precision
 from hpcinv.study.directory import StudyDirectory
-from hpcinv.study.execution import StudyBatch
+from hpcinv.study.execution import study_batch
 from hpcinv.study.executions import Executions
 from hpcinv.study.findings import Accuracy, findings
 from hpcinv.study.plan import StudyPlan
@@ -48,7 +48,7 @@ def run_study(
         SolveError: not one run converged.
         JobError: something measured is not there, or has no reference.
     """
-    batch = StudyBatch(plan, directory)
+    batch = study_batch(plan, directory)
     note = partial(print, flush=True)
 
     def known() -> Executions:

@@ -15,19 +15,9 @@ from hpcinv.quantity.suggestions import did_you_mean
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
 """statistics of an error over the cases"""
-COSTS = (
-    "time",
-    "run",
-    "certified",
-    "solver",
-    "compile",
-    "factorizations",
-    "newton_iterations",
-    "unknowns",
-    "cells",
-    "memory",
-)
-"""costs of every run; seconds and bytes"""
+COSTS = dict.fromkeys(("time", "run", "certified", "solver", "compile"), "s")
+COSTS |= dict.fromkeys(("factorizations", "newton_iterations", "unknowns", "cells"), "") | {"memory": "B"}
+"""costs of every run, with their units"""
 SUMMARY = ("mesh", "partition", "solutions", "quantities", "errors", "timings", "certificate", "peak_memory")
 """parts of a summary in which there are numbers to measure"""
 

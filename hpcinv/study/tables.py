@@ -8,12 +8,12 @@ import h5py
 import numpy as np
 
 from hpcinv.batch.specification import text_of
-from hpcinv.batch.tables import COSTS, Columns, fill
+from hpcinv.batch.tables import Columns, fill
 from hpcinv.study.findings import Accuracy
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.references import ReferenceValue
 from hpcinv.study.rows import StudyRow
-from hpcinv.study.spec import STATISTICS
+from hpcinv.study.spec import COSTS, STATISTICS
 
 
 def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], found: Sequence[Accuracy]) -> Columns:
@@ -59,8 +59,8 @@ def point_columns(plan: StudyPlan, accuracy: Accuracy) -> Columns:
     """Return a row for each step of each series: statistics of errors over the cases, and averages of costs."""
     points = accuracy.points
     columns: Columns = {"series": [p.series for p in points], "label": [p.label for p in points]}
-    for name in (*STATISTICS, *points[0].costs, "ratio", "failed"):
-        columns[name] = [point.statistic(name) for point in points]
+    for name in points[0].statistics:
+        columns[name] = [point.statistics[name] for point in points]
     columns["on Pareto front"] = [point.on_front for point in points]
     beside = plan.study.beside
     published = beside.statistics.get(accuracy.name, {}) if beside else {}

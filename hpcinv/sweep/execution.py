@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 from hpcinv.batch.task import Batch
@@ -18,27 +17,18 @@ if TYPE_CHECKING:
     from hpcinv.sweep.runner import SweepRunner
 
 
-@dataclass(frozen=True)
-class SweepBatch(Batch):
-    """The cases of a sweep. Queue and runner are imported where they run, since supervisors must not load PETSc."""
+def sweep_batch(plan: SweepPlan) -> Batch:
+    """Return the cases of a sweep. Queue and runner are imported where they run: supervisors must not load PETSc."""
+    return Batch(plan.store, plan.sweep.limit, RETRY, partial(_queue, plan), partial(_runner, plan.sweep.warm_start))
 
-    plan: SweepPlan
-    retry = RETRY
 
-    @property
-    def store(self) -> Path:
-        return self.plan.store
+def _queue(plan: SweepPlan, ledger: Ledger, begin: float, _ranks: int) -> Queue:
+    from hpcinv.sweep.queue import Queue
 
-    @property
-    def limit(self) -> float | None:
-        return self.plan.sweep.limit
+    return Queue(plan, ledger, begin=begin, patience=1.2 * ledger.lease)
 
-    def schedule(self, ledger: Ledger, begin: float, ranks: int) -> Queue:
-        from hpcinv.sweep.queue import Queue
 
-        return Queue(self.plan, ledger, begin=begin, patience=1.2 * ledger.lease)
+def _runner(warm_start: bool, comm: Intracomm) -> SweepRunner:
+    from hpcinv.sweep.runner import SweepRunner
 
-    def runner(self, comm: Intracomm) -> SweepRunner:
-        from hpcinv.sweep.runner import SweepRunner
-
-        return SweepRunner(comm, warm_start=self.plan.sweep.warm_start)
+    return SweepRunner(comm, warm_start=warm_start)

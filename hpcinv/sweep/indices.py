@@ -27,7 +27,7 @@ _LISTED = 8  # numbers of failed cases in a line
 
 
 @dataclass(frozen=True)
-class Sample:
+class ConvergedSample:
     """The one sample of a sweep, and its cases that have converged.
 
     Attributes:
@@ -81,7 +81,7 @@ def sample_axis(plan: SweepPlan) -> Axis:
     return axes[found[0]]
 
 
-def finished_sample(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Sample:
+def finished_sample(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> ConvergedSample:
     """Return the sample of a finished sweep.
 
     Raises:
@@ -105,7 +105,7 @@ def finished_sample(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Sampl
                 f" {len(axis.sample)} parameters needs {needed}; raise the 'count' of the sample"
             ]
         )
-    return Sample(plan, axis, converged, failed)
+    return ConvergedSample(plan, axis, converged, failed)
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class QuantityIndices:
 
 
 def quantity_indices(
-    sample: Sample, records: Mapping[str, CaseRecord], confidence: float
+    sample: ConvergedSample, records: Mapping[str, CaseRecord], confidence: float
 ) -> tuple[list[QuantityIndices], list[str]]:
     """Return the indices of each quantity of interest, and lines on quantities without them.
 
@@ -159,7 +159,7 @@ def _of_quantity(name: str, unit: str, regression: Regression, values: Floats, c
     return QuantityIndices(name, unit, len(values), mean(regression, surrogate, confidence), of)
 
 
-def regression_of(sample: Sample) -> Regression:
+def regression_of(sample: ConvergedSample) -> Regression:
     """Return the least squares at the points of a sample; raises ``JobError`` if they determine no surrogate."""
     try:
         return Regression(sample.points, sample.normal)
@@ -167,7 +167,7 @@ def regression_of(sample: Sample) -> Regression:
         raise JobError([f"{sample.plan.path}: {error}"]) from None
 
 
-def describe_sample(sample: Sample, records: Mapping[str, CaseRecord]) -> Iterator[str]:
+def describe_sample(sample: ConvergedSample, records: Mapping[str, CaseRecord]) -> Iterator[str]:
     """Yield lines on the cases that are used, and on those that are left out."""
     plan = sample.plan
     names = ", ".join(f"{key} ({d.kind})" for key, d in sample.distributions.items())
@@ -235,7 +235,7 @@ def _shown(index: Bounded) -> str:
     return f"{index.value:.3f} [{index.low:.3f}, {index.high:.3f}]"
 
 
-def as_data(found: Sequence[QuantityIndices], sample: Sample, confidence: float) -> dict[str, Any]:
+def as_data(found: Sequence[QuantityIndices], sample: ConvergedSample, confidence: float) -> dict[str, Any]:
     """Return all figures, in SI, as plain data."""
     return {
         "sweep": sample.plan.sweep.sweep,
@@ -250,7 +250,7 @@ def as_data(found: Sequence[QuantityIndices], sample: Sample, confidence: float)
     }
 
 
-def data_of(of: Indices | None, sample: Sample) -> dict[str, Any]:
+def data_of(of: Indices | None, sample: ConvergedSample) -> dict[str, Any]:
     """Return the figures of indices as plain data."""
     if of is None:
         return {"constant": True}

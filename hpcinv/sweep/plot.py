@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hpcinv.batch.diagram import Scale, Series, as_files, draw_lines, draw_maps, draw_outcomes, new_figure
+from hpcinv.batch.diagram import Scale, Series, draw_lines, draw_maps, draw_outcomes
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.specification import text_of
 from hpcinv.batch.tables import Columns
 from hpcinv.errors import JobError
+from hpcinv.pictures.figures import as_files, new_figure
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.sweep.parameters import log_uniform, sampled
 from hpcinv.sweep.plan import SweepPlan

@@ -15,7 +15,7 @@ from hpcinv.mesh.export import save
 from hpcinv.mesh.io.vtu import read_vtu
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
 from hpcinv.sweep.chaos import GOOD, Indices, Surrogate, sobol_indices
-from hpcinv.sweep.indices import Sample, accuracy, advice, regression_of, table_of
+from hpcinv.sweep.indices import ConvergedSample, accuracy, advice, regression_of, table_of
 
 _STILL = 1e-9  # standard deviation, relative to the largest one, below which a node counts as fixed
 _COMPONENTS = 1e-20  # share of the variance of the principal components that are left out
@@ -64,7 +64,7 @@ class ShapeSpread:
         save(path, dataclasses.replace(self.source, data=data), self.mean)
 
 
-def shape_spread(sample: Sample, ledger: Ledger, confidence: float) -> ShapeSpread:
+def shape_spread(sample: ConvergedSample, ledger: Ledger, confidence: float) -> ShapeSpread:
     """Return the variation of the shape that the cases of a sample have found.
 
     It takes 24 bytes for each node and case, several times.
@@ -128,7 +128,7 @@ def _fields(
     )
 
 
-def _positions(sample: Sample, ledger: Ledger) -> tuple[MeshSource, Floats]:
+def _positions(sample: ConvergedSample, ledger: Ledger) -> tuple[MeshSource, Floats]:
     """Return the mesh of the first case in m, and the positions of the nodes in each case, (cases, n, 3)."""
     plan = sample.plan
     rest = plan.job(sample.cases[0]).rest

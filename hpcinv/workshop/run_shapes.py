@@ -68,7 +68,7 @@ def _summary(run: Path) -> dict[str, Any]:
     if summary["status"] != "converged":
         raise OutputError(
             f"{run}: the run failed, and has no shape: {summary['status']}",
-            "summary.json and run.log tell what to try.",
+            "summary.json and run.log say what to try.",
         )
     return summary
 

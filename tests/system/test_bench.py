@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from helpers.command_line import ROOT, environment, hpcinv
 
-from hpcinv.cli.bench import _with_states, bodies, crossover, linear, ranks, setup, states
+from hpcinv.cli.bench import bodies, crossover, linear, ranks, setup
 from hpcinv.cli.bench_runs import MeasuredRun
 from hpcinv.errors import SolveError
 from hpcinv.job.job import parse
@@ -97,15 +97,17 @@ def test_ranks_are_compared_by_their_medians(tmp_path: Path) -> None:
     assert found.notes == ["a, 50000 unknowns: fastest from command to prompt on 2"]
 
 
-def test_a_further_state_costs_what_it_adds(tmp_path: Path) -> None:
+def test_a_further_state_costs_what_it_adds(tmp_path: Path, benchmark_script: Any) -> None:
+    script = benchmark_script("states")
     played = Played({f"a, 7000, {n}": run(scale=1 + 0.1 * n) for n in (1, 2, 5)}, tmp_path)
-    found = states(played, {"a": lambda size: bodies(Played({}, tmp_path))["cube"](100)}, [7_000], 3)  # type: ignore[arg-type]
+    cube = bodies(Played({}, tmp_path))["cube"](100)  # type: ignore[arg-type]
+    found = script.states(played, {"a": lambda size: cube}, [7_000], 3)
     assert found.rows[2] == ("a", "50000", "5", "3", "33.00", "15.00", "18.00")
     text = (
         "a further state takes 2.20 s, 1.00 s of them its solve; a job of its own would take 13.20 s beside its solve"
     )
     assert found.notes == [f"a, 50000 unknowns: {text}"]
-    job = _with_states(bodies(Played({}, tmp_path))["rod"](100), 3)  # type: ignore[arg-type]
+    job = script.with_states(bodies(Played({}, tmp_path))["rod"](100), 3)  # type: ignore[arg-type]
     planned = [(solve.job.state, solve.direction) for solve in parse(job, tmp_path / "job.yaml").plan]
     assert planned == [("state-0", "inverse"), ("state-1", "forward"), ("state-2", "forward")]
 

@@ -41,6 +41,13 @@ def test_supports_and_loads_are_seen_before_a_run(tmp_path: Path) -> None:
     assert pixels(tmp_path / "block.png", ORANGE) > 500 > pixels(tmp_path / "bare.png", ORANGE)
 
 
+def test_the_arrow_of_gravity_is_in_the_picture(tmp_path: Path) -> None:
+    show(tmp_path, MESHES.parent / "jobs" / "pdms-beam.yaml", "--output", "beam.png")
+    image = matplotlib.image.imread(tmp_path / "beam.png")
+    matplotlib.image.imsave(tmp_path / "views.png", image[: 3 * len(image) // 4])  # without the legend
+    assert pixels(tmp_path / "views.png", ORANGE) > 200
+
+
 def test_a_mesh_is_drawn(tmp_path: Path) -> None:
     assert show(tmp_path, MESHES / "box.py").split() == ["box-mesh.png"]
     assert (tmp_path / "box-mesh.png").stat().st_size > 10_000

@@ -8,6 +8,7 @@ import re
 import zlib
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from hpcinv.pictures.decimation import decimated
 from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
 from hpcinv.reports.arrays import Arrays
-from hpcinv.reports.charts import Curve, chart
+from hpcinv.reports.charts import convergence_chart, load_chart
 from hpcinv.reports.of_run import run_page, write_run_report
 from hpcinv.reports.wording import meaning, words
 
@@ -210,8 +211,25 @@ def test_lines_of_the_certificate_have_a_meaning() -> None:
     assert [name for name in names if not meaning(name)] == []
 
 
-def test_charts_leave_out_what_has_no_place() -> None:
-    curve = Curve("a", [(1, 1e-3), (2, 0.0), (3, float("nan")), (4, 10.0)])
-    assert chart([curve], "t", "x", "y", log_y=True).count("<circle") == 2
-    assert chart([Curve("a", [(1, 0.0)])], "t", "x", "y", log_y=True) == ""
-    assert chart([Curve("a", [(1, 2.0)])], "t", "x", "y").count("<circle") == 1
+def test_charts_show_each_iteration_and_leave_out_what_has_no_place() -> None:
+    def iteration(correction: float | None, *, new: bool) -> dict[str, object]:
+        return {"correction": correction, "state": 2.0, "residual": correction, "new_tangent": new}
+
+    first = {
+        "load": 0.5,
+        "iterations": [iteration(1e-3, new=True), iteration(1e-9, new=False), iteration(0.0, new=True)],
+    }
+    second = {"load": 1.0, "iterations": [iteration(1e-2, new=True), iteration(None, new=True)]}
+    chart = convergence_chart([first, second], "Newton's <method>")
+    assert chart.startswith('<svg class="chart" role="img" aria-label="Newton&#x27;s &lt;method&gt;" viewBox=')
+    marks = re.findall(r'<use xlink:href="#(\w+)" [^>]*stroke: var\(--c0\)', chart)
+    assert len(marks) == 3 + 1  # and one in the legend
+    assert len({*marks}) == 2  # full and empty
+    assert convergence_chart([{"load": 1.0, "iterations": []}], "t") == ""
+    assert convergence_chart([{"load": 1.0, "iterations": [iteration(0.0, new=True)]}], "t") == ""
+    assert load_chart([first], "t") == ""
+    assert load_chart([first, second], "t").count("<use ") > 2
+    for text in (chart, load_chart([first, second], "t")):
+        ElementTree.fromstring(text.replace("<svg ", '<svg xmlns:xlink="x" ', 1))
+        assert "<style" not in text
+        assert "#01000" not in text

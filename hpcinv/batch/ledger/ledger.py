@@ -85,7 +85,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class State:
+class CaseState:
     """State of a case.
 
     Attributes:
@@ -195,20 +195,20 @@ class Ledger:
             shutil.rmtree(run, ignore_errors=True)
         return True
 
-    def states(self, keys: Iterable[str]) -> dict[str, State]:
+    def states(self, keys: Iterable[str]) -> dict[str, CaseState]:
         """Return the state of each case; claims nothing, and scans few directories."""
         return {key: self._state(key, history) for key, history in self._files.of_all(keys).items()}
 
-    def _state(self, key: str, history: History) -> State:
+    def _state(self, key: str, history: History) -> CaseState:
         if history.finished:
-            return State("finished")
+            return CaseState("finished")
         if not history.is_claimed:
-            return State("open", died=history.unreleased)
+            return CaseState("open", died=history.unreleased)
         holder = self._last_holder(key, history)
         if self._is_dead(holder, key, history):
-            return State("open", died=history.unreleased)
+            return CaseState("open", died=history.unreleased)
         living = holder is not None and self._watch.is_living(holder)
-        return State("running", str(holder or "unknown"), history.unreleased - 1, living)
+        return CaseState("running", str(holder or "unknown"), history.unreleased - 1, living)
 
     def _is_held(self, key: str, history: History) -> bool:
         """Return whether an open case has a holder who is, or may be, alive."""

@@ -18,7 +18,7 @@ import pytest
 
 from hpcinv.batch.ledger import liveness
 from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger, State
+from hpcinv.batch.ledger.ledger import CaseState, Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.ledger.store import as_output_error, open_store
 from hpcinv.errors import OutputError
@@ -67,7 +67,7 @@ def test_what_is_not_finite_is_null_in_a_record() -> None:
 
 
 def test_a_case_is_claimed_once_and_finished_once(ledger: Ledger, store: Path) -> None:
-    assert ledger.states([KEY, OTHER]) == {KEY: State("open"), OTHER: State("open")}
+    assert ledger.states([KEY, OTHER]) == {KEY: CaseState("open"), OTHER: CaseState("open")}
     claim = ledger.claim(KEY)
     assert claim is not None
     assert (claim.attempt, claim.died) == (1, 0)
@@ -79,7 +79,7 @@ def test_a_case_is_claimed_once_and_finished_once(ledger: Ledger, store: Path) -
     assert not ledger.commit(claim, FAILED)
     assert ledger.record(KEY) == DONE
     assert ledger.claim(KEY) is None
-    assert ledger.states([KEY, OTHER]) == {KEY: State("finished"), OTHER: State("open")}
+    assert ledger.states([KEY, OTHER]) == {KEY: CaseState("finished"), OTHER: CaseState("open")}
     assert dict(ledger.records([OTHER, KEY])) == {KEY: DONE}
     assert files(store) == {"record-1.json"}
 
@@ -90,7 +90,7 @@ def test_a_case_given_back_goes_on_with_what_was_saved(ledger: Ledger) -> None:
     first.run.mkdir(parents=True)
     (first.run / "checkpoint").write_text("half way")
     ledger.release(first)
-    assert ledger.states([KEY])[KEY] == State("open")
+    assert ledger.states([KEY])[KEY] == CaseState("open")
     second = ledger.claim(KEY)
     assert second is not None
     assert (second.attempt, second.died) == (2, 0)
@@ -109,7 +109,7 @@ def test_only_a_failed_case_is_tried_again_and_anew(ledger: Ledger, store: Path)
     ledger.commit(first, FAILED)
     assert ledger.retry(KEY)
     assert not ledger.retry(KEY)
-    assert ledger.states([KEY])[KEY] == State("open")
+    assert ledger.states([KEY])[KEY] == CaseState("open")
     assert ledger.record(KEY) is None
     second = ledger.claim(KEY)
     assert second is not None
@@ -203,7 +203,7 @@ def test_a_damaged_record_is_not_believed_and_its_case_is_open(ledger: Ledger, s
     record_file(store).write_bytes(damaged)
     assert ledger.record(KEY) is None
     assert ledger.record(KEY) is None
-    assert ledger.states([KEY])[KEY] == State("open")
+    assert ledger.states([KEY])[KEY] == CaseState("open")
     assert record_file(store).read_bytes() == damaged  # left for who wants to know
     again = ledger.claim(KEY)
     assert again is not None
@@ -228,7 +228,7 @@ def test_a_damaged_claim_counts_for_the_lease(
     file = store / "ledger" / "ab" / f"{KEY}.claim-1-1.json"
     file.write_bytes(re.sub(rb'"pid": (\d+)', rb'"pid": "\1"', file.read_bytes()) if damaged is WRONG_TYPE else damaged)
     assert ledger.claim(KEY) is None
-    assert ledger.states([KEY])[KEY] == State("running", "unknown")
+    assert ledger.states([KEY])[KEY] == CaseState("running", "unknown")
     clock(liveness.LEASE - 0.1)
     assert ledger.claim(KEY) is None
     clock(0.1)
@@ -289,7 +289,7 @@ def test_one_elsewhere_is_dead_when_its_heartbeat_stands_still_for_the_lease(
     assert ledger.claim(KEY) is None
     assert ledger.states([KEY])[KEY].name == "running"
     clock(0.1)
-    assert ledger.states([KEY])[KEY] == State("open", died=1)
+    assert ledger.states([KEY])[KEY] == CaseState("open", died=1)
     claim = ledger.claim(KEY)
     assert claim is not None
     assert (claim.attempt, claim.died) == (2, 1)
@@ -495,7 +495,7 @@ def test_a_store_of_another_format_is_refused(tmp_path: Path, mark: str) -> None
 
 def test_a_store_that_is_not_there_has_only_open_cases(tmp_path: Path) -> None:
     reader = Ledger(tmp_path / "none", Holder(tmp_path / "none"))
-    assert reader.states([KEY]) == {KEY: State("open")}
+    assert reader.states([KEY]) == {KEY: CaseState("open")}
     assert reader.record(KEY) is None
     assert not (tmp_path / "none").exists()
 

@@ -17,7 +17,8 @@ import pytest
 import yaml
 from helpers.command_line import COLUMN, ROOT, environment
 
-from hpcinv.batch.forecast import forecast, in_words
+from hpcinv.batch.forecast import in_words, remaining_seconds
+from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.sampling import Method, read_distribution, unit_points
 from hpcinv.errors import JobError
 from hpcinv.sweep.plan import SweepPlan, load_sweep
@@ -357,12 +358,23 @@ def test_cases_that_are_the_same_are_rows_of_their_own(tmp_path: Path) -> None:
 
 
 def test_the_forecast_goes_by_reuse_group_and_else_by_size() -> None:
-    finished = {"small": [1.0, 2.0, 90.0], "large": [40.0]}
-    unknowns = {"small": 100, "large": 1000, "larger": 1500, "smaller": 50}
-    assert forecast([], {}, {}) is None
-    assert forecast(["small"] * 3, finished, unknowns) == 6.0  # medians
-    assert forecast(["larger", "smaller"], finished, unknowns) == pytest.approx(40 * 1.5 + 2 / 2)
-    assert forecast(["unknown"], finished, unknowns) == pytest.approx((2 + 40) / 2)
+    seconds = {"small": [1.0, 2.0, 90.0], "large": [40.0]}
+    sizes = {"small": 100, "large": 1000}
+    finished = {f"{group}-{s}": (group, s) for group, every in seconds.items() for s in every}
+    records = {
+        key: CaseRecord("converged", "", {"mesh": {"unknowns": sizes[group]}}, s, 1)
+        for key, (group, s) in finished.items()
+    }
+
+    def left(*groups: str) -> float | None:
+        open_cases = {f"open-{i}": group for i, group in enumerate(groups)}
+        reuse_groups = {key: group for key, (group, _) in finished.items()} | open_cases
+        return remaining_seconds(reuse_groups, records, {"larger": 1500, "smaller": 50})
+
+    assert remaining_seconds({"a": "small"}, {}) is None
+    assert left("small", "small", "small") == 6.0  # medians
+    assert left("larger", "smaller") == pytest.approx(40 * 1.5 + 2 / 2)
+    assert left("unknown") == pytest.approx((2 + 40) / 2)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,80 @@
+"""What a further state of a body costs beside its solve, on the bodies of ``hpcinv bench``.
+
+Command: python benchmarks/states.py [--sizes N …] [--repeat 3]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from bodies import measure
+
+from hpcinv.cli.bench import bodies
+from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData, median
+
+if TYPE_CHECKING:
+    from hpcinv.cli.bench import Bodies
+
+_STATES = (1, 2, 5)
+
+
+def section(bench: Bench, options: argparse.Namespace) -> list[Findings]:
+    return [states(bench, bodies(bench), options.sizes, options.repeat)]
+
+
+def states(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) -> Findings:
+    """Measure jobs of one, two and five states on one rank."""
+    jobs = {
+        f"{name}, {size}, {count}": (with_states({**body(size), "certificate": WITHOUT_CERTIFICATE}, count), 1)
+        for size in sizes
+        for name, body in measured.items()
+        for count in _STATES
+    }
+    runs = bench.alternating(jobs, repeat)
+    seconds = {
+        name: {
+            "command": median(of, lambda run: run.seconds),
+            "solver": median(of, lambda run: run.solver),
+            "others": median(of, lambda run: run.seconds - run.solver),
+        }
+        for name, of in runs.items()
+    }
+    rows, notes = list[tuple[str, ...]](), list[str]()
+    for size in sizes:
+        for name in measured:
+            one, last = (seconds[f"{name}, {size}, {count}"] for count in (_STATES[0], _STATES[-1]))
+            for count in _STATES:
+                key = f"{name}, {size}, {count}"
+                of = runs[key][0]
+                figures = (f"{value:.2f}" for value in seconds[key].values())
+                rows.append((name, f"{of.unknowns}", str(count), f"{of.count('factorizations')}", *figures))
+            each = {title: (last[title] - one[title]) / (_STATES[-1] - _STATES[0]) for title in one}
+            notes.append(
+                f"{name}, {rows[-1][1]} unknowns: a further state takes {each['command']:.2f} s, {each['solver']:.2f} s"
+                f" of them its solve; a job of its own would take {one['others']:.2f} s beside its solve"
+            )
+    return Findings(
+        f"states: 1 rank, seconds, medians of {repeat}",
+        ("body", "unknowns", "states", "factorizations", "command", "solver", "others"),
+        rows,
+        notes,
+        {"repeat": repeat, "seconds": seconds},
+    )
+
+
+def with_states(job: JobData, count: int) -> JobData:
+    """Return a job with a number of loaded states: the given one, and others with the load turned and smaller."""
+    (effect,), found = job["effects"], []
+    for i in range(count):
+        x, y, z = ((1 - i / 8) * a for a in effect["acceleration"])
+        turned = effect | {"acceleration": [x, y, z] if i % 2 == 0 else [x, z, y]}
+        found.append({"name": f"state-{i}", "effects": [turned]} | ({} if i else {"given": True}))
+    return {key: value for key, value in job.items() if key != "effects"} | {"states": found}
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[15_000], help="unknowns, about")
+    measure(parser, section)
