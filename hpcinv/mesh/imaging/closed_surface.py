@@ -18,6 +18,7 @@ from hpcinv.errors import MeshError
 from hpcinv.mesh.imaging.label_image import Bools, LabelImage
 from hpcinv.mesh.imaging.vtk_messages import without_messages_of_vtk
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.mesh.topology import unique_rows
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.units import readable
@@ -199,15 +200,10 @@ def _read(path: Path) -> pyvista.PolyData:
 
 def _without_repeated(facets: Ints) -> Iterator[Ints]:
     """Triangles with those that occur twice kept once, and without them: then they were walls between two bodies."""
-    ordered = np.sort(facets, axis=1)
-    order = np.lexsort(ordered.T[::-1])
-    begins = np.concatenate([[True], (ordered[order][1:] != ordered[order][:-1]).any(axis=1)])
-    if begins.all():
-        yield facets
-        return
-    starts = np.flatnonzero(begins)
-    yield facets[np.sort(order[starts])]
-    yield facets[np.sort(order[starts[np.diff(np.append(starts, len(facets))) == 1]])]
+    distinct, place = unique_rows(np.sort(facets, axis=1))
+    yield facets if len(distinct) == len(facets) else facets[np.sort(np.unique(place, return_index=True)[1])]
+    if len(distinct) < len(facets):
+        yield facets[np.bincount(place)[place] == 1]
 
 
 def _edges(facets: Ints) -> tuple[Ints, Ints]:
