@@ -123,9 +123,9 @@ class MeshFile(Spec):
         return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
 
     @property
-    def has_unit(self) -> bool:
-        """True if the unit was given."""
-        return "unit" in self.model_fields_set
+    def metres(self) -> float:
+        """Length unit (m) of the coordinates in the file: ``unit``; in images by default mm, as their formats say."""
+        return 1e-3 if self.is_image and "unit" not in self.model_fields_set else self.unit
 
     @field_validator("file")
     @classmethod

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from hpcinv.errors import MeshError
+from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.imaging.image_mesh import image_mesh
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -30,8 +31,6 @@ def hollow_wall_mesh(
     inner: str,
     outer: str,
     report: Callable[[str], None],
-    *,
-    most: int = 10_000_000,
 ) -> MeshSource:
     """Mesh the wall around a cavity on this process, in metres, in cells of second degree.
 
@@ -48,7 +47,9 @@ def hollow_wall_mesh(
         MeshError: as `image_mesh`, or if the wall has another number of ends.
         SystemPartMissing: the packages for images are not installed.
     """
-    mesh = image_mesh(path, labels, size, None, unit, "LPS", {}, most, 2, report)
+    numbers = {name: tuple(of) for name, of in labels.items()}
+    spec = MeshSpec.model_construct(file=str(path), labels=numbers, size=size, unit=unit, geometry_degree=2)
+    mesh = image_mesh(path, spec, report)
     of = {group.name: group.members for group in mesh.groups if group.dim == 3}
     normals, middles, areas = _geometry(mesh.points, mesh.facets)
     at_wall, at_cavity = (_cell_behind(mesh, of[name]) for name in (WALL, CAVITY))
