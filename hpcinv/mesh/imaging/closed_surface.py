@@ -16,11 +16,9 @@ from scipy.sparse.csgraph import connected_components
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.imaging.label_image import Bools, LabelImage
-from hpcinv.mesh.imaging.vtk_messages import without_messages_of_vtk
+from hpcinv.mesh.io.surface_files import read_triangles
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import unique_rows
-from hpcinv.parallel.available_memory import available
-from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.units import readable
 
 _VOXELS = 8  # along the size of a cell
@@ -28,7 +26,6 @@ _MARGIN = 3  # voxels around the body, which is not cut by the border of an imag
 _MOST = 200e6  # bytes, one for each voxel
 _SAME = 0.01  # relative difference of the volumes of triangles and voxels from which on the surface cuts itself
 _MOST_SHELLS = 1000
-_MEMORY = 8  # bytes of memory for each byte of a binary file
 
 
 def fill(
@@ -126,7 +123,7 @@ def read_closed(path: Path) -> pyvista.PolyData:
     Raises:
         MeshError: it cannot be read, is open, or has too many shells.
     """
-    surface = _read(path)
+    surface = read_triangles(path)
     count = 0
     for facets in _without_repeated(surface.regular_faces.astype(np.int64)):
         edges, shared = _edges(facets)
@@ -166,36 +163,6 @@ def _moments(points: Floats, facets: Ints) -> Floats:
     """Volumes between triangles and the middle of the points, where differences of large coordinates are exact."""
     a, b, c = (points[facets[:, i]] - points.mean(axis=0) for i in range(3))
     return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
-
-
-def _read(path: Path) -> pyvista.PolyData:
-    """The triangles in a file, with coinciding nodes as one."""
-    if path.is_file() and (needed := _MEMORY * path.stat().st_size) > (free := available(MPI.COMM_SELF)):
-        raise MeshError(
-            f"{path}: reading it takes about {needed / 1e9:.1f} GB of memory, but {free / 1e9:.1f} GB are available",
-            "Coarsen the surface: triangles below an eighth of the cells' size are not seen.",
-        )
-    with without_messages_of_vtk():
-        try:
-            surface = pyvista.read(path)
-        except Exception as error:  # readers of VTK raise various errors
-            raise MeshError(
-                f"{path}: cannot be read as a surface: {error}", "Formats are STL, PLY, OBJ, VTP and VTK."
-            ) from error
-    if isinstance(surface, pyvista.UnstructuredGrid) and {cell.dimension for cell in surface.distinct_cell_types} == {
-        2
-    }:
-        surface = surface.extract_surface(algorithm=None)
-    if not isinstance(surface, pyvista.PolyData) or not surface.n_cells:
-        raise MeshError(f"{path}: has no triangles", "Formats are STL, PLY, OBJ, VTP and VTK.")
-    if not np.isfinite(surface.points).all():
-        raise MeshError(f"{path}: has coordinates that are not finite numbers")
-    if not surface.is_all_triangles:
-        surface = surface.triangulate()
-    surface = surface.clean(tolerance=1e-9)
-    if not surface.is_all_triangles:  # triangles without an area have become lines and points
-        surface = pyvista.PolyData(surface.points, faces=surface.faces)
-    return surface
 
 
 def _without_repeated(facets: Ints) -> Iterator[Ints]:
