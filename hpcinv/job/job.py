@@ -15,7 +15,7 @@ from hpcinv.effects.contact import Contact
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import REFUSED, applies, is_asked
 from hpcinv.job.accuracy import read_demands
-from hpcinv.job.definitions import resolve, unusable
+from hpcinv.job.definitions import RESERVED, resolve
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.region_names import unknown_regions
@@ -27,6 +27,7 @@ from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation,
 from hpcinv.job.states import State, faults_of_states, given_on_current, in_order, rest_of
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
+from hpcinv.materials.formula_law.invariants import fault_of_name
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import LET, Expression, faults
 from hpcinv.quantity.keys import JobKey, assigned
@@ -308,7 +309,7 @@ class Job(Spec):
     @classmethod
     def _check_let(cls, given: Mapping[str, Expression], info: ValidationInfo) -> Mapping[str, Expression]:
         """Also puts the definitions into the validation context of the following sections."""
-        raise_if_any(((name,), text) for name in given if (text := unusable(name)))
+        raise_if_any(((name,), text) for name in given if (text := fault_of_name(name, RESERVED)))
         resolved = resolve(given)
         if resolved:
             if info.context is None:
