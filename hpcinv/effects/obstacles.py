@@ -158,7 +158,7 @@ class LevelSet(Obstacle):
         return par.metre * value / size, slope / size
 
 
-class Surface(Obstacle):
+class SurfaceObstacle(Obstacle):
     """A triangulated surface.
 
     Before each solve the nearest point of the surface to each node of the body's region is found. During the solve the

@@ -17,7 +17,7 @@ from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.clean_surfaces import cells_between_surfaces
 from hpcinv.mesh.imaging.closed_surface import fill
-from hpcinv.mesh.imaging.curved_cells import Boundary, curved, mirrored
+from hpcinv.mesh.imaging.curved_cells import SmoothBoundary, curved, mirrored
 from hpcinv.mesh.imaging.given_surface import GivenSurface
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of, without_outside
@@ -143,7 +143,7 @@ def _meshed(
     )
     errors = _volume_errors(points, cells, cubes.volumes)
     if spec.geometry_degree == 2:
-        boundary: Boundary = cubes.memberships
+        boundary: SmoothBoundary = cubes.memberships
         if surface is not None:
             start = image.origin + first * image.spacing
             boundary = GivenSurface(surface.translate(-start), cubes.memberships)
