@@ -219,7 +219,7 @@ class Job(Spec):
 
     @property
     def kind(self) -> str:
-        """What is solved, for messages."""
+        """Description of the solves, for messages."""
         return f"{len(self.states)} states" if self.states else f"{self.analysis} analysis"
 
     @property
@@ -290,7 +290,7 @@ class Job(Spec):
 
     @property
     def has_derivatives(self) -> bool:
-        """Whether solutions have derivatives: those of contact with a rigid obstacle have none."""
+        """True if solutions have derivatives; those of contact with a rigid obstacle have none."""
         return _have_derivatives(self.effects, self.states)
 
     @property
@@ -561,7 +561,7 @@ class Job(Spec):
     def _check_analysis(self) -> Self:
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
-                raise Problems(((key,), "is not valid with 'states', which tell what is given; remove it"))
+                raise Problems(((key,), "is not valid with 'states', one of which is the given one; remove it"))
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")
@@ -636,7 +636,7 @@ def _check_differentiable(data: Mapping[str, Any], verb: str) -> None:
 
 
 def _have_derivatives(effects: Iterable[Effect], states: Iterable[State]) -> bool:
-    """Whether solutions have derivatives."""
+    """Return whether solutions have derivatives."""
     everywhere = [*effects, *(effect for state in states for effect in state.effects)]
     return not any("multiplier" in effect.functions(1) for effect in everywhere)
 

@@ -71,7 +71,7 @@ class Body:
 
     @cached_property
     def computed(self) -> dict[str, Any]:
-        """What was computed from the shape of the mesh as its source has it, such as fibres by a rule; by key."""
+        """Results that depend on the shape of the mesh as its source has it, such as fibres by a rule, by key."""
         return {}
 
     def facets(self, name: str) -> LocalIndices:

@@ -105,7 +105,7 @@ def _holds(
 
 
 def of_facets(condition: Expression) -> bool:
-    """Whether a condition is one of outer normals or of cavities, which only facets have."""
+    """Return whether a condition is one of outer normals or of cavities, which only facets have."""
     return bool(condition.names & _OF_FACETS)
 
 

@@ -106,7 +106,7 @@ class SurfaceSpread:
 
     @property
     def shapes(self) -> Mapping[str, Sensitivities]:
-        """What was found, by the state whose shape it is; ``""`` is the one shape of a job without states."""
+        """Results by the state whose shape they are of; ``""`` is the one shape of a job without states."""
         if self.found is None:
             return {}
         return self.found.shapes or {"": self.found}

@@ -118,7 +118,7 @@ def _shifted(one: int, i: int, other: int, j: int) -> tuple[slice, ...]:
 
 
 def _is_manifold(facets: Ints) -> bool:
-    """Whether each edge has two triangles."""
+    """Return whether each edge has two triangles."""
     _, edge = unique_rows(vertex_sets(facets, sub_entities("triangle", 1)))
     return bool((np.bincount(edge) == 2).all())
 

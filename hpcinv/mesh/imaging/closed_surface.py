@@ -84,7 +84,7 @@ def fill(
 
 
 def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Bools:
-    """Whether voxels are inside of a surface; ``MeshError`` if their volume is not that of the triangles."""
+    """Return which voxels are inside of a surface; ``MeshError`` if their volume is not that of the triangles."""
     voxel = float(grid.spacing[0])
     volume = signed_volume(surface)
     if not volume > 0 or not np.isfinite(volume):
@@ -196,7 +196,7 @@ def _turned(points: Floats, facets: Ints, shell: Ints, pairs: Ints, count: int) 
 
 
 def _agree(facets: Ints, pairs: Ints) -> bool:
-    """Whether neighbours pass their common edge in opposite directions."""
+    """Return whether neighbours pass their common edge in opposite directions."""
     one, other = facets[pairs[:, 0]], facets[pairs[:, 1]]
     same = np.zeros(len(pairs), dtype=bool)
     for i in range(3):

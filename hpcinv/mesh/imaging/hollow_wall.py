@@ -1,4 +1,4 @@
-"""Walls around a cavity in a segmented image: the cavity is meshed with the wall, and tells which surface is which."""
+"""Walls around a cavity in a segmented image: the cavity is meshed with the wall, whose surfaces it distinguishes."""
 
 from __future__ import annotations
 

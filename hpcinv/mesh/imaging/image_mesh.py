@@ -37,7 +37,7 @@ CUT = "cut"
 _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
 _MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory
-_RIGHT = 0.01  # relative error of a volume that is not worth a word
+_RIGHT = 0.01  # relative error of a volume up to which it is not noted
 _GAPS = 2  # cells of the lattice: half of the width of gaps in which cells outside the body keep surfaces apart
 _REACHES = (2, 6, 10_000)  # the same: distance from crossing facets, up to which others do
 _UNIFORM = 0.6  # smallest size of cells of one size, relative to the largest one
@@ -344,7 +344,7 @@ def _tell_volumes(
 
 
 def _at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> Bools:
-    """Whether facets lie where the image ends: within a voxel of its last middles, and along it."""
+    """Return whether facets lie where the image ends: within a voxel of its last middles, and along it."""
     corners = points[facets]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300

@@ -1,4 +1,4 @@
-"""What the log tells of a mesh that was made from an image or a surface: place, quality, separate parts."""
+"""Report of a mesh that was made from an image or a surface: place, quality, sizes and separate parts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.topology import FacetTable, connected
 from hpcinv.quantity.units import readable
 
-_NOTED = 0.05  # share of the surface at thin walls that is worth a word
+_NOTED = 0.05  # share of the surface at thin walls from which on it is reported
 
 
 def report_mesh(source: MeshSource, frame: str, report: Callable[[str], None]) -> None:

@@ -63,7 +63,7 @@ def read_triangles(path: Path) -> pyvista.PolyData:
 
 @contextmanager
 def without_messages_of_vtk() -> Iterator[None]:
-    """Context in which VTK prints nothing: what is wrong with a file is told by an exception."""
+    """Context in which VTK prints nothing; faults of a file are exceptions."""
     before = vtk.vtkObject.GetGlobalWarningDisplay()
     vtk.vtkObject.GlobalWarningDisplayOff()
     try:
