@@ -14,12 +14,18 @@ from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.effects.contact import Contact
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import REFUSED, applies, is_asked
-from hpcinv.job.accuracy import read_demands
 from hpcinv.job.definitions import RESERVED, resolve
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.region_names import unknown_regions
-from hpcinv.job.rules import unknown_families, unsuited, unsuited_effects, unsuited_supports, wants_pressure
+from hpcinv.job.rules import (
+    read_demands,
+    unknown_families,
+    unsuited,
+    unsuited_effects,
+    unsuited_supports,
+    wants_pressure,
+)
 from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
@@ -473,8 +479,7 @@ class Job(Spec):
     def _check_accuracy(cls, given: object, info: ValidationInfo) -> Mapping[str, float]:
         if "quantities" not in info.data:  # already reported
             return {}
-        demands, problems = read_demands(given, info.data["quantities"])
-        raise_if_any(problems)
+        demands = read_demands(given, info.data["quantities"])
         if demands and info.data.get("identify") is not None:
             raise ValueError("cannot be combined with 'identify', which needs one mesh for all evaluations")
         if demands and info.data.get("states"):

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -18,7 +22,6 @@ from hpcinv.mesh.imaging.wall_sizes import WallSizes
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected, unique_rows, vertex_sets
-from hpcinv.parallel.quiet import quiet_library
 from hpcinv.parallel.signals import handlers_restored
 
 _ROUNDS = 4  # of smoothing
@@ -164,7 +167,7 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
         }
         for name, value in options.items():
             gmsh.option.setNumber(name, value)
-        with quiet_library():  # HXT prints where surfaces cross
+        with _without_output():  # HXT prints where surfaces cross
             gmsh.model.mesh.generate(3)
         numbers, coordinates, _ = gmsh.model.mesh.getNodes()
         place = np.zeros(int(numbers.max()) + 1, dtype=np.int64)
@@ -181,3 +184,17 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
     if filled.volumes().min() <= 0:
         raise ValueError("inverted cells")
     return filled
+
+
+@contextmanager
+def _without_output() -> Iterator[None]:
+    """Context in which the standard output of this process is discarded, also that of libraries in C."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
