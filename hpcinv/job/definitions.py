@@ -22,10 +22,8 @@ def resolve(given: Mapping[str, Expression]) -> dict[str, Expression]:
     try:
         order = list(sorter.static_order())
     except CycleError as error:
-        cycle = error.args[1][:0:-1]  # each name uses the next one, and the last uses the first
-        start = cycle.index(next(name for name in given if name in cycle))
-        names = [*cycle[start:], *cycle[: start + 1]]
-        raise Problems(((names[0],), f"is defined by itself: {' -> '.join(names)}")) from None
+        cycle = error.args[1][::-1]  # each name uses the next one
+        raise Problems(((cycle[0],), f"is defined by itself: {' -> '.join(cycle)}")) from None
     resolved: dict[str, Expression] = {}
     for name in order:
         try:

@@ -289,10 +289,7 @@ class Job(Spec):
     @property
     def differentiated(self) -> list[Parameter]:
         """Parameters by which the results are differentiated, in the order of ``sensitivities``."""
-        owners: dict[str, Owner] = {}
-        for solve in self.plan:
-            owners |= solve.job.owners
-        return uncertain_parameters(self.sensitivities, owners)
+        return uncertain_parameters(self.sensitivities, _all_owners(dict(self)))
 
     @property
     def has_derivatives(self) -> bool:
