@@ -15,7 +15,7 @@ from hpcinv.errors import JobError, OutputError
 if TYPE_CHECKING:
     from hpcinv.fitting.candidate import Candidate
     from hpcinv.fitting.measurements import Test
-    from hpcinv.fitting.report import Outcome
+    from hpcinv.fitting.report import CheckedFit
 
 _EXAMPLES = """hpcinv fit uniaxial.csv planar.csv --law mooney-rivlin --plot fit.png
 hpcinv fit tests.csv --law mooney-rivlin --law yeoh --law ogden:2 --output fit.json --material material.yaml
@@ -61,7 +61,7 @@ def add_fit(commands: Any) -> None:
 def _fit(options: argparse.Namespace) -> int:
     from hpcinv.fitting.least_squares import FitError, fit
     from hpcinv.fitting.plot import check_format, plot
-    from hpcinv.fitting.report import Outcome, describe
+    from hpcinv.fitting.report import CheckedFit, describe
 
     if options.plot is not None:
         check_format(options.plot)
@@ -75,11 +75,11 @@ def _fit(options: argparse.Namespace) -> int:
     candidates = _candidates(options, fixed)
     _check_fixed(fixed, candidates)
     tests = _tests(options)
-    outcomes: list[Outcome] = []
+    outcomes: list[CheckedFit] = []
     failures: list[str] = []
     for law in candidates:
         try:
-            outcomes.append(Outcome.of(fit(law, tests)))
+            outcomes.append(CheckedFit.of(fit(law, tests)))
         except FitError as error:
             failures.append(str(error))
     if not outcomes:
@@ -158,7 +158,7 @@ def _tests(options: argparse.Namespace) -> list[Test]:
     return with_deviations(tests, options.sd)
 
 
-def _show_ranking(outcomes: list[Outcome]) -> None:
+def _show_ranking(outcomes: list[CheckedFit]) -> None:
     from rich.table import Table
 
     from hpcinv.fitting.report import ranking
@@ -176,7 +176,7 @@ def _show_ranking(outcomes: list[Outcome]) -> None:
     table_console().print(table)
 
 
-def _write(options: argparse.Namespace, outcomes: list[Outcome], best: Outcome) -> None:
+def _write(options: argparse.Namespace, outcomes: list[CheckedFit], best: CheckedFit) -> None:
     import yaml
 
     from hpcinv.files.atomic import output_errors, replace

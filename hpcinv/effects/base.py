@@ -34,11 +34,11 @@ class Effect(Ingredient):
     """load case (a name from 'load_cases') in which it grows from nothing to its full size; left out, the first"""
 
     writes_its_stress: ClassVar[bool] = False
-    """Whether results have the stress that its inelastic strain alone causes in the body's reference shape."""
+    """True if results have the stress that its inelastic strain alone causes in the body's reference shape."""
 
     @property
     def is_load(self) -> bool:
-        """Whether it acts in space; fields of other effects are attached to the material, as those of laws are."""
+        """True if it acts in space; fields of other effects are attached to the material, as those of laws are."""
         return type(self).virtual_work is not Effect.virtual_work
 
     @property

@@ -87,7 +87,7 @@ class Contact(Effect):
 
     @property
     def assumption(self) -> str:
-        """What determines the contact pressure."""
+        """Assumption that determines the contact pressure."""
         if self.stiffness is not None:
             return "pressure = stiffness × penetration of an elastic layer (assumed)"
         if self.pressure is not None:

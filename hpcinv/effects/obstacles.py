@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ValidationInfo, field_validator
 
+from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import REFUSED, applies
 from hpcinv.quantity import Length, Triple
 from hpcinv.quantity.expressions import Expression
@@ -157,7 +158,7 @@ class LevelSet(Obstacle):
         return par.metre * value / size, slope / size
 
 
-class Surface(Obstacle):
+class SurfaceObstacle(Obstacle):
     """A triangulated surface.
 
     Before each solve the nearest point of the surface to each node of the body's region is found. During the solve the
@@ -181,7 +182,7 @@ class Surface(Obstacle):
             raise ValueError(f"{shown(file)} is not a readable surface; valid suffixes are {', '.join(FORMATS)}")
         if applies(info):
             raise ValueError(f"{shown(file)} is read by VTK in this process, and is {REFUSED}")
-        if not path.is_file():
+        if not is_file(path):
             raise ValueError(f"there is no file '{path}'. Paths start from the directory of the job file")
         return file
 

@@ -1,22 +1,12 @@
 """Checks of file names from users, without errors for names that no file can have."""
 
+import os.path
 from pathlib import Path
 
 from hpcinv.errors import OutputError
 
-
-def exists(path: Path) -> bool:
-    """Return whether a file or directory exists and is accessible."""
-    try:
-        path.stat()
-    except (OSError, ValueError):  # too long, or with a null character
-        return False
-    return True
-
-
-def is_file(path: Path) -> bool:
-    """Return whether a regular file exists and is accessible."""
-    return exists(path) and path.is_file()
+exists, is_file = os.path.exists, os.path.isfile
+"""False, and no error as from methods of a path, for names that are too long or have a null character"""
 
 
 def check_output(path: Path) -> None:

@@ -32,7 +32,7 @@ _MODULI = {("young",), ("poisson",)}  # found among the numbers of a law, but th
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FreeParameter:
     """A number of a law that is fitted.
 
     Attributes:
@@ -70,7 +70,7 @@ class Candidate:
     label: str
     law: MaterialLaw
     data: Mapping[str, Any]
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FreeParameter, ...]
 
     @property
     def places(self) -> list[Location]:
@@ -199,21 +199,21 @@ def _key(name: str, data: Mapping[str, Any]) -> str:
     return f"parameters.{name}" if name in _known(data) else name
 
 
-def _parameters(law: MaterialLaw, kept: set[tuple[Any, ...]]) -> Iterator[Parameter]:
+def _parameters(law: MaterialLaw, kept: set[tuple[Any, ...]]) -> Iterator[FreeParameter]:
     for place, number in law.numbers().items():
         if place in _MODULI or not isinstance(number, Number) or any(place[: len(k)] == k for k in kept):
             continue
         assert number.dimension is not None
         if place[0] == "parameters":
-            yield Parameter(place, number.dimension)
+            yield FreeParameter(place, number.dimension)
             continue
         bounds = quantity_of(type(law), str(place[0]))
         if not bounds.bounds and number.dimension == Dimension():
-            yield Parameter(place, number.dimension, -LARGEST_EXPONENT, LARGEST_EXPONENT)
+            yield FreeParameter(place, number.dimension, -LARGEST_EXPONENT, LARGEST_EXPONENT)
             continue
         # An excluded bound is kept away from by less than matters.
         lowest = bounds.above + 1e-9 * max(abs(bounds.above), 1e-3) if math.isfinite(bounds.above) else -math.inf
-        yield Parameter(place, number.dimension, max(lowest, bounds.at_least), bounds.at_most)
+        yield FreeParameter(place, number.dimension, max(lowest, bounds.at_least), bounds.at_most)
 
 
 def _values(law: MaterialLaw, places: Sequence[Location]) -> Floats:

@@ -115,7 +115,7 @@ def fit(candidate: Candidate, tests: Sequence[Test]) -> Fit:
     Raises:
         FitError: with the reason, which names the law.
     """
-    problem = _Problem(candidate, tests)
+    problem = _LeastSquares(candidate, tests)
     problem.check()
     starts = problem.starts()
     first = _FIRST_EVALUATIONS if len(starts) > 1 else _MOST_EVALUATIONS
@@ -136,7 +136,7 @@ def _cost(solution: scipy.optimize.OptimizeResult) -> float:
     return float(solution.cost)
 
 
-class _Problem:
+class _LeastSquares:
     def __init__(self, candidate: Candidate, tests: Sequence[Test]) -> None:
         self._candidate, self._tests = candidate, tuple(tests)
         self._response = Response(candidate.law, candidate.places)

@@ -32,7 +32,7 @@ _STATEMENTS = {"mode": None, "area": Quantity("m^2", above=0.0), "length": Quant
 
 @dataclass(frozen=True)
 class _Column:
-    """What a column may hold: its role, dimension, and the conversion of a value (SI) to the measure or stress."""
+    """Kind of a column: its role, dimension, and the conversion of a value (SI) to the measure or stress."""
 
     role: str  # "strain", "stress", "deviation" or "mode"
     dimension: Dimension = _PURE

@@ -13,7 +13,7 @@ from hpcinv.errors import OutputError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.fitting.homogeneous import Mode
 from hpcinv.fitting.measurements import Test
-from hpcinv.fitting.report import Outcome
+from hpcinv.fitting.report import CheckedFit
 from hpcinv.fitting.taylor import Floats
 from hpcinv.quantity.units import readable
 
@@ -28,7 +28,7 @@ def check_format(path: Path) -> None:
         raise OutputError(f"{path}: a plot ends in {', '.join(FORMATS)}")
 
 
-def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
+def plot(path: Path, outcomes: Sequence[CheckedFit]) -> None:
     """Write a plot with a panel for each mode: points of the tests, and a line for each law.
 
     Raises:
@@ -69,7 +69,7 @@ def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
         replace(path, content.getvalue())
 
 
-def _stress(outcome: Outcome, mode: Mode, measure: Floats, *, cauchy: bool) -> Floats:
+def _stress(outcome: CheckedFit, mode: Mode, measure: Floats, *, cauchy: bool) -> Floats:
     return outcome.fit.response.stress(mode, measure, outcome.fit.values, cauchy=cauchy)[0]
 
 

@@ -19,14 +19,14 @@ _POOR = 2.0  # scatter in standard deviations above which the law does not descr
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CheckedFit:
     """A fit with its stability; the better of two has the smaller criterion."""
 
     fit: Fit
     ranges: tuple[Range, ...]
 
     @classmethod
-    def of(cls, fit: Fit) -> Outcome:
+    def of(cls, fit: Fit) -> CheckedFit:
         return cls(fit, tuple(stability(fit.response, fit.values, fit.tests)))
 
     @property
@@ -126,7 +126,7 @@ class Outcome:
         }
 
 
-def describe(outcome: Outcome) -> list[str]:
+def describe(outcome: CheckedFit) -> list[str]:
     """Return the lines on one law: parameters, residuals of each test, stability."""
     fit = outcome.fit
     lines = [f"{outcome.label}:"]
@@ -154,7 +154,7 @@ def _place(checked: Range) -> str:
     return "within the tested range" if checked.tested else "in a mode that was not tested"
 
 
-def ranking(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+def ranking(outcomes: Sequence[CheckedFit]) -> list[tuple[str, ...]]:
     """Return the rows of the comparison, best first: law, parameters, R², scatter, AICc, difference, weight, checks."""
     known = outcomes[0].fit.deviations_known
     ordered = sorted(outcomes, key=lambda outcome: outcome.fit.aicc)

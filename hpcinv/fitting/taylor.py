@@ -96,29 +96,13 @@ def _function(derivatives: Callable[[Any], tuple[Any, Any, Any]]) -> Callable[[N
     return lambda x: x.mapped(*derivatives(x.value)) if isinstance(x, Taylor) else derivatives(np.float64(x))[0]
 
 
-def _exp(v: Any) -> tuple[Any, Any, Any]:
-    e = np.exp(v)
-    return e, e, e
-
-
-def _sqrt(v: Any) -> tuple[Any, Any, Any]:
-    root = np.sqrt(v)
-    return root, 0.5 / root, -0.25 / (root * v)
-
-
-def _tan(v: Any) -> tuple[Any, Any, Any]:
-    t = np.tan(v)
-    return t, 1 + t**2, 2 * t * (1 + t**2)
-
-
-def _tanh(v: Any) -> tuple[Any, Any, Any]:
-    t = np.tanh(v)
-    return t, 1 - t**2, -2 * t * (1 - t**2)
-
-
-exp = _function(_exp)
+exp = _function(lambda v: (np.exp(v),) * 3)
 log = _function(lambda v: (np.log(v), 1 / v, -1 / v**2))
-sqrt = _function(_sqrt)
+sqrt = _function(lambda v: (np.sqrt(v), 0.5 / np.sqrt(v), -0.25 / (np.sqrt(v) * v)))
+_sin = _function(lambda v: (np.sin(v), np.cos(v), -np.sin(v)))
+_cos = _function(lambda v: (np.cos(v), -np.sin(v), -np.cos(v)))
+_sinh = _function(lambda v: (np.sinh(v), np.cosh(v), np.sinh(v)))
+_cosh = _function(lambda v: (np.cosh(v), np.sinh(v), np.cosh(v)))
 _abs = _function(lambda v: (np.abs(v), np.sign(v), np.zeros_like(v)))
 _atan = _function(lambda v: (np.arctan(v), 1 / (1 + v**2), -2 * v / (1 + v**2) ** 2))
 
@@ -139,16 +123,16 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "ln": log,
     "sqrt": sqrt,
     "abs": _abs,
-    "sin": _function(lambda v: (np.sin(v), np.cos(v), -np.sin(v))),
-    "cos": _function(lambda v: (np.cos(v), -np.sin(v), -np.cos(v))),
-    "tan": _function(_tan),
+    "sin": _sin,
+    "cos": _cos,
+    "tan": lambda x: _sin(x) / _cos(x),
     "asin": _function(lambda v: (np.arcsin(v), (1 - v**2) ** -0.5, v * (1 - v**2) ** -1.5)),
     "acos": _function(lambda v: (np.arccos(v), -((1 - v**2) ** -0.5), -v * (1 - v**2) ** -1.5)),
     "atan": _atan,
     "atan2": lambda y, x: _atan(y / (_norm(x, y) + x)) * 2,
-    "sinh": _function(lambda v: (np.sinh(v), np.cosh(v), np.sinh(v))),
-    "cosh": _function(lambda v: (np.cosh(v), np.sinh(v), np.cosh(v))),
-    "tanh": _function(_tanh),
+    "sinh": _sinh,
+    "cosh": _cosh,
+    "tanh": lambda x: _sinh(x) / _cosh(x),
     "max": lambda *terms: reduce(_larger, terms),
     "min": lambda *terms: -reduce(_larger, [-t for t in terms]),
     "norm": _norm,

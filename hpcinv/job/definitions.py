@@ -1,26 +1,15 @@
 """The section 'let' of a job: definitions of names in its formulas."""
 
-import keyword
 from collections.abc import Mapping
 from graphlib import CycleError, TopologicalSorter
 
 from hpcinv.job.sections import FIELDS, POSITIONS
-from hpcinv.materials.formula_law.invariants import families_in
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.schema import Problems
 
 RESERVED = frozenset({*FUNCTIONS, *CONSTANTS, *POSITIONS, *FIELDS, "displacement"})
 """Names with a meaning in formulas of a job."""
-
-
-def unusable(name: str) -> str | None:
-    """Reason why a definition cannot have this name, or ``None``."""
-    if name in RESERVED or families_in(name) is not None:
-        return "is already the name of something else; 'hpcinv formulas' lists the reserved names"
-    if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
-        return "cannot be a name in a formula; choose a name of letters, digits and _"
-    return None
 
 
 def resolve(given: Mapping[str, Expression]) -> dict[str, Expression]:
@@ -33,10 +22,8 @@ def resolve(given: Mapping[str, Expression]) -> dict[str, Expression]:
     try:
         order = list(sorter.static_order())
     except CycleError as error:
-        cycle = error.args[1][:0:-1]  # each name uses the next one, and the last uses the first
-        start = cycle.index(next(name for name in given if name in cycle))
-        names = [*cycle[start:], *cycle[: start + 1]]
-        raise Problems(((names[0],), f"is defined by itself: {' -> '.join(names)}")) from None
+        cycle = error.args[1][::-1]  # each name uses the next one
+        raise Problems(((cycle[0],), f"is defined by itself: {' -> '.join(cycle)}")) from None
     resolved: dict[str, Expression] = {}
     for name in order:
         try:

@@ -14,12 +14,18 @@ from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.effects.contact import Contact
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import REFUSED, applies, is_asked
-from hpcinv.job.accuracy import read_demands
-from hpcinv.job.definitions import resolve, unusable
+from hpcinv.job.definitions import RESERVED, resolve
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.region_names import unknown_regions
-from hpcinv.job.rules import unknown_families, unsuited, unsuited_effects, unsuited_supports, wants_pressure
+from hpcinv.job.rules import (
+    read_demands,
+    unknown_families,
+    unsuited,
+    unsuited_effects,
+    unsuited_supports,
+    wants_pressure,
+)
 from hpcinv.job.sections import REGION_NAMES, ExpectedShape, QuantityOfInterest, Support, directory_of
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
@@ -27,6 +33,7 @@ from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation,
 from hpcinv.job.states import State, faults_of_states, given_on_current, in_order, rest_of
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import Material, MaterialLaw
+from hpcinv.materials.formula_law.invariants import fault_of_name
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import LET, Expression, faults
 from hpcinv.quantity.keys import JobKey, assigned
@@ -218,7 +225,7 @@ class Job(Spec):
 
     @property
     def kind(self) -> str:
-        """What is solved, for messages."""
+        """Description of the solves, for messages."""
         return f"{len(self.states)} states" if self.states else f"{self.analysis} analysis"
 
     @property
@@ -282,14 +289,11 @@ class Job(Spec):
     @property
     def differentiated(self) -> list[Parameter]:
         """Parameters by which the results are differentiated, in the order of ``sensitivities``."""
-        owners: dict[str, Owner] = {}
-        for solve in self.plan:
-            owners |= solve.job.owners
-        return uncertain_parameters(self.sensitivities, owners)
+        return uncertain_parameters(self.sensitivities, _all_owners(dict(self)))
 
     @property
     def has_derivatives(self) -> bool:
-        """Whether solutions have derivatives: those of contact with a rigid obstacle have none."""
+        """True if solutions have derivatives; those of contact with a rigid obstacle have none."""
         return _have_derivatives(self.effects, self.states)
 
     @property
@@ -308,7 +312,7 @@ class Job(Spec):
     @classmethod
     def _check_let(cls, given: Mapping[str, Expression], info: ValidationInfo) -> Mapping[str, Expression]:
         """Also puts the definitions into the validation context of the following sections."""
-        raise_if_any(((name,), text) for name in given if (text := unusable(name)))
+        raise_if_any(((name,), text) for name in given if (text := fault_of_name(name, RESERVED)))
         resolved = resolve(given)
         if resolved:
             if info.context is None:
@@ -472,8 +476,7 @@ class Job(Spec):
     def _check_accuracy(cls, given: object, info: ValidationInfo) -> Mapping[str, float]:
         if "quantities" not in info.data:  # already reported
             return {}
-        demands, problems = read_demands(given, info.data["quantities"])
-        raise_if_any(problems)
+        demands = read_demands(given, info.data["quantities"])
         if demands and info.data.get("identify") is not None:
             raise ValueError("cannot be combined with 'identify', which needs one mesh for all evaluations")
         if demands and info.data.get("states"):
@@ -560,7 +563,7 @@ class Job(Spec):
     def _check_analysis(self) -> Self:
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
-                raise Problems(((key,), "is not valid with 'states', which tell what is given; remove it"))
+                raise Problems(((key,), "is not valid with 'states', one of which is the given one; remove it"))
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")
@@ -635,7 +638,7 @@ def _check_differentiable(data: Mapping[str, Any], verb: str) -> None:
 
 
 def _have_derivatives(effects: Iterable[Effect], states: Iterable[State]) -> bool:
-    """Whether solutions have derivatives."""
+    """Return whether solutions have derivatives."""
     everywhere = [*effects, *(effect for state in states for effect in state.effects)]
     return not any("multiplier" in effect.functions(1) for effect in everywhere)
 

@@ -3,11 +3,12 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from hpcinv.effects import Direction, Effect
-from hpcinv.job.sections import AXES, Support
+from hpcinv.job.sections import AXES, QuantityOfInterest, Support
 from hpcinv.job.settings import Discretisation
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.schema import Location
+from hpcinv.quantity.quantity import positive
+from hpcinv.quantity.schema import Location, raise_if_any, shown
 from hpcinv.quantity.suggestions import did_you_mean
 
 type Faults = Iterator[tuple[Location, str]]
@@ -104,3 +105,33 @@ def unknown_case(case: str | None, known: Collection[str] | None) -> Faults:
     if known is not None and case is not None and case not in known:
         hint = f".{did_you_mean(case, known)}" if known else ""
         yield ("case",), f"'{case}' is not among 'load_cases'{hint}"
+
+
+def read_demands(given: object, quantities: Sequence[QuantityOfInterest]) -> dict[str, float]:
+    """Largest errors (SI) by the names of quantities, from the section ``accuracy``.
+
+    The error of a displacement is the length of its error vector.
+
+    Raises:
+        Problems: the section has faults.
+    """
+    if not isinstance(given, Mapping):
+        raise ValueError(f"must be a mapping of names of quantities to their largest errors, not {shown(given)}")
+    known = {q.name: q for q in quantities}
+    demands: dict[str, float] = {}
+    problems: list[tuple[Location, str]] = []
+    for name, value in given.items():
+        if name not in known:
+            fault = f"there is no such quantity in 'quantities'.{did_you_mean(str(name), known)}"
+            problems.append(((str(name),), fault))
+            continue
+        if known[name].is_reaction:
+            fault = "is a reaction, for which there is no error estimate; any other kind of quantity is possible"
+            problems.append(((name,), fault))
+            continue
+        try:
+            demands[name] = positive(value, known[name].dimension, "the quantity")
+        except ValueError as error:
+            problems.append(((name,), str(error)))
+    raise_if_any(problems)
+    return demands

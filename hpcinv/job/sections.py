@@ -123,9 +123,9 @@ class MeshFile(Spec):
         return {("file" if key in sources else key): value for key, value in data.items()} if sources else data
 
     @property
-    def has_unit(self) -> bool:
-        """True if the unit was given."""
-        return "unit" in self.model_fields_set
+    def metres(self) -> float:
+        """Length unit (m) of the coordinates in the file: ``unit``; in images by default mm, as their formats say."""
+        return 1e-3 if self.is_image and "unit" not in self.model_fields_set else self.unit
 
     @field_validator("file")
     @classmethod
@@ -218,7 +218,7 @@ class SurfaceError(Spec):
     correlation: Size | None = None
     """length over which errors are alike; by default 10 standard deviations"""
     samples: Annotated[int, Field(ge=2, le=10_000)] = 16
-    """random surfaces, of which each takes a linear solve; m of them tell a standard deviation to 1/√(2m)"""
+    """random surfaces, of which each takes a linear solve; m of them give a standard deviation to 1/√(2m)"""
 
 
 class MeshSpec(MeshFile):
@@ -248,7 +248,7 @@ class MeshSpec(MeshFile):
     """ratio of 'size' and the smallest size of cells, which thin walls and strong curvatures have: 1 for cells of one
     size; by default at most 4 in walls, as far as there are not more than four times as many cells"""
     surface_error: Annotated[SurfaceError | None, Field(exclude_if=lambda error: error is None)] = None
-    """error of the given surface, whose effect on shape and quantities the certificate tells; of an image by default
+    """error of the given surface, whose effect on shape and quantities the certificate reports; of an image by default
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
 
     formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES

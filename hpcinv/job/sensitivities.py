@@ -15,7 +15,7 @@ type Owner = Ingredient | Support
 
 
 class Uncertain(Spec):
-    """What is known of a number by which the results are differentiated."""
+    """Uncertainty of a number by which the results are differentiated, and numbers that change with it."""
 
     sd: AnyQuantity | None = None
     """its standard deviation"""

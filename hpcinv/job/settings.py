@@ -216,7 +216,7 @@ class Output(Spec):
 
     @property
     def has_surface(self) -> bool:
-        """Whether the boundary is written."""
+        """True if the boundary is written."""
         return self.report or (self.fields if self.surface is None else self.surface)
 
     @field_validator("summary")

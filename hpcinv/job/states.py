@@ -1,6 +1,7 @@
 """The section ``states`` of a job: loads and supports of one body in each of its states."""
 
 from collections.abc import Iterator, Sequence
+from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
 from pydantic import Field, model_validator
@@ -70,20 +71,11 @@ def faults_of_states(states: Sequence[State]) -> Faults:
     for i, state in enumerate(states):
         if state.start is not None and state.start not in names:
             yield (i, "start"), f"there is no state '{state.start}'.{did_you_mean(state.start, names)}"
-    if not any(True for _ in repeated(names)) and (cycle := _cycle(states)):
+    try:
+        TopologicalSorter({state.name: [state.start] if state.start else [] for state in states}).prepare()
+    except CycleError as error:
+        cycle = error.args[1][::-1]
         yield (names.index(cycle[0]), "start"), f"leads back to the state itself: {' -> '.join(cycle)}"
-
-
-def _cycle(states: Sequence[State]) -> list[str]:
-    """Names along the first cycle of starts, empty if there is none."""
-    start = {state.name: state.start for state in states}
-    for state in states:
-        path: list[str] = [state.name]
-        while (before := start.get(path[-1])) is not None and before not in path[1:]:
-            path.append(before)
-            if before == state.name:
-                return path
-    return []
 
 
 def in_order(states: Sequence[State]) -> list[int]:

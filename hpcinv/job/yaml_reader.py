@@ -8,7 +8,6 @@ two is refused, by its bytes, and by the number of its values, where an alias co
 import re
 import stat
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -130,65 +129,68 @@ def _parsed(text: str) -> Any:
     return document
 
 
-@dataclass
-class _Open:
-    """A list or mapping that is being read; ``key`` is the last key of a mapping, before its value is read."""
-
-    content: list[Any] | dict[str, Any]
-    anchor: str | None
-    before: int
-    key: str | None = None
-
-    def put(self, value: Any, event: Any) -> None:
-        if isinstance(self.content, list):
-            self.content.append(value)
-        elif self.key is not None:
-            self.content[self.key] = value
-            self.key = None
-        else:
-            raise _YamlFault("a key must be text", event)
-
-
 class _Document:
-    """Conversion of the events of one document to plain values, without recursion."""
+    """Conversion of the events of one document to plain values; recursion is limited by `DEEPEST`."""
 
     def __init__(self, events: Iterator[Any]) -> None:
         self.events = events
         self.anchors: dict[str, tuple[Any, int]] = {}  # the value, and its number of values
         self.values = 0
-        self.open: list[_Open] = []
-        self.result: Any = None
+        self.open: list[str | None] = []  # anchors of the lists and sections that are being read
 
     def content(self) -> Any:
         """Value of the document, whose start event has been read."""
+        value = self._value(next(self.events))
+        next(self.events)  # the end of the document
+        return value
+
+    def _value(self, event: Any) -> Any:
+        if isinstance(event, yaml.AliasEvent):
+            return self._alias(event)
+        before = self.values
+        value = self._scalar(event) if isinstance(event, yaml.ScalarEvent) else self._container(event)
+        if event.anchor is not None:
+            self.anchors[event.anchor] = value, self.values - before
+        return value
+
+    def _scalar(self, event: Any) -> str | bool | int | float | None:
+        self._check_text(event)
+        return _scalar_of(event)
+
+    def _container(self, event: Any) -> list[Any] | dict[str, Any]:
+        self._count(1, event)
+        kind = "map" if isinstance(event, yaml.MappingStartEvent) else "seq"
+        if event.tag not in (None, "!", _PREFIX + kind):
+            raise _not_allowed(event)
+        if len(self.open) == DEEPEST:
+            raise _YamlFault(f"more than {DEEPEST} nested levels of lists and sections", event)
+        self.open.append(event.anchor)
+        content = self._section() if kind == "map" else [self._value(entry) for entry in self._up_to_end()]
+        self.open.pop()
+        return content
+
+    def _section(self) -> dict[str, Any]:
+        content: dict[str, Any] = {}
+        for event in self._up_to_end():
+            if not isinstance(event, yaml.ScalarEvent):
+                raise _YamlFault("a key must be text", event)
+            self._check_text(event)
+            key = event.value
+            if key in content:
+                raise _YamlFault(f"duplicate key '{_short(key)}'", event)
+            if len(content) == MOST_KEYS:
+                raise _YamlFault(f"more than {MOST_KEYS:,} keys in one section", event)
+            if event.anchor is not None:
+                self.anchors[event.anchor] = key, 1 + len(key) // 1000
+            content[key] = self._value(next(self.events))
+        return content
+
+    def _up_to_end(self) -> Iterator[Any]:
+        """Events up to the end of a list or section; what is in them is read meanwhile."""
         for event in self.events:
-            kind = type(event)
-            if kind is yaml.ScalarEvent:
-                self._count(1 + len(event.value) // 1000, event)
-                self._scalar(event)
-            elif kind in (yaml.SequenceEndEvent, yaml.MappingEndEvent):
-                ended = self.open.pop()
-                if ended.anchor is not None:
-                    self.anchors[ended.anchor] = ended.content, self.values - ended.before
-                self._put(ended.content, event)
-            elif kind is yaml.AliasEvent:
-                self._alias(event)
-            elif kind is yaml.DocumentEndEvent:
-                break
-            else:
-                self._count(1, event)
-                self._begin(event)
-        return self.result
-
-    def _put(self, value: Any, event: Any) -> None:
-        if self.open:
-            self.open[-1].put(value, event)
-        else:
-            self.result = value
-
-    @property
-    def _awaits_key(self) -> bool:
-        return bool(self.open) and isinstance(self.open[-1].content, dict) and self.open[-1].key is None
+            if isinstance(event, yaml.CollectionEndEvent):
+                return
+            yield event
 
     def _count(self, more: int, event: Any) -> None:
         self.values += more
@@ -196,47 +198,21 @@ class _Document:
             aliases = ", each alias (*) counting as all values that it represents" if self.anchors else ""
             raise _YamlFault(f"more than {MOST_VALUES:,} values, the limit for a file{aliases}", event)
 
-    def _alias(self, event: Any) -> None:
+    def _alias(self, event: Any) -> Any:
         if event.anchor not in self.anchors:
-            inside = any(container.anchor == event.anchor for container in self.open)
-            text = "is inside its own anchor (&)" if inside else "has no anchor (&) before it"
+            text = "is inside its own anchor (&)" if event.anchor in self.open else "has no anchor (&) before it"
             raise _YamlFault(f"the alias '*{event.anchor}' {text}", event)
         value, size = self.anchors[event.anchor]
         self._count(size, event)
-        if self._awaits_key:
-            raise _YamlFault("a key must be text", event)
-        self._put(value, event)
+        return value
 
-    def _begin(self, event: Any) -> None:
-        content: list[Any] | dict[str, Any]
-        kind, content = ("map", {}) if isinstance(event, yaml.MappingStartEvent) else ("seq", [])
-        if event.tag not in (None, "!", _PREFIX + kind):
-            raise _not_allowed(event)
-        if self._awaits_key:
-            raise _YamlFault("a key must be text", event)
-        if len(self.open) == DEEPEST:
-            raise _YamlFault(f"more than {DEEPEST} nested levels of lists and sections", event)
-        self.open.append(_Open(content, event.anchor, self.values - 1))
-
-    def _scalar(self, event: Any) -> None:
+    def _check_text(self, event: Any) -> None:
         text = event.value
+        self._count(1 + len(text) // 1000, event)
         if len(text) > LONGEST_TEXT:
             raise _YamlFault(f"a text of {len(text):,} characters; it may have {LONGEST_TEXT:,}", event)
         if not text.isascii() and re.search("[\ud800-\udfff]", text):  # escapes can produce invalid text
             raise _YamlFault("a text that is not Unicode (surrogates)", event)
-        if self._awaits_key:
-            container = self.open[-1]
-            if text in container.content:
-                raise _YamlFault(f"duplicate key '{_short(text)}'", event)
-            if len(container.content) == MOST_KEYS:
-                raise _YamlFault(f"more than {MOST_KEYS:,} keys in one section", event)
-            container.key = text
-            value: Any = text
-        else:
-            value = _scalar_of(event)
-            self._put(value, event)
-        if event.anchor is not None:
-            self.anchors[event.anchor] = value, 1 + len(text) // 1000
 
 
 def _scalar_of(event: Any) -> str | bool | int | float | None:

@@ -1,6 +1,5 @@
 """A law whose energy is a formula in the job."""
 
-import keyword
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, Literal, Self
 
@@ -10,7 +9,7 @@ from hpcinv.materials.base import Deformation
 from hpcinv.materials.formula_law.algebras import FLOATS, ufl_functions
 from hpcinv.materials.formula_law.coefficients import Coefficient
 from hpcinv.materials.formula_law.evaluation import evaluate
-from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretches, families_in
+from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretches, families_in, fault_of_name
 from hpcinv.materials.formula_law.jet import Jet, Strains
 from hpcinv.materials.isochoric import IsochoricLaw
 from hpcinv.quantity import BulkModulusField, Location, Name, Problems, raise_if_any
@@ -53,15 +52,7 @@ class Formula(IsochoricLaw):
     @classmethod
     def _have_unused_names(cls, parameters: Mapping[str, Measured], info: ValidationInfo) -> Mapping[str, Measured]:
         taken = {*FUNCTIONS, *CONSTANTS} | ({"kappa"} if info.data.get("kappa") is not None else set())
-
-        def fault(name: str) -> str | None:
-            if name in taken or families_in(name) is not None:
-                return "is already the name of something else"
-            if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
-                return "cannot be a name in a formula; choose a name of letters, digits and _"
-            return None
-
-        raise_if_any(((name,), text) for name in parameters if (text := fault(name)))
+        raise_if_any(((name,), text) for name in parameters if (text := fault_of_name(name, taken)))
         return parameters
 
     @field_validator("energy")

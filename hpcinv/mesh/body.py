@@ -71,7 +71,7 @@ class Body:
 
     @cached_property
     def computed(self) -> dict[str, Any]:
-        """What was computed from the shape of the mesh as its source has it, such as fibres by a rule; by key."""
+        """Results that depend on the shape of the mesh as its source has it, such as fibres by a rule, by key."""
         return {}
 
     def facets(self, name: str) -> LocalIndices:
@@ -128,31 +128,11 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
             from hpcinv.mesh.imaging import BODY, surface_mesh  # loads VTK
 
             parts = {name: [beside(path, spec.file, file) for file in files] for name, files in spec.surfaces.items()}
-            source = surface_mesh(
-                parts or {BODY: [path]},
-                spec.size,
-                spec.grade,
-                spec.unit,
-                spec.maximum_cells,
-                spec.geometry_degree or 1,
-                report,
-            )
+            source = surface_mesh(parts or {BODY: [path]}, spec, report)
         elif spec.size is not None:
             from hpcinv.mesh.imaging import image_mesh
 
-            unit = spec.unit if "unit" in spec.model_fields_set else 1e-3  # what the formats of images define
-            source = image_mesh(
-                path,
-                spec.labels,
-                spec.size,
-                spec.grade,
-                unit,
-                spec.orientation,
-                spec.neighbours,
-                spec.maximum_cells,
-                spec.geometry_degree or 1,
-                report,
-            )
+            source = image_mesh(path, spec, report)
         else:
             source = FILES[path.suffix](path)
             if path.suffix != SUFFIX:  # partitioned meshes are in metres

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hpcinv.mesh.aabb_tree import BoxTrees
-from hpcinv.mesh.topology import unique_rows
-from hpcinv.mesh.triangles import crossing
+from hpcinv.mesh.topology import find_rows, unique_rows
+from hpcinv.mesh.triangles import crossing, meeting
 
 if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats, Ints
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
 _TOUCH = 1e-9  # of the body's diagonal: depth up to which parts touch
 _OF_EDGE = 1e-3  # and of the shortest edge, so that thin walls and fine parts stay as they are
 _FLAT = 1e-6  # regularisation of least squares where the surface is flat
+_CHUNK = 200_000  # pairs of triangles at a time, to bound the memory
 _FINER = 4  # further subdivisions of curved facets, on which a crossing must persist
 
 
@@ -38,9 +38,7 @@ def find_overlap(surface: Surface) -> Overlap:
     """
     pairs, at = _crossing_facets(surface.cut(surface.degree, np.arange(len(surface.nodes))))
     if len(pairs) and not surface.is_flat:
-        facets = np.unique(pairs)
-        finer = surface.cut(_FINER * surface.degree, facets)
-        pairs, at = _crossing_facets(finer, np.searchsorted(facets, pairs))
+        pairs, at = _crossing_facets(surface.cut(_FINER * surface.degree, np.unique(pairs)), pairs)
     if not len(pairs):
         return Overlap(0, None)
     x, y, z = at[0].tolist()
@@ -51,14 +49,14 @@ def _crossing_facets(triangles: Triangles, among: Ints | None = None) -> tuple[I
     """Distinct pairs of facets with triangles that cross, (n, 2), and a point (n, 3) of each.
 
     Args:
-        among: the pairs (m, 2) that are in question, by their places among the facets that were cut; all if ``None``.
+        among: the distinct pairs of facets (m, 2) that are in question; all if ``None``.
     """
     shrunk = _shrunk(triangles)
-    # One group per facet if the pairs of facets are needed.
-    boxes = shrunk[triangles.corners].reshape(1 if among is None else len(np.unique(triangles.facet)), -1, 3, 3)
-    start = np.zeros((1, 2), dtype=np.int64) if among is None else among
+    found = meeting(shrunk, triangles.corners)
+    if among is not None:
+        found = found[find_rows(np.sort(triangles.facet[found], axis=1), among) >= 0]
     pairs, points = [np.zeros((0, 2), dtype=np.int64)], [np.zeros((0, 3))]
-    for i, j in BoxTrees(boxes.min(axis=2), boxes.max(axis=2)).meeting(*start.T):
+    for i, j in (part.T for part in np.array_split(found, 1 + len(found) // _CHUNK)):
         crosses, where = crossing(shrunk, triangles.corners[i], triangles.corners[j])
         pairs.append(np.sort(triangles.facet[np.stack([i[crosses], j[crosses]], axis=1)], axis=1))
         points.append(where[crosses])

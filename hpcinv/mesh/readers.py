@@ -68,11 +68,7 @@ def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None, m
 
 def read_msh(path: Path) -> MeshSource:
     """Read MSH 2.2 or 4.1, ASCII or binary; the sections $NodeData and $ElementData become data arrays."""
-    try:
-        fault = fault_of(path)
-    except OSError as exc:
-        raise MeshError(f"{path}: cannot be read: {exc.strerror}") from exc
-    if fault:
+    if fault := fault_of(path):
         raise MeshError(f"{path}: {fault}", "Export the mesh again (gmsh: gmsh.write, or -save).")
     with session(path.stem) as gmsh, tempfile.TemporaryDirectory(prefix="hpcinv-mesh-") as empty:
         # gmsh executes a file NAME.msh.opt next to NAME.msh: read it through a link in an empty directory.

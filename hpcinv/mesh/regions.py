@@ -105,7 +105,7 @@ def _holds(
 
 
 def of_facets(condition: Expression) -> bool:
-    """Whether a condition is one of outer normals or of cavities, which only facets have."""
+    """Return whether a condition is one of outer normals or of cavities, which only facets have."""
     return bool(condition.names & _OF_FACETS)
 
 
@@ -118,7 +118,8 @@ def _on_facets(
     cavity: Ints | None,
 ) -> npt.NDArray[np.bool_]:
     """Mask of the boundary facets that satisfy the condition of region ``name`` at all their vertices."""
-    nodes, normals = outer_facets(mesh, exterior)
+    nodes, areas = outer_facets(mesh, exterior)
+    normals = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-300)
     repeated = np.repeat(np.arange(len(nodes)), nodes.shape[1])
     values = dict(zip("xyz", points[nodes.ravel()].T, strict=True))
     values |= dict(zip(("nx", "ny", "nz"), normals[repeated].T, strict=True))

@@ -17,7 +17,7 @@ from hpcinv.mesh.topology import unique_rows, vertex_sets
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.mesh.regions import LocalIndices, Mesh
+    from hpcinv.mesh.regions import LocalIndices
 
 _VALUES_AT_ONCE = 3_000_000
 
@@ -137,24 +137,6 @@ def surface_of(source: MeshSource, cells: Ints | None = None) -> Surface:
     middle = scalar_element(kind, 1).points.mean(axis=0)[None]
     determinants = np.linalg.det(jacobians(kind, degree, source.points[nodes[cell]], middle)[:, 0])
     return Surface(FACET_KIND[kind], degree, tags, source.points[tags], turned[which] == (determinants > 0))
-
-
-def facet_areas(mesh: Mesh, facets: LocalIndices) -> Floats:
-    """Return area vectors (f, 3), out of the body, of local facets of the boundary; of curved ones by their corners."""
-    if not len(facets):
-        return np.zeros((0, 3))
-    mesh.topology.create_connectivity(2, 3)
-    links = mesh.topology.connectivity(2, 3)
-    cells = links.array[links.offsets[facets]]
-    x = mesh.geometry.x
-    inner = x[mesh.geometry.dofmaps[0][cells]].mean(axis=1)
-    corners = x[dolfinx.mesh.entities_to_geometry(mesh, 2, facets)]  # vertices come first
-    if mesh.topology.cell_type.name == "tetrahedron":
-        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-    else:  # 0 and 3 are opposite
-        areas = np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
-    outward = np.einsum("ij,ij->i", areas, corners[:, 0] - inner) > 0
-    return np.asarray(np.where(outward[:, None], areas, -areas))
 
 
 def gather_surface(body: Body, nodes: Floats, evaluate: Evaluation = _nothing) -> Surface | None:

@@ -1,13 +1,30 @@
-"""Intersection of pairs of triangles in space."""
+"""Pairs of triangles in space: those whose bounding boxes meet, and those that intersect."""
 
 from __future__ import annotations
 
+import dolfinx
 import numpy as np
 import numpy.typing as npt
+from dolfinx import geometry
 
+from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.parallel.runtime import MPI
 
 _EDGES = ((0, 1), (1, 2), (2, 0))
+
+
+def meeting(points: Floats, corners: Ints) -> Ints:
+    """Return the pairs ``i < j`` (n, 2) of triangles whose bounding boxes meet, by DOLFINx's trees of these.
+
+    Args:
+        points: corners of the triangles, (k, 3), each of some triangle.
+        corners: triangles as rows of ``points``, (m, 3), which must be different in each triangle.
+    """
+    mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, corners, coordinate_element("triangle", 1), points)
+    tree = geometry.bb_tree(mesh, 2)
+    pairs = np.asarray(mesh.topology.original_cell_index)[geometry.compute_collisions_trees(tree, tree)]
+    return np.asarray(pairs[pairs[:, 0] < pairs[:, 1]], dtype=np.int64)
 
 
 def crossing(points: Floats, first: Ints, second: Ints) -> tuple[npt.NDArray[np.bool_], Floats]:

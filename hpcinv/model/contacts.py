@@ -14,7 +14,7 @@ import ufl
 from dolfinx import fem, la
 
 from hpcinv.effects.contact import PENALTY, QUADRATURE, TOLERANCE, Contact
-from hpcinv.effects.obstacles import Surface
+from hpcinv.effects.obstacles import SurfaceObstacle
 from hpcinv.errors import MeshError
 from hpcinv.kinematics.kinematics import Kinematics
 from hpcinv.kinematics.staged_derivatives import without_stages
@@ -202,7 +202,7 @@ class _OneContact:
     @cached_property
     def _surface(self) -> SurfaceDistance | None:
         obstacle = self.effect.obstacle
-        if not isinstance(obstacle, Surface):
+        if not isinstance(obstacle, SurfaceObstacle):
             return None
         return SurfaceDistance(self._resolve(obstacle.file), obstacle.unit, obstacle.flip, self._comm)
 

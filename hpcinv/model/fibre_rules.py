@@ -62,7 +62,7 @@ class Directions:
 
     @property
     def text(self) -> str:
-        """What a report says about them; empty if there is nothing to say."""
+        """Note for a report; empty if there is nothing to note."""
         turning = f"the direction is constant in {self.turning} cells in which it would turn too far"
         undefined = f"{self.undefined} cells have no direction along the wall, and an arbitrary one in it"
         parts = [turning * bool(self.turning), undefined * bool(self.undefined)]
@@ -87,7 +87,7 @@ def rule_directions(body: Body, rule: FibreRule, where: str) -> Directions:
 
 
 def notes_on_rules(body: Body) -> Iterator[str]:
-    """Yield what a report says about the directions that rules have found on a body so far."""
+    """Yield notes for a report on the directions that rules have found on a body so far."""
     for found in body.computed.values():
         if isinstance(found, Directions) and found.text:
             yield f"{found.function.name}: {found.text}"

@@ -143,39 +143,11 @@ class Scene:
         self._own = own
         self._in_reference_shape = _elastic(Deformation(ufl.zero(3, 3), directions), own)[0] if own else None
         self._laws = tuple(job.laws.values())
-        potentials = [e.potential(total, load, p) for e, load, p in of_effects]
-
-        def part(number: int, law: MaterialLaw) -> Part:
-            p, theta = par.of(number), law.dilatation(elastic)
-            modulus = None if law.is_incompressible else law.volumetric_modulus(p)
-            psi = energy = law.isochoric_energy(elastic, p)
-            constraint = None
-            if unknowns.p is None:
-                psi = energy = psi + modulus * theta**2 / 2
-                pressure = -J_g * modulus * theta
-            else:
-                psi = psi - unknowns.p * theta
-                pressure = J_g * unknowns.p
-                constraint = J_g * (theta if modulus is None else theta + unknowns.p / modulus)
-                energy = energy if modulus is None else energy + unknowns.p**2 / (2 * modulus)
-            psi = sum((w for w in potentials if w is not None), J_g * psi)
-            where = cells[number] if cells else None
-            volume = elastic.J if law.is_incompressible else None
-            return Part(
-                where,
-                J_g * energy,
-                gradient(psi, H),
-                constraint,
-                law.domain(elastic, p),
-                volume,
-                pressure,
-                theta,
-                law.shear_modulus(p),
-                modulus,
-                J_g,
-            )
-
-        self.parts = tuple(part(number, law) for number, law in enumerate(job.laws.values()))
+        potentials = [w for e, load, p in of_effects if (w := e.potential(total, load, p)) is not None]
+        self.parts = tuple(
+            _part(law, par.of(i), elastic, J_g, potentials, unknowns.p, H, cells[i] if cells else None)
+            for i, law in enumerate(job.laws.values())
+        )
         residual: Any = 0
         energy: Any = 0
         for number, one in enumerate(self.parts):
@@ -271,6 +243,47 @@ class SceneMeans:
     def strain_energy(self) -> float:
         """Return the energy stored in the body; collective."""
         return float(self._comm.allreduce(fem.assemble_scalar(self._energy), op=MPI.SUM))
+
+
+def _part(
+    law: MaterialLaw,
+    p: Any,
+    elastic: Deformation,
+    J_g: Any,
+    potentials: list[Any],
+    unknown: Any,
+    H: Variable,
+    cells: npt.NDArray[np.int32] | None,
+) -> Part:
+    """Return energy and stress of a law with parameters ``p``, and with the potentials of effects.
+
+    ``unknown`` is the pressure, ``None`` if the law gives it.
+    """
+    theta = law.dilatation(elastic)
+    modulus = None if law.is_incompressible else law.volumetric_modulus(p)
+    psi = energy = law.isochoric_energy(elastic, p)
+    constraint = None
+    if unknown is None:
+        psi = energy = psi + modulus * theta**2 / 2
+        pressure = -J_g * modulus * theta
+    else:
+        psi = psi - unknown * theta
+        pressure = J_g * unknown
+        constraint = J_g * (theta if modulus is None else theta + unknown / modulus)
+        energy = energy if modulus is None else energy + unknown**2 / (2 * modulus)
+    return Part(
+        cells,
+        J_g * energy,
+        gradient(sum(potentials, J_g * psi), H),
+        constraint,
+        law.domain(elastic, p),
+        elastic.J if law.is_incompressible else None,
+        pressure,
+        theta,
+        law.shear_modulus(p),
+        modulus,
+        J_g,
+    )
 
 
 def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-from hpcinv.errors import MeshError
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.parallel.runtime import MPI, on_root
 
@@ -26,7 +25,13 @@ class SurfaceDistance:
     def __init__(self, path: Path, unit: float, flip: bool, comm: MPI.Intracomm) -> None:
         import pyvista
 
-        points, triangles = on_root(comm, lambda: _read(path))
+        def on_rank_0() -> tuple[Floats, Ints]:
+            from hpcinv.mesh.io.surface_files import read_triangles  # loads VTK
+
+            found = read_triangles(path)
+            return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces)
+
+        points, triangles = on_root(comm, on_rank_0)
         surface = pyvista.PolyData.from_regular_faces(points * unit, triangles[:, ::-1] if flip else triangles)
         self._surface = surface.compute_normals(
             feature_angle=_SMOOTH,
@@ -60,34 +65,9 @@ def read_points(path: Path) -> Floats:
     Raises:
         MeshError: the file cannot be read, or has no points.
     """
-    import pyvista
+    from hpcinv.mesh.io.surface_files import read_dataset  # loads VTK
 
-    advice = "Is it an STL, PLY, OBJ or VTP file?"
-    try:
-        found = pyvista.read(path)
-        points = np.asarray(found.points, dtype=np.float64)
-    except (OSError, ValueError, RuntimeError, AttributeError) as error:
-        raise MeshError(f"{path}: cannot be read as a surface: {error}", advice) from None
-    if not len(points) or not np.isfinite(points).all():
-        raise MeshError(f"{path}: has no points with finite coordinates", advice)
-    return np.unique(points, axis=0)
-
-
-def _read(path: Path) -> tuple[Floats, Ints]:
-    import pyvista
-
-    try:
-        surface = pyvista.read(path)
-        surface = surface.extract_surface(algorithm=None) if not isinstance(surface, pyvista.PolyData) else surface
-        triangles = surface.triangulate().clean()
-        points, faces = np.asarray(triangles.points, dtype=np.float64), np.asarray(triangles.regular_faces)
-    except (OSError, ValueError, RuntimeError) as error:
-        raise MeshError(
-            f"{path}: cannot be read as triangles: {error}", "Is it an STL, PLY, OBJ or VTP file?"
-        ) from None
-    if not len(faces) or not np.isfinite(points).all():
-        raise MeshError(f"{path}: has no triangles with finite coordinates", "Is it an STL, PLY, OBJ or VTP file?")
-    return points, faces
+    return np.unique(np.asarray(read_dataset(path).points, dtype=np.float64), axis=0)
 
 
 def barycentric(corners: Floats, points: Floats) -> Floats:

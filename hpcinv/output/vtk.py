@@ -22,9 +22,9 @@ from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import vtk_order
 from hpcinv.mesh.io.vtu import VTK_TYPES
+from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Floats
-from hpcinv.output.vtu_writer import Array, Grid, write_vtu
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.gathering import error_in
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
@@ -146,14 +146,11 @@ class _Fields:
         return (mesh, found) if self._solution.direction == "forward" else (found, mesh)
 
     def grid(self, points: Floats) -> Grid:
-        from vtkmodules import vtkCommonDataModel
-
-        vtk: Any = vtkCommonDataModel
         dofmap, kind = self._spaces[()].dofmap, self._body.source.kind
         nodes = dofmap.list[: len(self.cells)]
         numbers = dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
-        name = VTK_TYPES[kind][min(self._degree, len(VTK_TYPES[kind])) - 1]
-        return Grid(points, numbers[:, np.argsort(vtk_order(kind, self._degree))], getattr(vtk, f"VTK_{name}"))
+        number = VTK_TYPES[kind][min(self._degree, len(VTK_TYPES[kind])) - 1]
+        return Grid(points, [(numbers[:, np.argsort(vtk_order(kind, self._degree))], number)])
 
     def at_nodes(self, more: Sequence[fem.Function]) -> list[Array]:
         solution = self._solution

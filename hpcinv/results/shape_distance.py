@@ -107,7 +107,7 @@ def _read_surface(job: Job, expected: ExpectedShape, comm: MPI.Intracomm) -> pyv
 
         path = job.resolve(expected.file)
         if expected.is_image:
-            found.append(image_surface(path, expected.labels, expected.unit if expected.has_unit else 1e-3))
+            found.append(image_surface(path, expected.labels, expected.metres))
         else:
             surface = read_closed(path)
             surface.points = np.asarray(surface.points, dtype=np.float64) * expected.unit

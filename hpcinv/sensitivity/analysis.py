@@ -212,7 +212,7 @@ def _prescribed(model: Model, parameter: Parameter) -> list[Floats]:
 
 
 def _reference(model: Model, parameter: Parameter, solution: Solution, found: Sensitivities) -> ReferenceChange:
-    """What a further state takes from the given one, whose solution and derivatives are known."""
+    """Derivatives of what a further state takes from the given one, whose solution and derivatives are known."""
     key = parameter.key
     if key not in found.nodes:  # a tie, whose effect is part of its parameter's
         nothing = fem.Function(solution.displacement.function_space)

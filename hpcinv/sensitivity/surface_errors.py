@@ -28,9 +28,9 @@ from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import Body
+from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.source import Floats
-from hpcinv.mesh.surface import facet_areas
 from hpcinv.quantity.units import Dimension, readable
 from hpcinv.results.solution import Solution
 from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
@@ -106,7 +106,7 @@ class SurfaceSpread:
 
     @property
     def shapes(self) -> Mapping[str, Sensitivities]:
-        """What was found, by the state whose shape it is; ``""`` is the one shape of a job without states."""
+        """Results by the state whose shape they are of; ``""`` is the one shape of a job without states."""
         if self.found is None:
             return {}
         return self.found.shapes or {"": self.found}
@@ -214,11 +214,10 @@ def surface_normals(job: Job, body: Body) -> Floats:
     facets = facets[facets < mesh.topology.index_map(2).size_local]
     for name in [plane.region for plane in planes] + [name for name in body.regions if name == CUT]:
         facets = np.setdiff1d(facets, body.facets(name))
-    mesh.topology.create_connectivity(2, 3)
     sums = la.vector(mesh.geometry.index_map(), 3)
     if len(facets):
         nodes = entities_to_geometry(mesh, 2, facets)
-        np.add.at(sums.array.reshape(-1, 3), nodes.ravel(), np.repeat(facet_areas(mesh, facets), nodes.shape[1], 0))
+        np.add.at(sums.array.reshape(-1, 3), nodes.ravel(), np.repeat(outer_facets(mesh, facets)[1], nodes.shape[1], 0))
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
     normals = sums.array.reshape(-1, 3).copy()

@@ -14,9 +14,9 @@ from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
 from hpcinv.mesh import Body
+from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
-from hpcinv.mesh.surface import facet_areas
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.rigid_motion_check import parts_of
 
@@ -34,8 +34,7 @@ def check_not_enclosed(job: Job, body: Body) -> None:
     topology = body.mesh.topology
     facets = exterior_facet_indices(topology)
     facets = facets[facets < topology.index_map(2).size_local]
-    areas = facet_areas(body.mesh, facets)
-    topology.create_connectivity(2, 3)
+    _, areas = outer_facets(body.mesh, facets)
     links = topology.connectivity(2, 3)
     count, labels = parts_of(body)
     of_part = labels[links.array[links.offsets[facets]]]

@@ -57,13 +57,13 @@ def write_vtu(path: Path, mesh: MeshSource) -> Path:
     kinds = (mesh.kind, FACET_KIND[mesh.kind])
     cells = []
     for kind, nodes in zip(kinds, (mesh.cells, mesh.facets), strict=True):
-        vtk_type = pyvista.CellType[VTK_TYPES[kind][mesh.degree - 1]]
+        vtk_type = pyvista.CellType(VTK_TYPES[kind][mesh.degree - 1])
         rows = to[nodes[:, np.argsort(vtk_order(kind, mesh.degree))]]
         cells += [(vtk_type, row) for row in rows.tolist()]
     shuffled = [cells[i] for i in random.permutation(len(cells))]
     connectivity = np.concatenate([[len(row), *row] for _, row in shuffled])
     grid = pyvista.UnstructuredGrid(connectivity, [t for t, _ in shuffled], points)
-    solid = np.array([t == pyvista.CellType[VTK_TYPES[mesh.kind][mesh.degree - 1]] for t, _ in shuffled])
+    solid = np.array([t == pyvista.CellType(VTK_TYPES[mesh.kind][mesh.degree - 1]) for t, _ in shuffled])
     corners = 8 if mesh.kind == "hexahedron" else 4
     centres = np.array([points[row[:corners]].mean(axis=0) for _, row in shuffled])  # VTK has vertices first too
     for name, array in values(points, centres).items():

@@ -10,7 +10,7 @@ import pytest
 from helpers.mesh_cases import spec
 from helpers.solutions import Field, in_cells, made_up
 
-import hpcinv.output.vtu_writer
+import hpcinv.mesh.io.vtu_writer
 from hpcinv.errors import OutputError
 from hpcinv.mesh import MeshSource, build_body
 from hpcinv.output.vtk import write_fields
@@ -112,7 +112,7 @@ def test_fields_that_cannot_be_written_are_an_error_on_all_ranks_and_leave_the_o
     def fail(_stream: Any, _content: bytes) -> None:
         _stream._error = OSError(28, "No space left on device")
 
-    monkeypatch.setattr(hpcinv.output.vtu_writer._Stream, "_write", fail)
+    monkeypatch.setattr(hpcinv.mesh.io.vtu_writer._Stream, "_write", fail)
     with pytest.raises(OutputError, match="cannot be written: No space left"):
         write_fields(target, body, [solution])
     assert np.array_equal(body.mesh.geometry.x, before)

@@ -140,7 +140,8 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
         "resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))\n"
         "sys.exit(main())\n"
     )
-    done = hpcinv(2, "run", job, "--output", "out", cwd=tmp_path, script=script)
+    env = {"PYTHONDONTWRITEBYTECODE": "1"}  # or Python would keep byte code that is cut off
+    done = hpcinv(2, "run", job, "--output", "out", cwd=tmp_path, script=script, **env)
     assert done.returncode == 4, done.stdout + done.stderr
     assert "cannot be written" in done.stderr
     assert "Is there space left?" in done.stderr

@@ -159,7 +159,8 @@ def test_a_full_disk_is_told(job: Path, tmp_path: Path) -> None:
     """A limit on the size of files stands in for it: the compiler fails, and does not say why."""
     script = tmp_path / "limited.py"
     script.write_text(LIMITED)
-    env = {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    # Python would keep byte code that is cut off.
+    env = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     done = hpcinv(2, "run", job, "--output", "results", cwd=tmp_path, script=script, **env)
     assert done.returncode == 5, done.stderr
     assert "the compiler cannot write to" in done.stderr

@@ -18,7 +18,7 @@ from hpcinv.fitting.ellipticity import is_elliptic
 from hpcinv.fitting.homogeneous import MODES, Response
 from hpcinv.fitting.least_squares import Fit, FitError, fit
 from hpcinv.fitting.measurements import Test, read_tests, with_deviations
-from hpcinv.fitting.report import Outcome
+from hpcinv.fitting.report import CheckedFit
 from hpcinv.fitting.stability import smallest_stiffness
 from hpcinv.job.job import load
 from hpcinv.materials import laws
@@ -156,13 +156,13 @@ def test_ogden_describes_all_of_treloars_tests_better_than_his_own_parameters() 
     assert found.chi_squared < (np.concatenate(stress) ** 2).sum()
     assert found.r_squared > 0.998
     assert all(found.aicc < other.aicc for other in others)
-    assert all(r.lost_at is None for r in Outcome.of(found).ranges)
+    assert all(r.lost_at is None for r in CheckedFit.of(found).ranges)
 
 
 def test_stability_ends_where_the_closed_form_does() -> None:
     """Mooney–Rivlin in uniaxial tension is stable up to λ = √(-c1/c2), where dτ across the axis does no work."""
     tests = exact("mooney-rivlin", {"c1": 1e5, "c2": -2.5e4, "d1": "incompressible"}, ("uniaxial",))
-    outcome = Outcome.of(fit(candidate("mooney-rivlin", {}, compressible=False), tests))
+    outcome = CheckedFit.of(fit(candidate("mooney-rivlin", {}, compressible=False), tests))
     (lost,) = [r.lost_at for r in outcome.ranges if r.mode.name == "uniaxial"]
     assert lost == pytest.approx(2.0, abs=2 * 1.5 / 200)
     assert any("not stable within the tested range: uniaxial" in text for text in outcome.warnings())

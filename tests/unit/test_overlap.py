@@ -13,10 +13,9 @@ from helpers.mesh_cases import spec
 
 from hpcinv.certificate.overlap import overlap
 from hpcinv.mesh import Body, build_body, read_source
-from hpcinv.mesh.aabb_tree import BoxTrees
 from hpcinv.mesh.overlap import Overlap, find_overlap
 from hpcinv.mesh.surface import Surface, gather_surface
-from hpcinv.mesh.triangles import crossing
+from hpcinv.mesh.triangles import crossing, meeting
 from hpcinv.parallel.runtime import MPI
 
 type Move = Callable[[np.ndarray], np.ndarray]
@@ -120,22 +119,22 @@ def test_crossings_of_triangles_are_those_that_fractions_have(common: int, slive
         assert (where[found] < triangles.max(axis=1) + 1e-6).all()
 
 
-@pytest.mark.parametrize("groups", [1, 7])
 @pytest.mark.parametrize("count", [1, 13, 64])
-def test_boxes_that_meet_are_found_each_pair_once(groups: int, count: int) -> None:
+def test_triangles_whose_boxes_meet_are_found_each_pair_once(count: int) -> None:
+    """Some share corners, and some edges have many triangles."""
     rng = np.random.default_rng(count)
-    low = rng.uniform(0, 1, (groups, count, 3)) * np.array([1, 1, 100])
-    high = low + rng.uniform(0, 0.5, (groups, count, 1)) ** 3
-    first, second = np.array([(a, b) for a in range(groups) for b in range(a, groups) if (a + b) % 3 < 2]).T
-    found = [pair for i, j in BoxTrees(low, high).meeting(first, second) for pair in zip(i, j, strict=True)]
-    low, high = low.reshape(-1, 3), high.reshape(-1, 3)
-    pairs = set(zip(first.tolist(), second.tolist(), strict=True))
+    points = rng.uniform(0, 1, (count + 2, 3)) * np.array([1, 1, 100])
+    corners = np.array([[0, 1, i + 2] if i % 5 == 0 else rng.permutation(count + 2)[:3] for i in range(count)])
+    used, corners = np.unique(corners, return_inverse=True)
+    points, corners = points[used], corners.reshape(-1, 3)
+    low, high = points[corners].min(axis=1), points[corners].max(axis=1)
     expected = {
         (i, j)
-        for i in range(len(low))
-        for j in range(i + 1, len(low))
-        if (low[i] <= high[j]).all() and (low[j] <= high[i]).all() and (i // count, j // count) in pairs
+        for i in range(count)
+        for j in range(i + 1, count)
+        if (low[i] <= high[j]).all() and (low[j] <= high[i]).all()
     }
+    found = [(int(i), int(j)) for i, j in meeting(points, corners)]
     assert sorted(found) == sorted(expected)
 
 

@@ -7,9 +7,10 @@ for ``a0·E a0`` and ``E_f_s`` for ``a0·E b0``.
 
 from __future__ import annotations
 
+import keyword
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from types import SimpleNamespace
@@ -31,6 +32,15 @@ def families_in(name: str) -> tuple[str, ...] | None:
         return ()
     match = _OF_FIBRES.fullmatch(name)
     return tuple(family for family in match.groups() if family) if match else None
+
+
+def fault_of_name(name: str, taken: Collection[str]) -> str | None:
+    """Reason why a parameter or a definition cannot have this name in formulas, or ``None``."""
+    if name in taken or families_in(name) is not None:
+        return "is already the name of something else; 'hpcinv formulas' lists the reserved names"
+    if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
+        return "cannot be a name in a formula; choose a name of letters, digits and _"
+    return None
 
 
 def invariants(

@@ -18,7 +18,7 @@ _ALLOWED = 0.7  # share that is left to cells which are worse already
 
 
 class Memberships:
-    """How much each point belongs to each label: indicators of the voxels, smoothed over about half a cell.
+    """Membership of each point in each label: indicators of the voxels, smoothed over about half a cell.
 
     Args:
         voxels: labels, (nx, ny, nz), 0 on all sides.

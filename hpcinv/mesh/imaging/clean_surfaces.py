@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -9,15 +13,15 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from hpcinv.errors import SystemPartMissing
+from hpcinv.mesh.cells import sub_entities
 from hpcinv.mesh.imaging.boundary import Memberships, between_two, within
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
 from hpcinv.mesh.imaging.wall_sizes import WallSizes
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.parallel.quiet import quiet_library
+from hpcinv.mesh.topology import connected, unique_rows, vertex_sets
 from hpcinv.parallel.signals import handlers_restored
 
 _ROUNDS = 4  # of smoothing
@@ -59,12 +63,12 @@ def cells_between_surfaces(
     if not _is_manifold(facets):
         return None, "parts of labels touch each other in edges of voxels"
     points = _smoothed(lattice.points[used] + begin, facets, label_of[one], label_of[other], memberships, spacing)
-    shells, shell = np.unique(np.column_stack([pairs, _shells(facets)]), axis=0, return_inverse=True)
+    shells, shell = unique_rows(np.column_stack([pairs, connected(facets, len(used))]))
     scale = 1 / sizes.size
     mesh = mmgpy.MmgMeshS()
     mesh.set_mesh_size(vertices=len(points), triangles=len(facets))
     mesh.set_vertices(points * scale)
-    mesh.set_triangles(facets.astype(np.int32), refs=shell.ravel() + 1)
+    mesh.set_triangles(facets.astype(np.int32), refs=shell + 1)
     if sizes.is_graded:
         mesh.set_field("metric", _COARSE * scale * sizes.at(points)[:, None])
     least = min(_FINEST, sizes.least * scale)
@@ -110,13 +114,6 @@ def _parts(found: Ints) -> tuple[Ints, Ints]:
     return parts, np.array(label_of)
 
 
-def _shells(facets: Ints) -> Ints:
-    """Number of the connected shell of each facet."""
-    ends = np.repeat(facets[:, 0], 2), facets[:, 1:].ravel()
-    graph = coo_array((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(int(facets.max()) + 1,) * 2)
-    return np.asarray(connected_components(graph, directed=False)[1][facets[:, 0]])
-
-
 def _shifted(one: int, i: int, other: int, j: int) -> tuple[slice, ...]:
     """All but the last, or but the first, along two axes."""
     ends = {one: i, other: j}
@@ -124,10 +121,9 @@ def _shifted(one: int, i: int, other: int, j: int) -> tuple[slice, ...]:
 
 
 def _is_manifold(facets: Ints) -> bool:
-    """Whether each edge has two triangles."""
-    edges = np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1)
-    _, shared = np.unique(edges, axis=0, return_counts=True)
-    return bool((shared == 2).all())
+    """Return whether each edge has two triangles."""
+    _, edge = unique_rows(vertex_sets(facets, sub_entities("triangle", 1)))
+    return bool((np.bincount(edge) == 2).all())
 
 
 def _smoothed(points: Floats, facets: Ints, one: Ints, other: Ints, memberships: Memberships, spacing: float) -> Floats:
@@ -171,7 +167,7 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
         }
         for name, value in options.items():
             gmsh.option.setNumber(name, value)
-        with quiet_library():  # HXT prints where surfaces cross
+        with _without_output():  # HXT prints where surfaces cross
             gmsh.model.mesh.generate(3)
         numbers, coordinates, _ = gmsh.model.mesh.getNodes()
         place = np.zeros(int(numbers.max()) + 1, dtype=np.int64)
@@ -188,3 +184,17 @@ def _filled(points: Floats, facets: Ints, shell: Ints, pairs: Ints) -> Lattice:
     if filled.volumes().min() <= 0:
         raise ValueError("inverted cells")
     return filled
+
+
+@contextmanager
+def _without_output() -> Iterator[None]:
+    """Context in which the standard output of this process is discarded, also that of libraries in C."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)

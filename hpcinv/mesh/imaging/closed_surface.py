@@ -16,10 +16,9 @@ from scipy.sparse.csgraph import connected_components
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.imaging.label_image import Bools, LabelImage
-from hpcinv.mesh.imaging.vtk_messages import without_messages_of_vtk
+from hpcinv.mesh.io.surface_files import read_triangles
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.parallel.available_memory import available
-from hpcinv.parallel.runtime import MPI
+from hpcinv.mesh.topology import unique_rows
 from hpcinv.quantity.units import readable
 
 _VOXELS = 8  # along the size of a cell
@@ -27,7 +26,6 @@ _MARGIN = 3  # voxels around the body, which is not cut by the border of an imag
 _MOST = 200e6  # bytes, one for each voxel
 _SAME = 0.01  # relative difference of the volumes of triangles and voxels from which on the surface cuts itself
 _MOST_SHELLS = 1000
-_MEMORY = 8  # bytes of memory for each byte of a binary file
 
 
 def fill(
@@ -86,7 +84,7 @@ def fill(
 
 
 def _voxels(path: Path, surface: pyvista.PolyData, grid: pyvista.ImageData, unit: float) -> Bools:
-    """Whether voxels are inside of a surface; ``MeshError`` if their volume is not that of the triangles."""
+    """Return which voxels are inside of a surface; ``MeshError`` if their volume is not that of the triangles."""
     voxel = float(grid.spacing[0])
     volume = signed_volume(surface)
     if not volume > 0 or not np.isfinite(volume):
@@ -125,7 +123,7 @@ def read_closed(path: Path) -> pyvista.PolyData:
     Raises:
         MeshError: it cannot be read, is open, or has too many shells.
     """
-    surface = _read(path)
+    surface = read_triangles(path)
     count, place = 0, np.zeros(3)
     for facets in _without_repeated(surface.regular_faces.astype(np.int64)):
         edges, shared = _edges(facets)
@@ -173,47 +171,12 @@ def _moments(points: Floats, facets: Ints) -> Floats:
     return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
 
 
-def _read(path: Path) -> pyvista.PolyData:
-    """The triangles in a file, with coinciding nodes as one."""
-    if path.is_file() and (needed := _MEMORY * path.stat().st_size) > (free := available(MPI.COMM_SELF)):
-        raise MeshError(
-            f"{path}: reading it takes about {needed / 1e9:.1f} GB of memory, but {free / 1e9:.1f} GB are available",
-            "Coarsen the surface: triangles below an eighth of the cells' size are not seen.",
-        )
-    with without_messages_of_vtk():
-        try:
-            surface = pyvista.read(path)
-        except Exception as error:  # readers of VTK raise various errors
-            raise MeshError(
-                f"{path}: cannot be read as a surface: {error}", "Formats are STL, PLY, OBJ, VTP and VTK."
-            ) from error
-    if isinstance(surface, pyvista.UnstructuredGrid) and {cell.dimension for cell in surface.distinct_cell_types} == {
-        2
-    }:
-        surface = surface.extract_surface(algorithm=None)
-    if not isinstance(surface, pyvista.PolyData) or not surface.n_cells:
-        raise MeshError(f"{path}: has no triangles", "Formats are STL, PLY, OBJ, VTP and VTK.")
-    if not np.isfinite(surface.points).all():
-        raise MeshError(f"{path}: has coordinates that are not finite numbers")
-    if not surface.is_all_triangles:
-        surface = surface.triangulate()
-    surface = surface.clean(tolerance=1e-9)
-    if not surface.is_all_triangles:  # triangles without an area have become lines and points
-        surface = pyvista.PolyData(surface.points, faces=surface.faces)
-    return surface
-
-
 def _without_repeated(facets: Ints) -> Iterator[Ints]:
     """Triangles with those that occur twice kept once, and without them: then they were walls between two bodies."""
-    ordered = np.sort(facets, axis=1)
-    order = np.lexsort(ordered.T[::-1])
-    begins = np.concatenate([[True], (ordered[order][1:] != ordered[order][:-1]).any(axis=1)])
-    if begins.all():
-        yield facets
-        return
-    starts = np.flatnonzero(begins)
-    yield facets[np.sort(order[starts])]
-    yield facets[np.sort(order[starts[np.diff(np.append(starts, len(facets))) == 1]])]
+    distinct, place = unique_rows(np.sort(facets, axis=1))
+    yield facets if len(distinct) == len(facets) else facets[np.sort(np.unique(place, return_index=True)[1])]
+    if len(distinct) < len(facets):
+        yield facets[np.bincount(place)[place] == 1]
 
 
 def _edges(facets: Ints) -> tuple[Ints, Ints]:
@@ -239,7 +202,7 @@ def _turned(points: Floats, facets: Ints, shell: Ints, pairs: Ints, count: int) 
 
 
 def _agree(facets: Ints, pairs: Ints) -> bool:
-    """Whether neighbours pass their common edge in opposite directions."""
+    """Return whether neighbours pass their common edge in opposite directions."""
     one, other = facets[pairs[:, 0]], facets[pairs[:, 1]]
     same = np.zeros(len(pairs), dtype=bool)
     for i in range(3):

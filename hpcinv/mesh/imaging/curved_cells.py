@@ -28,7 +28,7 @@ _AT_ONCE = 20_000  # cells
 _CUBIC = 3  # degree of the determinant in tetrahedra of second degree
 
 
-class Boundary(Protocol):
+class SmoothBoundary(Protocol):
     """A smooth boundary between labels."""
 
     def nearest(self, points: Floats, one: Ints, other: Ints, reach: float) -> tuple[Floats, Floats]:
@@ -40,7 +40,7 @@ def curved(
     source: MeshSource,
     labels: Ints,
     pairs: Ints,
-    boundary: Boundary,
+    boundary: SmoothBoundary,
     spacing: float,
     volumes: Sequence[float],
     least: float,

@@ -15,7 +15,7 @@ class GivenSurface:
 
     Args:
         surface: all triangles, in m from the first voxel's middle.
-        memberships: of the voxels, which tell on which side a label is.
+        memberships: of the voxels, which determine on which side a label is.
     """
 
     def __init__(self, surface: pyvista.PolyData, memberships: Memberships) -> None:

@@ -31,7 +31,7 @@ def check_nifti(path: Path) -> None:
             head = file.read(_NIFTI_1)
             order = "<" if head[:4] == struct.pack("<i", _NIFTI_1) else ">"
             if len(head) < _NIFTI_1 or struct.unpack_from(f"{order}i", head)[0] != _NIFTI_1:
-                return  # NIfTI-2 or no NIfTI, which the reader tells
+                return  # NIfTI-2 or no NIfTI, which the reader reports
             fault = _fault(head, order) or _missing(head, order, file)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise MeshError(f"{path}: cannot be read as an image: {error}", "Is the file complete?") from None
@@ -44,7 +44,7 @@ def _opened(path: Path) -> IO[bytes]:
 
 
 def _missing(head: bytes, order: str, file: IO[bytes]) -> str:
-    """Whether the file ends before its voxels do, of which readers take those that are missing as 0."""
+    """Fault of a file without its last voxels, which readers take as 0; empty text if there is none."""
     dims = struct.unpack_from(f"{order}8h", head, 40)
     bits, begin = struct.unpack_from(f"{order}h", head, 72)[0], struct.unpack_from(f"{order}f", head, 108)[0]
     if head[344:347] == b"ni1":  # voxels are in another file
@@ -59,7 +59,7 @@ def _missing(head: bytes, order: str, file: IO[bytes]) -> str:
 
 
 def _fault(head: bytes, order: str) -> str:
-    """What is wrong with sizes and axes."""
+    """Fault of sizes and axes; empty text if there is none."""
     pixel = struct.unpack_from(f"{order}8f", head, 76)
     if not all(np.isfinite(pixel[1:4])) or min(pixel[1:4]) <= 0:
         return f"its header says voxels of {pixel[1]:g} x {pixel[2]:g} x {pixel[3]:g}, which are no lengths"
@@ -92,6 +92,6 @@ def _fault(head: bytes, order: str) -> str:
 
 
 def sheared(axes: Floats) -> bool:
-    """Whether axes, the columns of a matrix (3, 3), are not at right angles."""
+    """Return whether axes, the columns of a matrix (3, 3), are not at right angles."""
     unit = axes / np.maximum(np.linalg.norm(axes, axis=0), 1e-300)
     return bool(abs(unit.T @ unit - np.eye(3)).max() > _SAME)

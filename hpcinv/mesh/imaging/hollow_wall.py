@@ -1,4 +1,4 @@
-"""Walls around a cavity in a segmented image: the cavity is meshed with the wall, and tells which surface is which."""
+"""Walls around a cavity in a segmented image: the cavity is meshed with the wall, whose surfaces it distinguishes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy import ndimage, sparse
-from scipy.sparse.csgraph import connected_components
+from scipy import ndimage
 
 from hpcinv.errors import MeshError
+from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.imaging.image_mesh import image_mesh
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.mesh.topology import FacetTable, connected
 
 WALL, CAVITY = "wall", "cavity"
 _SPECK = 0.05  # area of an opening that is a leak of the segmentation, relative to the largest opening
@@ -30,8 +31,6 @@ def hollow_wall_mesh(
     inner: str,
     outer: str,
     report: Callable[[str], None],
-    *,
-    most: int = 10_000_000,
 ) -> MeshSource:
     """Mesh the wall around a cavity on this process, in metres, in cells of second degree.
 
@@ -48,7 +47,9 @@ def hollow_wall_mesh(
         MeshError: as `image_mesh`, or if the wall has another number of ends.
         SystemPartMissing: the packages for images are not installed.
     """
-    mesh = image_mesh(path, labels, size, None, unit, "LPS", {}, most, 2, report)
+    numbers = {name: tuple(of) for name, of in labels.items()}
+    spec = MeshSpec.model_construct(file=str(path), labels=numbers, size=size, unit=unit, geometry_degree=2)
+    mesh = image_mesh(path, spec, report)
     of = {group.name: group.members for group in mesh.groups if group.dim == 3}
     normals, middles, areas = _geometry(mesh.points, mesh.facets)
     at_wall, at_cavity = (_cell_behind(mesh, of[name]) for name in (WALL, CAVITY))
@@ -112,24 +113,18 @@ def _geometry(points: Floats, facets: Ints) -> tuple[Floats, Floats, Floats]:
 
 def _cell_behind(mesh: MeshSource, cells: Ints) -> Ints:
     """Return the one of these cells that each facet of the mesh belongs to, or -1."""
-    sides = np.concatenate([mesh.cells[cells][:, side] for side in ([1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2])])
-    both = np.sort(np.concatenate([sides, mesh.facets[:, :3]]), axis=1)
-    _, number = np.unique(both, axis=0, return_inverse=True)
-    number = number.ravel()
-    owner = np.full(number.max() + 1, -1)
-    owner[number[: len(sides)]] = np.tile(cells, 4)
-    return np.asarray(owner[number[len(sides) :]])
+    table = FacetTable.of(mesh.kind, mesh.cells[cells, :4])
+    owner = np.full(len(table.vertices) + 1, -1)  # the last entry is that of facets of other cells
+    owner[table.of_cell] = cells[:, None]
+    return np.asarray(owner[table.find(mesh.facets[:, :3])])
 
 
 def _pieces(facets: Ints, members: Ints, areas: Floats) -> list[Ints]:
     """Return the connected parts of some facets, without specks."""
     if not len(members):
         return []
-    nodes = facets[members, :3]
-    rows = np.repeat(np.arange(len(members)), 3)
-    touch = sparse.csr_matrix((np.ones(nodes.size), (rows, nodes.ravel())))
-    count, piece = connected_components(touch @ touch.T, directed=False)
-    parts = [members[piece == i] for i in range(count)]
+    piece = connected(facets[members, :3], int(facets.max()) + 1)
+    parts = [members[piece == i] for i in range(piece.max() + 1)]
     largest = max(areas[part].sum() for part in parts)
     return [part for part in parts if areas[part].sum() > _SPECK * largest]
 

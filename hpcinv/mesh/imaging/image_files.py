@@ -88,7 +88,7 @@ def _read_vti(path: Path, called: Path) -> VoxelGrid:
     """Read VTK image data: labels of its points or of its cells, which are voxels then; their frame is taken as LPS."""
     import pyvista
 
-    from hpcinv.mesh.imaging.vtk_messages import without_messages_of_vtk
+    from hpcinv.mesh.io.surface_files import without_messages_of_vtk
 
     with without_messages_of_vtk():
         try:

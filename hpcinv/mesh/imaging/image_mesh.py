@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,11 @@ import pyvista
 from scipy import ndimage
 
 from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.clean_surfaces import cells_between_surfaces
 from hpcinv.mesh.imaging.closed_surface import fill
-from hpcinv.mesh.imaging.curved_cells import Boundary, curved, mirrored
+from hpcinv.mesh.imaging.curved_cells import SmoothBoundary, curved, mirrored
 from hpcinv.mesh.imaging.given_surface import GivenSurface
 from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of, without_outside
@@ -36,7 +37,7 @@ CUT = "cut"
 _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
 _MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory
-_RIGHT = 0.01  # relative error of a volume that is not worth a word
+_RIGHT = 0.01  # relative error of a volume up to which it is not noted
 _GAPS = 2  # cells of the lattice: half of the width of gaps in which cells outside the body keep surfaces apart
 _REACHES = (2, 6, 10_000)  # the same: distance from crossing facets, up to which others do
 _UNIFORM = 0.6  # smallest size of cells of one size, relative to the largest one
@@ -49,75 +50,67 @@ _NEXT = 2.5  # distance of a neighbour's voxels from facets next to it, relative
 _CELLS = 3e-2  # volume of a tetrahedron, relative to the cube of its size, for the expected number
 
 
-def image_mesh(
-    path: Path,
-    labels: Mapping[str, Sequence[int | str]],
-    size: float,
-    grade: float | None,
-    unit: float,
-    orientation: str,
-    neighbours: Mapping[str, Sequence[int | str]],
-    most: int,
-    degree: int,
-    report: Callable[[str], None],
-) -> MeshSource:
+@dataclass(frozen=True)
+class _Cubes:
+    """Labelled cubes of a lattice, and what the cells that are made of them have to keep.
+
+    Attributes:
+        path: of the image or surface, for messages.
+        labels: of the cubes, (nx, ny, nz), 0 on all sides.
+        begin: corner of the first cube (m).
+        spacing: of the cubes (m).
+        volumes: of the labels (m³).
+        tolerance: largest distance (m) by which MMG may move boundaries.
+    """
+
+    path: Path
+    labels: Ints
+    begin: Floats
+    spacing: float
+    memberships: Memberships
+    sizes: WallSizes
+    volumes: Sequence[float]
+    tolerance: float
+
+
+def image_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None]) -> MeshSource:
     """Mesh a segmented image on this process, in metres.
 
     Regions are the labels; ``A|B`` and ``A|outside``, the facets between labels; ``A|cavity``, ``A|cavity-2`` and so
     on, those of closed cavities, the largest first; and ``cut``, where a label ends at the image's border.
 
     Args:
-        labels: numbers of voxels, or names of DICOM segments, by the name of their region.
-        size: largest length of edges (m).
-        grade: ratio of ``size`` and the smallest size in thin walls; by default as `wall_sizes` chooses.
-        unit: length unit (m) of spacing and origin in the file.
-        orientation: frame of the positions, such as LPS.
-        neighbours: numbers of voxels that are not meshed, by name; the body's surface next to them is ``A|NAME``.
-        most: largest number of cells.
-        degree: of the geometry of cells, 1 or 2.
         report: called with what a user should know.
 
     Raises:
         MeshError: the image cannot be read, lacks a label, or its labels are too thin for cells.
         SystemPartMissing: the packages for images are not installed.
     """
-    image = read_labels(path, labels, unit, orientation, neighbours)
-    _check_extent(image, size)
+    assert spec.size is not None
+    image = read_labels(path, spec.labels, spec.metres, spec.orientation, spec.neighbours)
+    _check_extent(image, spec.size)
     check_thickness(image, report)
-    image = without_specks(image, size, report)
-    volumes = [image.volume(label) for label in range(1, len(labels) + 1)]
-    mesh = _meshed(image, size, grade, volumes, _WITHIN * float(image.spacing.min()), most, degree, report)
+    image = without_specks(image, spec.size, report)
+    volumes = [image.volume(label) for label in range(1, len(spec.labels) + 1)]
+    mesh = _meshed(image, spec, volumes, _WITHIN, report)
     return replace(mesh, voxel=float(image.spacing.prod() ** (1 / 3)))
 
 
-def surface_mesh(
-    parts: Mapping[str, Sequence[Path]],
-    size: float,
-    grade: float | None,
-    unit: float,
-    most: int,
-    degree: int,
-    report: Callable[[str], None],
-) -> MeshSource:
+def surface_mesh(parts: Mapping[str, Sequence[Path]], spec: MeshSpec, report: Callable[[str], None]) -> MeshSource:
     """Mesh the body in closed surfaces (STL, PLY, OBJ, VTP) on this process, in metres.
 
-    Regions are ``parts``, by the files of their surfaces, and their surfaces. Other arguments and errors are those of
-    `image_mesh`.
+    Regions are ``parts``, by the files of their surfaces, and their surfaces. Errors are those of `image_mesh`.
     """
-    image, volumes, surface = fill(parts, size, unit)
-    return _meshed(
-        image, size, grade, volumes, _WITHIN_FILLED * float(image.spacing.min()), most, degree, report, surface
-    )
+    assert spec.size is not None
+    image, volumes, surface = fill(parts, spec.size, spec.metres)
+    return _meshed(image, spec, volumes, _WITHIN_FILLED, report, surface)
 
 
 def _meshed(
     image: LabelImage,
-    size: float,
-    grade: float | None,
+    spec: MeshSpec,
     volumes: Sequence[float],
     tolerance: float,
-    most: int,
-    degree: int,
     report: Callable[[str], None],
     surface: pyvista.PolyData | None = None,
 ) -> MeshSource:
@@ -125,17 +118,59 @@ def _meshed(
 
     Args:
         volumes: of the labels, which the mesh keeps.
-        tolerance: largest distance (m) by which MMG may move boundaries.
+        tolerance: largest distance by which MMG may move boundaries, in voxels.
         surface: triangles (m) from which the voxels were made, on which nodes of cells of second degree lie.
     """
-    path, labels = image.path, image.names
+    cubes, first = _cubes(image, spec, volumes, tolerance, report)
+    cells, points, crossing, least = _cells(cubes, report)
+    if len(crossing):
+        x, y, z = image.positions(crossing[:1] + first * image.spacing)[0]
+        report(f"{len(crossing)} facets of the surface cross others, such as at ({x:.4g}, {y:.4g}, {z:.4g}) m")
+    facets, pairs = interfaces(cells.cells, cells.labels)
+    is_cut = _at_border(points, facets, first, image)
+    reach = max(_NEXT * float(image.spacing.max()), _FINE * cubes.sizes.size)
+    names = surroundings(points, facets, pairs, image, first, reach)
+    mesh = MeshSource(
+        path=image.path,
+        kind="tetrahedron",
+        degree=1,
+        points=points,
+        node_tags=np.arange(1, len(points) + 1),
+        cells=cells.cells,
+        cell_tags=np.arange(1, len(cells.cells) + 1),
+        facets=facets,
+        groups=_groups(image.names, cells.labels, pairs, is_cut, names),
+    )
+    errors = _volume_errors(points, cells, cubes.volumes)
+    if spec.geometry_degree == 2:
+        boundary: SmoothBoundary = cubes.memberships
+        if surface is not None:
+            start = image.origin + first * image.spacing
+            boundary = GivenSurface(surface.translate(-start), cubes.memberships)
+        mesh, errors = curved(mesh, cells.labels, pairs, boundary, cubes.spacing, cubes.volumes, least, report)
+    _tell_volumes(image, cubes.volumes, errors, report)
+    mesh = replace(mesh, points=image.positions(mesh.points + first * image.spacing))
+    if np.linalg.det(image.axes) < 0:
+        mesh = replace(mesh, cells=mirrored(mesh.cells))
+    report_mesh(mesh, image.frame, report)
+    report_sizes(mesh, cubes.sizes, report)
+    return mesh
+
+
+def _cubes(
+    image: LabelImage, spec: MeshSpec, volumes: Sequence[float], tolerance: float, report: Callable[[str], None]
+) -> tuple[_Cubes, Ints]:
+    """Return the cubes of an image's labels, and the place in it of the voxel from whose middle they are measured."""
+    assert spec.size is not None
+    path, size, labels = image.path, spec.size, image.names
     voxels, first = _cropped(image)
-    if (expected := sum(volumes) / (_CELLS * size**3)) > most:
+    if (expected := sum(volumes) / (_CELLS * size**3)) > spec.maximum_cells:
         raise MeshError(
-            f"{path}: about {expected:,.0f} cells of {readable(size, 'm')} are expected, more than {most:,}",
+            f"{path}: about {expected:,.0f} cells of {readable(size, 'm')} are expected, more than"
+            f" {spec.maximum_cells:,}",
             "Make mesh.size larger, or mesh.maximum_cells.",
         )
-    sizes = wall_sizes(voxels, image.spacing, len(labels), size, grade)
+    sizes = wall_sizes(voxels, image.spacing, len(labels), size, spec.grade)
     finest, affordable = _FINEST * float(image.spacing.min()), (6 * sum(volumes) / _MOST_LATTICE) ** (1 / 3)
     spacing = min(max(_FINE * size, finest), max(_FINE * sizes.thinnest, finest, affordable))
     memberships = Memberships(voxels, len(labels), image.spacing, 0.5 * spacing)
@@ -150,27 +185,34 @@ def _meshed(
         image, found, (begin + 0.5 * spacing) / image.spacing + first, spacing, volumes, report
     )
     found, begin = np.pad(found, 1), begin - spacing  # with room for cells around the body
-    outside = np.zeros(found.shape, dtype=bool)
-    filled, why = cells_between_surfaces(found, begin, spacing, memberships, sizes)
+    tolerance *= float(image.spacing.min())
+    return _Cubes(path, found, begin, spacing, memberships, sizes, volumes, tolerance), first
+
+
+def _cells(cubes: _Cubes, report: Callable[[str], None]) -> tuple[Lattice, Floats, Floats, float]:
+    """Make cells of cubes.
+
+    Returns:
+        The cells; their points (n, 3) on smooth boundaries; the middles of facets that cross others, if that could not
+        be avoided; and the scaled Jacobian below which no cell became worse.
+    """
+    outside = np.zeros(cubes.labels.shape, dtype=bool)
+    filled, why = cells_between_surfaces(cubes.labels, cubes.begin, cubes.spacing, cubes.memberships, cubes.sizes)
     if why:
         report(f"{why}: meshed from a lattice, which takes longer")
     for beside in (*_REACHES, 0):
-        if filled is None:
-            lattice = lattice_of(found, spacing, (found > 0) | outside)
-            lattice = replace(lattice, points=lattice.points + begin)
+        lattice = filled
+        if lattice is None:
+            lattice = lattice_of(cubes.labels, cubes.spacing, (cubes.labels > 0) | outside)
+            lattice = replace(lattice, points=lattice.points + cubes.begin)
         for least in (GOOD, ROUGH):  # volumes are worth more than shapes of a few cells
-            fitted, points = without_outside(
-                *_fitted(
-                    filled or lattice, memberships, spacing, volumes, least, sizes, tolerance, path, filled is None
-                )
-            )
-            cells, of = fitted.cells, fitted.labels
-            errors = _volume_errors(points, cells, of, volumes)
-            if max(map(abs, errors)) < 0.5 * _RIGHT:
+            passes = 1 if lattice is filled else _PASSES
+            fitted, points = without_outside(*_fitted(lattice, cubes, least, passes))
+            error = max(map(abs, _volume_errors(points, fitted, cubes.volumes)))
+            if error < 0.5 * _RIGHT:
                 break
-        crossing = _crossing(points, *interfaces(cells, of))
-        is_right = max(map(abs, errors)) < _RIGHT
-        if filled is not None and (len(crossing) or not is_right):
+        crossing = _crossing(points, *interfaces(fitted.cells, fitted.labels))
+        if filled is not None and (len(crossing) or error >= _RIGHT):
             filled = None
             why = "cross" if len(crossing) else "lose volume"
             report(f"smooth surfaces {why}: meshed from a lattice, which takes longer")
@@ -178,39 +220,8 @@ def _meshed(
                 continue
         if not len(crossing) or not beside:
             break
-        outside |= _cells_outside(found, ((crossing - begin) / spacing).astype(int), beside)
-    if len(crossing):
-        x, y, z = image.positions(crossing[:1] + first * image.spacing)[0]
-        report(f"{len(crossing)} facets of the surface cross others, such as at ({x:.4g}, {y:.4g}, {z:.4g}) m")
-    facets, pairs = interfaces(cells, of)
-    is_cut = _at_border(points, facets, first, image)
-    reach = max(_NEXT * float(image.spacing.max()), _FINE * size)
-    names = surroundings(points, facets, pairs, image, first, reach)
-    groups = _groups(image.names, of, pairs, is_cut, names)
-    mesh = MeshSource(
-        path=path,
-        kind="tetrahedron",
-        degree=1,
-        points=points,
-        node_tags=np.arange(1, len(points) + 1),
-        cells=cells,
-        cell_tags=np.arange(1, len(cells) + 1),
-        facets=facets,
-        groups=groups,
-    )
-    if degree == 2:
-        boundary: Boundary = memberships
-        if surface is not None:
-            start = image.origin + first * image.spacing
-            boundary = GivenSurface(surface.translate(-start), memberships)
-        mesh, errors = curved(mesh, of, pairs, boundary, spacing, volumes, least, report)
-    _tell_volumes(image, volumes, errors, report)
-    mesh = replace(mesh, points=image.positions(mesh.points + first * image.spacing))
-    if np.linalg.det(image.axes) < 0:
-        mesh = replace(mesh, cells=mirrored(mesh.cells))
-    report_mesh(mesh, image.frame, report)
-    report_sizes(mesh, sizes, report)
-    return mesh
+        outside |= _cells_outside(cubes.labels, ((crossing - cubes.begin) / cubes.spacing).astype(int), beside)
+    return fitted, points, crossing, least
 
 
 def _check_extent(image: LabelImage, size: float) -> None:
@@ -231,24 +242,12 @@ def _check_extent(image: LabelImage, size: float) -> None:
         )
 
 
-def _fitted(
-    lattice: Lattice,
-    memberships: Memberships,
-    spacing: float,
-    volumes: Sequence[float],
-    least: float,
-    sizes: WallSizes,
-    tolerance: float,
-    path: Path,
-    is_rough: bool,
-) -> tuple[Lattice, Floats]:
-    """Cells of a good shape and size, and their nodes on smooth boundaries; arguments are those of `smoothed`."""
-    points = smoothed(lattice, memberships, spacing, volumes, ROUGH)
-    for _ in range(
-        _PASSES if is_rough else 1
-    ):  # in cells of good shape, nodes that were held back come nearer to the boundary
-        lattice = Lattice(*_remeshed(replace(lattice, points=points), sizes, tolerance, path))
-        points = smoothed(lattice, memberships, spacing, volumes, least)
+def _fitted(lattice: Lattice, cubes: _Cubes, least: float, passes: int) -> tuple[Lattice, Floats]:
+    """Cells of a good shape and size, and their nodes on smooth boundaries, where no cell is worse than ``least``."""
+    points = smoothed(lattice, cubes.memberships, cubes.spacing, cubes.volumes, ROUGH)
+    for _ in range(passes):  # in cells of good shape, nodes that were held back come nearer to the boundary
+        lattice = _remeshed(replace(lattice, points=points), cubes)
+        points = smoothed(lattice, cubes.memberships, cubes.spacing, cubes.volumes, least)
     return lattice, points
 
 
@@ -295,7 +294,7 @@ def _middles(shape: tuple[int, ...], voxel: Floats, spacing: float) -> tuple[lis
     return [b + (np.arange(n) + 0.5) * spacing for b, n in zip(begin, counts, strict=True)], begin
 
 
-def _remeshed(lattice: Lattice, sizes: WallSizes, tolerance: float, path: Path) -> tuple[Floats, Ints, Ints]:
+def _remeshed(lattice: Lattice, cubes: _Cubes) -> Lattice:
     """Improve and coarsen cells by MMG; boundaries stay within the tolerance."""
     try:
         import mmgpy
@@ -303,6 +302,7 @@ def _remeshed(lattice: Lattice, sizes: WallSizes, tolerance: float, path: Path) 
         raise SystemPartMissing(
             "images are meshed by MMG (mmgpy), which is not installed", "Install it by: pip install simpleitk mmgpy"
         ) from None
+    sizes = cubes.sizes
     scale = 1 / sizes.size  # MMG's tolerances are made for lengths of about 1
     mesh = mmgpy.MmgMesh3D()
     mesh.set_mesh_size(vertices=len(lattice.points), tetrahedra=len(lattice.cells))
@@ -311,22 +311,21 @@ def _remeshed(lattice: Lattice, sizes: WallSizes, tolerance: float, path: Path) 
     if sizes.is_graded:
         mesh.set_field("metric", sizes.at(lattice.points)[:, None] * scale)
     least = min(sizes.least * scale, _UNIFORM)
-    options: dict[str, Any] = {"hmax": 1.0, "hmin": least, "hausd": tolerance * scale, "hgrad": 1.5}
+    options: dict[str, Any] = {"hmax": 1.0, "hmin": least, "hausd": cubes.tolerance * scale, "hgrad": 1.5}
     try:
         with handlers_restored():  # MMG takes those of SIGTERM and SIGINT away
             mesh.remesh(**options, ar=60.0, verbose=-1)
     except RuntimeError as error:
-        raise MeshError(f"{path}: MMG could not mesh it: {error}", "Try another mesh.size.") from error
+        raise MeshError(f"{cubes.path}: MMG could not mesh it: {error}", "Try another mesh.size.") from error
     found, of = mesh.get_tetrahedra_with_refs()[:2]
     cells, labels = np.asarray(found, dtype=np.int64), np.asarray(of, dtype=np.int64) - 1
-    return np.asarray(mesh.get_vertices()) / scale, cells, labels
+    return Lattice(np.asarray(mesh.get_vertices()) / scale, cells, labels)
 
 
-def _volume_errors(points: Floats, cells: Ints, of: Ints, volumes: Sequence[float]) -> list[float]:
-    """Relative errors of the volumes of the labels' cells."""
-    corners = points[cells]
-    each = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
-    return [float(each[of == label].sum() / volume - 1) for label, volume in enumerate(volumes, start=1)]
+def _volume_errors(points: Floats, cells: Lattice, volumes: Sequence[float]) -> list[float]:
+    """Relative errors of the volumes of the labels' cells with their nodes at some points."""
+    found = np.bincount(cells.labels, cells.volumes(points), minlength=len(volumes) + 1)[1:]
+    return [float(one / volume - 1) for one, volume in zip(found, volumes, strict=True)]
 
 
 def _tell_volumes(
@@ -345,7 +344,7 @@ def _tell_volumes(
 
 
 def _at_border(points: Floats, facets: Ints, first: Ints, image: LabelImage) -> Bools:
-    """Whether facets lie where the image ends: within a voxel of its last middles, and along it."""
+    """Return whether facets lie where the image ends: within a voxel of its last middles, and along it."""
     corners = points[facets]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300

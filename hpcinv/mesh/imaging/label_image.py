@@ -31,7 +31,7 @@ class LabelImage:
         spacing: of the voxels' middles, in m.
         origin: position of the first voxel's middle in m.
         axes: directions of the image's axes as columns.
-        frame: what to tell of the frame of positions.
+        frame: description of the frame of positions, for reports.
         neighbours: voxels (nx, ny, nz) of what is around the body and not meshed, by name.
     """
 

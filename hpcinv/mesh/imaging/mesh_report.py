@@ -1,4 +1,4 @@
-"""What the log tells of a mesh that was made from an image or a surface: place, quality, separate parts."""
+"""Report of a mesh that was made from an image or a surface: place, quality, sizes and separate parts."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from hpcinv.mesh.imaging.lattice import OUTWARD, scaled_jacobians
+from hpcinv.mesh.imaging.lattice import scaled_jacobians
 from hpcinv.mesh.imaging.wall_sizes import WallSizes
 from hpcinv.mesh.source import MeshSource
+from hpcinv.mesh.topology import FacetTable, connected
 from hpcinv.quantity.units import readable
 
-_NOTED = 0.05  # share of the surface at thin walls that is worth a word
+_NOTED = 0.05  # share of the surface at thin walls from which on it is reported
 
 
 def report_mesh(source: MeshSource, frame: str, report: Callable[[str], None]) -> None:
@@ -59,10 +58,5 @@ def report_sizes(source: MeshSource, sizes: WallSizes, report: Callable[[str], N
 
 def _parts(source: MeshSource) -> int:
     """Number of parts of a body that share no facet."""
-    facets = np.sort(np.concatenate([source.cells[:, side] for side in OUTWARD]), axis=1)
-    of = np.tile(np.arange(len(source.cells)), 4)
-    order = np.lexsort(facets.T)
-    same = np.flatnonzero((facets[order][1:] == facets[order][:-1]).all(axis=1))
-    pairs = (of[order][same], of[order][same + 1])
-    graph = coo_array((np.ones(len(same), dtype=np.int8), pairs), shape=(len(source.cells),) * 2)
-    return int(connected_components(graph, directed=False, return_labels=False))
+    table = FacetTable.of(source.kind, source.cells[:, :4])
+    return int(connected(table.of_cell, len(table.vertices)).max()) + 1

@@ -1,4 +1,4 @@
-"""What of labels is too small for cells: islands, holes, and walls of less than two voxels."""
+"""Parts of labels that are too small for cells: islands, holes, and walls of less than two voxels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is on the other side of the surface of a meshed image: a closed cavity, a neighbour or the outside."""
+"""Names of what is beyond the surface of a meshed image: a closed cavity, a neighbour or the outside."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class WallSizes:
 
     @property
     def is_graded(self) -> bool:
-        """Whether some walls are too thin for two cells of the largest size."""
+        """True if some walls are too thin for two cells of the largest size."""
         return self.floor < self.size and self.share_of_walls > 0
 
     @property

@@ -10,9 +10,9 @@ from hpcinv.errors import MeshError
 _PROGRAM = Path(__file__).with_name("isolated_reader.py")
 
 
-def run_isolated(action: str, path: Path, *arguments: str) -> subprocess.CompletedProcess[bytes]:
+def run_isolated(action: str, path: Path) -> subprocess.CompletedProcess[bytes]:
     """Run ``isolated_reader.py`` on a file, with captured output."""
-    command = [sys.executable, "-P", str(_PROGRAM), action, str(path.absolute()), *arguments]
+    command = [sys.executable, "-P", str(_PROGRAM), action, str(path.absolute())]
     return subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False)
 
 

@@ -1,6 +1,6 @@
 """Program that reads one mesh file with a library that crashes, or prints messages, if the file is damaged.
 
-``python isolated_reader.py vtu PATH TYPE…`` writes the arrays of a VTU file to standard output: a line of JSON with the
+``python isolated_reader.py vtu PATH`` writes the arrays of a VTU file to standard output: a line of JSON with the
 names, types and shapes of arrays, then their bytes in this order. ``python isolated_reader.py msh PATH`` lets gmsh read
 a file and writes nothing. It imports nothing from the package, whose mesh modules load MPI, and VTK, whose import takes
 as long as gmsh's, for VTU files only.
@@ -17,7 +17,6 @@ from xml.parsers import expat
 import numpy as np
 
 MOST_COMPRESSED = 1100  # largest ratio of compression; that of zlib is 1032
-FLAT = ("VERTEX", "LINE", "QUADRATIC_EDGE", "POLY_LINE")
 
 
 def read_msh(path: str) -> None:
@@ -44,9 +43,8 @@ def read_msh(path: str) -> None:
     gmsh.finalize()
 
 
-def read_vtu(path: str, wanted: list[str]) -> None:
-    """Write the arrays of the file to standard output, with names for the cell types in ``wanted``."""
-    from vtkmodules import vtkCommonDataModel
+def read_vtu(path: str) -> None:
+    """Write the arrays of the file to standard output, with names of the types of cells in it."""
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
@@ -69,8 +67,7 @@ def read_vtu(path: str, wanted: list[str]) -> None:
         arrays |= dict(data_of(grid.GetPointData(), "nodes"))
         arrays |= dict(data_of(grid.GetCellData(), "cells"))
         arrays |= dict(data_of(grid.GetFieldData(), "field"))
-        known = {getattr(vtkCommonDataModel, f"VTK_{name}"): name for name in (*wanted, *FLAT)}
-        names = {t: known.get(t) or other_name(t) for t in np.unique(arrays["types"]).tolist()}
+        names = {number: name_of(number) for number in np.unique(arrays["types"]).tolist()}
     arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     shapes = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
     sys.stdout.buffer.write(json.dumps({"names": names, "arrays": shapes}).encode() + b"\n")
@@ -116,7 +113,8 @@ def data_of(attributes: Any, on: str) -> Any:
             yield f"{on}:{attributes.GetArrayName(i) or ''}", vtk_to_numpy(array)
 
 
-def other_name(number: int) -> str:
+def name_of(number: int) -> str:
+    """Name of a type of cells in VTK."""
     from vtkmodules import vtkCommonDataModel
 
     name = str(vtkCommonDataModel.vtkCellTypes.GetClassNameFromTypeId(number))
@@ -135,6 +133,6 @@ def limit_memory() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "vtu":
-        read_vtu(sys.argv[2], sys.argv[3:])
+        read_vtu(sys.argv[2])
     else:
         read_msh(sys.argv[2])

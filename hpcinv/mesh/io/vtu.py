@@ -15,15 +15,18 @@ from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.io.isolated import run_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
+from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays
+from hpcinv.parallel.runtime import MPI
 
-# Of degree 1, of degree 2, of any degree; the last two have the same node order.
 VTK_TYPES = {
-    "triangle": ("TRIANGLE", "QUADRATIC_TRIANGLE", "LAGRANGE_TRIANGLE"),
-    "quadrilateral": ("QUAD", "BIQUADRATIC_QUAD", "LAGRANGE_QUADRILATERAL"),
-    "tetrahedron": ("TETRA", "QUADRATIC_TETRA", "LAGRANGE_TETRAHEDRON"),
-    "hexahedron": ("HEXAHEDRON", "TRIQUADRATIC_HEXAHEDRON", "LAGRANGE_HEXAHEDRON"),
+    "triangle": (5, 22, 69),
+    "quadrilateral": (9, 28, 70),
+    "tetrahedron": (10, 24, 71),
+    "hexahedron": (12, 29, 72),
 }
+"""VTK's numbers of kinds of cells: of degree 1, of degree 2, of any degree; the last two have the same node order."""
+_THIN = (1, 3, 4, 21)  # points, edges of degree 1, polygonal lines, and edges of degree 2
 REGION = "region:"  # cell arrays "region:NAME" have the tag of the region on its cells and 0 elsewhere
 NODE_TAG, CELL_TAG = "node_tag", "cell_tag"
 OF_VTK = "vtk"  # prefix of names reserved by VTK, such as vtkGhostType
@@ -41,11 +44,8 @@ def read_vtu(path: Path) -> MeshSource:
     if "types" not in arrays:
         raise MeshError(f"{path}: has no unstructured grid with cells", "Save the mesh as VTU (unstructured grid).")
     types, points = arrays["types"], np.asarray(arrays["points"], dtype=np.float64)
-    kind = _solid_kind(path, sorted(names.values()))
-    rows = {
-        dim: np.flatnonzero(np.isin(types, [t for t, name in names.items() if name in VTK_TYPES[k]]))
-        for dim, k in ((3, kind), (2, FACET_KIND[kind]))
-    }
+    kind = _solid_kind(path, names)
+    rows = {dim: np.flatnonzero(np.isin(types, VTK_TYPES[k])) for dim, k in ((3, kind), (2, FACET_KIND[kind]))}
     cells = _connectivity(path, arrays, kind, rows[3])
     degree = degree_of(path, kind, cells.shape[1])
     facets = (
@@ -72,10 +72,10 @@ def read_vtu(path: Path) -> MeshSource:
 
 
 def _read(path: Path) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
-    """Names of the cell types in a file, and its arrays: ``points``, …, and data ``nodes:NAME`` or ``cells:NAME``."""
-    wanted = [name for kinds in VTK_TYPES.values() for name in kinds]
+    """Names of the cell types in a file by their number, and its arrays: ``points``, …, and data ``nodes:NAME`` or
+    ``cells:NAME``."""
     with path.open("rb"):  # raises OSError if the file cannot be opened
-        done = run_isolated("vtu", path, *wanted)
+        done = run_isolated("vtu", path)
     complaints = [match[1] for match in _COMPLAINT.finditer(done.stderr.decode(errors="replace"))]
     if done.returncode or complaints:
         reason = complaints[0] if complaints else f"it crashed ({_ending(done.returncode)})"
@@ -128,19 +128,19 @@ def _unit(arrays: Mapping[str, npt.NDArray[Any]]) -> float | None:
     return as_unit(float(stated[0])) if stated.shape == (1,) else None
 
 
-def _solid_kind(path: Path, names: list[str]) -> str:
+def _solid_kind(path: Path, names: Mapping[int, str]) -> str:
     """Kind of the solid cells among the VTK cell types of a file; raises ``MeshError`` if there is not exactly one."""
-    solid = {k for k in FACET_KIND for n in names if n in VTK_TYPES[k]}
-    flat = {n for k in FACET_KIND.values() for n in VTK_TYPES[k]} | {"VERTEX", "LINE", "QUADRATIC_EDGE", "POLY_LINE"}
-    other = [n for n in names if n not in flat and not any(n in VTK_TYPES[k] for k in FACET_KIND)]
-    if len(solid) == 1 and not other:
-        return solid.pop()
-    if not solid and not other:
+    flat = {*_THIN, *(number for kind in FACET_KIND.values() for number in VTK_TYPES[kind])}
+    solid = {number: next((k for k in FACET_KIND if number in VTK_TYPES[k]), None) for number in names.keys() - flat}
+    kinds = set(solid.values())
+    if len(kinds) == 1 and (kind := kinds.pop()) is not None:
+        return kind
+    if not solid:
         raise MeshError(
             f"{path}: no solid cells", "Save the tetrahedra or hexahedra of the body, not only its surface."
         )
     raise MeshError(
-        f"{path}: cells are {' and '.join(n for n in names if n not in flat)}",
+        f"{path}: cells are {' and '.join(sorted(names[number] for number in solid))}",
         "Use one kind of cell in a mesh: all tetrahedra (4 or 10 nodes) or all hexahedra (8 or 27 nodes).",
     )
 
@@ -163,63 +163,36 @@ def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
 
 
 def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
-    """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) in ``source.unit``; not collective."""
-    # VTK itself: pyvista takes a second to import, as long as a small job takes to solve.
-    from vtkmodules import vtkCommonDataModel
-    from vtkmodules.util import numpy_support
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+    """Write topology, tags, groups and data of ``source`` at ``points`` (n, 3) in ``source.unit``; not collective.
 
-    vtk: Any = vtkCommonDataModel
-    support: Any = numpy_support  # without types
-
-    def array(name: str, values: npt.NDArray[np.integer] | Floats) -> Any:
-        converted = support.numpy_to_vtk(values, deep=True)
-        converted.SetName(name)
-        return converted
-
-    kinds = (source.kind, FACET_KIND[source.kind])
-    types, sizes, connectivity = [], [], []
-    for kind, nodes in zip(kinds, (source.cells, source.facets), strict=True):
-        connectivity.append(nodes[:, np.argsort(vtk_order(kind, source.degree))].ravel())
-        sizes.append(np.full(len(nodes), nodes.shape[1]))
-        name = VTK_TYPES[kind][source.degree - 1]
-        types.append(np.full(len(nodes), getattr(vtk, f"VTK_{name}"), dtype=np.uint8))
-    offsets = np.concatenate([[0], np.cumsum(np.concatenate(sizes))])
-
-    cells = vtk.vtkCellArray()
-    cells.SetData(
-        *(
-            support.numpy_to_vtkIdTypeArray(np.asarray(a, np.int64), deep=True)
-            for a in (offsets, np.concatenate(connectivity))
-        )
-    )
-    positions = vtkPoints()
-    positions.SetData(support.numpy_to_vtk(points, deep=True))
-    grid = vtk.vtkUnstructuredGrid()
-    grid.SetPoints(positions)
-    grid.SetCells(support.numpy_to_vtk(np.concatenate(types), deep=True), cells)
-
+    Raises:
+        OSError: it cannot be written.
+    """
+    cells = [
+        (nodes[:, np.argsort(vtk_order(kind, source.degree))], VTK_TYPES[kind][source.degree - 1])
+        for kind, nodes in ((source.kind, source.cells), (FACET_KIND[source.kind], source.facets))
+    ]
+    at_nodes: dict[str, npt.NDArray[Any]] = {}
+    in_cells: dict[str, npt.NDArray[Any]] = {}
     for name, data in source.data.items():  # before the arrays below, which replace data arrays of the same name
         if data.on == "nodes":
-            grid.GetPointData().AddArray(array(name, data.values))
+            at_nodes[name] = data.values
         else:
             on_facets = np.full((len(source.facets), data.values.shape[1]), np.nan)
-            grid.GetCellData().AddArray(array(name, np.concatenate([data.values, on_facets])))
-    grid.GetPointData().AddArray(array(NODE_TAG, source.node_tags))
+            in_cells[name] = np.concatenate([data.values, on_facets])
+    at_nodes[NODE_TAG] = source.node_tags
     beyond = source.cell_tags.max() + 1 + np.arange(len(source.facets))
-    grid.GetCellData().AddArray(array(CELL_TAG, np.concatenate([source.cell_tags, beyond])))
-    for name in dict.fromkeys(g.name for g in source.groups):
-        marks = np.zeros(len(offsets) - 1, dtype=np.int32)
-        for group in source.groups:
-            if group.name == name:
-                marks[group.members + (0 if group.dim == 3 else len(source.cells))] = group.tag
-        grid.GetCellData().AddArray(array(REGION + name, marks))
-
-    grid.GetFieldData().AddArray(array(FIELD, np.array([source.unit or 1.0])))
-
-    writer = vtkXMLUnstructuredGridWriter()
-    writer.SetFileName(str(path))
-    writer.SetInputData(grid)
-    if not writer.Write():
-        raise OSError(f"VTK error {writer.GetErrorCode()}")
+    in_cells[CELL_TAG] = np.concatenate([source.cell_tags, beyond])
+    for group in source.groups:
+        marks = in_cells.setdefault(REGION + group.name, np.zeros(len(in_cells[CELL_TAG]), dtype=np.int32))
+        marks[group.members + (0 if group.dim == 3 else len(source.cells))] = group.tag
+    error = write_vtu(
+        path,
+        MPI.COMM_SELF,
+        Grid(points, cells),
+        [Array(name, values) for name, values in at_nodes.items()],
+        [Array(name, values) for name, values in in_cells.items()],
+        {FIELD: source.unit or 1.0},
+    )
+    if error is not None:
+        raise error

@@ -16,14 +16,14 @@ from hpcinv.mesh.source import Ints, MeshSource
 
 
 @dataclass(frozen=True)
-class Refined:
+class RefinedMesh:
     """A refined mesh, and the index (cells,) of the parent of each of its cells."""
 
     source: MeshSource
     parent: Ints
 
 
-def refine(source: MeshSource, marked: Ints | None = None) -> Refined:
+def refine(source: MeshSource, marked: Ints | None = None) -> RefinedMesh:
     """Cut every cell into eight, or bisect all edges of the ``marked`` tetrahedra and others for conformity.
 
     Remaining nodes and cells keep their tags; the pieces of a cell take its place in the order of cells. Groups are
@@ -57,7 +57,7 @@ def refine(source: MeshSource, marked: Ints | None = None) -> Refined:
     )
     if source.degree == 2:
         refined = with_inner_nodes(refined, fine, cells.of, cells.at)
-    return Refined(refined.without_unused_nodes(), cells.of)
+    return RefinedMesh(refined.without_unused_nodes(), cells.of)
 
 
 def _bisected(fine: MeshSource, marked: Ints) -> tuple[Pieces, Pieces]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, BinaryIO
 from xml.sax.saxutils import quoteattr
 
@@ -31,30 +32,38 @@ class Grid:
     """The part of a grid that this rank owns.
 
     Attributes:
-        points: of its nodes, (n, 3) m, which are numbered consecutively in the order of the ranks.
-        cells: numbers of the nodes of its cells in the order of VTK, (c, k).
-        cell_type: number of the kind of cell in VTK.
+        points: of its nodes, (n, 3), which are numbered consecutively in the order of the ranks.
+        cells: numbers of the nodes of its cells in the order of VTK, (c, k), for each kind of cell with VTK's number
+            of that kind.
     """
 
     points: npt.NDArray[np.float64]
-    cells: npt.NDArray[np.int64]
-    cell_type: int
+    cells: Sequence[tuple[npt.NDArray[np.int64], int]]
 
 
 def write_vtu(
-    path: Path, comm: MPI.Intracomm, grid: Grid, at_nodes: Sequence[Array], in_cells: Sequence[Array]
+    path: Path,
+    comm: MPI.Intracomm,
+    grid: Grid,
+    at_nodes: Sequence[Array],
+    in_cells: Sequence[Array],
+    numbers: Mapping[str, float] = MappingProxyType({}),
 ) -> OSError | None:
     """Write a file; collective.
+
+    Args:
+        in_cells: in the order of the kinds of cells.
+        numbers: of the whole grid, by name.
 
     Returns:
         The error that stopped it, on all ranks, or ``None``.
     """
-    first = comm.exscan(len(grid.cells)) or 0
-    width = grid.cells.shape[1]
+    connectivity = np.concatenate([nodes.astype(np.int64).ravel() for nodes, _ in grid.cells])
+    widths = np.concatenate([np.full(len(nodes), nodes.shape[1], dtype=np.int64) for nodes, _ in grid.cells])
     structure = [
-        Array("connectivity", grid.cells.astype(np.int64).reshape(-1)),
-        Array("offsets", (first + np.arange(1, len(grid.cells) + 1, dtype=np.int64)) * width),
-        Array("types", np.full(len(grid.cells), grid.cell_type, dtype=np.uint8)),
+        Array("connectivity", connectivity),
+        Array("offsets", (comm.exscan(len(connectivity)) or 0) + np.cumsum(widths)),
+        Array("types", np.concatenate([np.full(len(nodes), kind, dtype=np.uint8) for nodes, kind in grid.cells])),
     ]
     places = {
         "PointData": at_nodes,
@@ -64,9 +73,9 @@ def write_vtu(
     }
     every = [array for arrays in places.values() for array in arrays]
     sizes = [comm.allreduce(array.values.nbytes) for array in every]
-    counts = comm.allreduce(len(grid.points)), comm.allreduce(len(grid.cells))
+    counts = comm.allreduce(len(grid.points)), comm.allreduce(len(widths))
     stream = _Stream(path, comm)
-    stream.write_text(_head(places, sizes, counts))
+    stream.write_text(_head(places, sizes, counts, numbers))
     for array, size in zip(every, sizes, strict=True):
         stream.write_array(array.values, size)
     stream.write_text("\n</AppendedData>\n</VTKFile>\n")
@@ -74,12 +83,19 @@ def write_vtu(
     return failed
 
 
-def _head(places: dict[str, Sequence[Array]], sizes: Sequence[int], counts: tuple[int, int]) -> str:
+def _head(
+    places: dict[str, Sequence[Array]], sizes: Sequence[int], counts: tuple[int, int], numbers: Mapping[str, float]
+) -> str:
     lines = [
         '<?xml version="1.0"?>',
         '<VTKFile type="UnstructuredGrid" version="2.2" byte_order="LittleEndian" header_type="UInt64">',
-        f'<UnstructuredGrid><Piece NumberOfPoints="{counts[0]}" NumberOfCells="{counts[1]}">',
+        "<UnstructuredGrid><FieldData>",
     ]
+    lines += [
+        f'<DataArray type="Float64" Name={quoteattr(name)} NumberOfTuples="1" format="ascii">{value!r}</DataArray>'
+        for name, value in numbers.items()
+    ]
+    lines.append(f'</FieldData><Piece NumberOfPoints="{counts[0]}" NumberOfCells="{counts[1]}">')
     offset, left = 0, iter(sizes)
     for place, arrays in places.items():
         lines.append(f"<{place}>")
