@@ -173,7 +173,7 @@ def without_factors(size: int) -> Iterator[list[str]]:
     for name, body, analysis in (("block", block_of, "inverse"), ("beam", beam, "forward")):
         data = body(size, analysis=analysis, certificate=certificate, solver={"linear": "iterative"})
         result = hpcinv.run(hpcinv.load(data), MPI.COMM_WORLD)
-        (line,) = (line for line in result.certificate.lines if line.name == "stability")
+        (line,) = (line for line in result.certificate.lines if line.name.startswith("stability"))
         phases = result.statistics["timings"]["phases"]
         work = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check")
         solve = sum(phases[phase]["max"] for phase in work if phase in phases)

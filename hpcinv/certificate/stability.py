@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
-STABILITY = "stability"
+STABILITY = "stability: unstable directions"
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
 
 
