@@ -39,6 +39,8 @@ COMMANDS = {
     "stability-without-factors": "mpirun -n 1 python benchmarks/stability.py without-factors",
     "image-meshes": "python benchmarks/image_meshes.py",
     "newton": "mpirun -n 1 python benchmarks/newton.py",
+    "two-level": "python benchmarks/two_level.py",
+    "effectivity-linear": "python benchmarks/effectivity.py --divisions 4 8 --displacement 1",
     "effectivity": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2",
     "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",
 }

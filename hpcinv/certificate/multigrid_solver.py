@@ -49,7 +49,7 @@ class MultigridSolver:
         self._options.remove()
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve as precisely as corrections of Newton's method need; return whether that succeeded."""
+        """Solve roughly, beginning with zero; return whether that succeeded."""
         return self.improve(b, x, start_from_zero=True)
 
     def improve(
@@ -59,9 +59,10 @@ class MultigridSolver:
 
         Args:
             precise: whether to solve to rounding errors.
-            residual: norm of the residual at which a solution that need not be precise ends.
+            residual: norm of the residual at which a rough solution ends.
         """
         self._configuration.set_accuracy(precise=precise)
+        self._configuration.set_rough(rough=not precise)
         self._ksp.setTolerances(atol=0.0 if precise else residual)
         self._ksp.setInitialGuessNonzero(not start_from_zero)
         self._ksp.solve(b, x)

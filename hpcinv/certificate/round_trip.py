@@ -8,9 +8,10 @@ the inverse tangent is ``K F`` with the forward tangent ``K``. That neither this
 exact tangent is made up for by Anderson's acceleration. The residual is exact in any case: what the corrections
 converge to is the solution.
 
-Corrections end as soon as what is left of them cannot change the verdict. Where they do not settle, Newton's method
-takes over; but not on straight cells without factors, which could not close, and would take longer than the solution. With a contraction ``θ`` of successive steps
-that is about ``θ/(1-θ)`` times the last one, where ``θ`` is the largest of the last three ratios.
+Corrections end as soon as what is left of them cannot change the verdict. With a contraction ``θ`` of successive steps
+that is about ``θ/(1-θ)`` times the last one, where ``θ`` is the largest of the last three ratios. Where they do not
+settle, Newton's method takes over; but not on straight cells without factors: the way back does not close there, and
+takes longer than the solution.
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ def _near(model: Model, solution: Solution, forward: ForwardFactors, observer: O
             return closure_error(model, solution, model.unknowns.at_nodes(model.solution()[0]))
         if not forward.affordable:
             if model.body.source.degree < model.job.discretisation.displacement:
-                note = f"the solve back would take more than the solution, and could not close: {STRAIGHT}"
+                note = f"the solve back, which would take longer than the solution, was not continued: {STRAIGHT}"
                 return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
             forward.destroy()  # the tangent of multigrid is assembled again
         model.set_solution(*solution.fields)

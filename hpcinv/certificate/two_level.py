@@ -42,7 +42,7 @@ from hpcinv.solver.problem import Model
 
 type Singles = npt.NDArray[np.float32]
 
-MANY = 5e10
+MANY = 5e9
 """Operations of a factorization in the finer spaces from which iterations are worth their error: it takes seconds."""
 _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _WORTH = 1.5  # least gain of multigrid: factorizations also give signs along the path, and fail at once
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
 _ROOM = 0.8  # share of the memory that factors may take
-_KEPT = 3  # times the memory of multigrid, for which there must be room if it is kept
+_KEPT = 4  # times the memory of multigrid, for which there must be room if it is kept
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
 _OWN = frozenset({"ksp_type", "pc_type"})
 

@@ -1,0 +1,61 @@
+"""Error estimates by iterations beside those by a factorization in the finer spaces: seconds, and the largest error.
+
+"Operations" are those of the factorization; from `hpcinv.certificate.two_level.MANY` on, iterations are made.
+
+Command: python benchmarks/two_level.py [--sizes 3000 6000 12000 20000] [--bodies beam block]
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Any
+
+import hpcinv.parallel.runtime  # its import order first
+
+# isort: split
+from bodies import beam, block, sphere
+
+import hpcinv
+from hpcinv.certificate import estimate, two_level
+
+BODIES = {"beam": beam, "block": block, "sphere": sphere}
+
+
+def estimated(job: Any, many: float) -> tuple[float, float]:
+    """Return the seconds of the estimate, and its error of the shape (m); kernels are compiled beforehand."""
+    two_level.MANY = many
+    hpcinv.run(job)
+    result = hpcinv.run(job)
+    (line,) = (line for line in result.certificate.lines if line.name.startswith("discretisation error"))
+    assert result.estimate is not None
+    assert line.seconds is not None
+    return line.seconds, result.estimate.shape
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[3000, 6000, 12000, 20000], help="unknowns, about")
+    parser.add_argument("--bodies", nargs="+", choices=BODIES, default=["beam", "block"])
+    options = parser.parse_args()
+    operations: list[float] = []
+    forecast = estimate.finer_forecast
+
+    def noted(model: Any) -> Any:
+        found = forecast(model)
+        operations.append(found.operations)
+        return found
+
+    estimate.finer_forecast = noted
+    print(f"{'body':20}{'unknowns':>10}{'operations':>12}{'factorized':>12}{'iterated':>10}{'ratio of errors':>17}")
+    for name in options.bodies:
+        for size in options.sizes:
+            for analysis in ("inverse", "forward"):
+                job = hpcinv.load(BODIES[name](size, analysis=analysis, certificate={"level": "off", "estimate": True}))
+                (exact, error), (rough, found) = (estimated(job, many) for many in (math.inf, 0.0))
+                row = f"{exact:10.2f} s{rough:8.2f} s{found / error:17.3f}"
+                print(f"{name + ', ' + analysis:20}{size:10}{operations[-1]:12.1e}{row}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
