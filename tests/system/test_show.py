@@ -10,7 +10,7 @@ import pyvista
 from helpers.command_line import BLOCK, NO_CERTIFICATE, hpcinv, write_job
 from helpers.run_directories import run_directory
 
-from hpcinv.pictures.drawing import Body, View, figure, thumbnail
+from hpcinv.pictures.drawing import DrawnBody, View, figure, thumbnail
 
 MESHES = Path(__file__).parents[2] / "meshes"
 BLUE, ORANGE = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)
@@ -98,10 +98,10 @@ def test_what_cannot_be_drawn_gets_one_message(arguments: list[object], message:
     assert not list(tmp_path.glob("*.png"))
 
 
-def sphere_in_a_larger_one() -> tuple[Body, Body]:
+def sphere_in_a_larger_one() -> tuple[DrawnBody, DrawnBody]:
     ball = pyvista.Sphere(radius=1)
     points, triangles = np.asarray(ball.points, dtype=np.float64), np.asarray(ball.regular_faces)
-    return Body(points, triangles, values=points[:, 2]), Body(1.5 * points, triangles, opacity=0.35)
+    return DrawnBody(points, triangles, values=points[:, 2]), DrawnBody(1.5 * points, triangles, opacity=0.35)
 
 
 def image_of(png: bytes) -> np.ndarray:

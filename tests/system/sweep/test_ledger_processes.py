@@ -17,7 +17,7 @@ import pytest
 from helpers.command_line import MPIRUN, PATIENCE, environment
 
 from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger, State
+from hpcinv.batch.ledger.ledger import CaseState, Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 
 WORKER = Path(__file__).parents[2] / "helpers" / "ledger_worker.py"
@@ -157,7 +157,7 @@ def test_a_process_killed_before_each_of_its_operations_in_turn(tmp_path: Path) 
             if ledger.record(KEY) is None:
                 died = ledger.states([KEY])[KEY]
                 claim = ledger.claim(KEY)
-                assert died == State("open", died=claim.died if claim else -1)
+                assert died == CaseState("open", died=claim.died if claim else -1)
                 assert claim is not None
                 assert ledger.commit(claim, BY_US)
                 assert ledger.record(KEY) == BY_US
