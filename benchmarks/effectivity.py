@@ -83,7 +83,7 @@ def plane_strain(
     )
 
 
-def wall_of_cylinder(divisions: int, geometry: int, displacement: int, *, hexahedra: bool) -> Case:
+def cylinder_under(effect: dict[str, Any], divisions: int, geometry: int, displacement: int, hexahedra: bool) -> Case:
     data = plane_strain(
         divisions,
         geometry,
@@ -91,24 +91,21 @@ def wall_of_cylinder(divisions: int, geometry: int, displacement: int, *, hexahe
         hexahedra=hexahedra,
         length=0.5 / divisions,
         material={"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"},
-        effects=[{"effect": "pressure", "region": "inner", "pressure": cylinder.PRESSURE}],
+        effects=[effect],
     )
     return data, {"inner-radius": cylinder.A, "outer-radius": cylinder.B}
+
+
+def wall_of_cylinder(divisions: int, geometry: int, displacement: int, *, hexahedra: bool) -> Case:
+    effect = {"effect": "pressure", "region": "inner", "pressure": cylinder.PRESSURE}
+    return cylinder_under(effect, divisions, geometry, displacement, hexahedra)
 
 
 def rotating_disk(divisions: int, geometry: int, displacement: int, *, hexahedra: bool) -> Case:
     """By the balance of forces, its radii are those of a cylinder under the pressure ``rho ω² (b² - a²)/2``."""
     density = 2 * cylinder.PRESSURE / (cylinder.OUTER**2 - cylinder.INNER**2)
-    data = plane_strain(
-        divisions,
-        geometry,
-        displacement,
-        hexahedra=hexahedra,
-        length=0.5 / divisions,
-        material={"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"},
-        effects=[{"effect": "centrifugal", "angular_velocity": 1.0, "axis": [0, 0, 1], "density": density}],
-    )
-    return data, {"inner-radius": cylinder.A, "outer-radius": cylinder.B}
+    effect = {"effect": "centrifugal", "angular_velocity": 1.0, "axis": [0, 0, 1], "density": density}
+    return cylinder_under(effect, divisions, geometry, displacement, hexahedra)
 
 
 def tube_with_fibres(divisions: int, geometry: int, displacement: int, *, hexahedra: bool) -> Case:

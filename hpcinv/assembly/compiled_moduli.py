@@ -92,9 +92,9 @@ def _compiled(
     name, directory = _name(form.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
     record = mesh.comm.bcast(read_record(name, directory) if mesh.comm.rank == 0 else None)
     kernels = [] if record is None else [_Kernel.from_data(one) for one in json.loads(record)]
-    loaded = [_loaded(kernel, functions, constants, directory) for kernel in kernels]
-    complete = len(loaded) == len(parts) and None not in loaded
-    if not mesh.comm.allreduce(complete, op=MPI.LAND):
+    found = [_loaded(kernel, functions, constants, directory) for kernel in kernels]
+    loaded = [one for one in found if one is not None]
+    if not mesh.comm.allreduce(len(loaded) == len(parts), op=MPI.LAND):
         kernels, loaded = [], []
         for one in derive():
             used = list(extract_coefficients(one.expression)), list(extract_constants(one.expression))
@@ -107,7 +107,6 @@ def _compiled(
     return [
         CompiledModuli(part.cells, points, weights, kernel.pairs, expression)
         for part, kernel, expression in zip(parts, kernels, loaded, strict=True)
-        if expression is not None
     ]
 
 

@@ -11,7 +11,7 @@ converge to is the solution.
 Corrections end as soon as what is left of them cannot change the verdict. With a contraction ``θ`` of successive steps
 that is about ``θ/(1-θ)`` times the last one, where ``θ`` is the largest of the last three ratios. Where they do not
 settle, Newton's method takes over; but not on straight cells without factors: the way back does not close there, and
-takes longer than the solution.
+may take longer than the solution.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _near(model: Model, solution: Solution, forward: ForwardFactors, observer: O
             return closure_error(model, solution, model.unknowns.at_nodes(model.solution()[0]))
         if not forward.affordable:
             if model.body.source.degree < model.job.discretisation.displacement:
-                note = f"the solve back, which would take longer than the solution, was not continued: {STRAIGHT}"
+                note = f"corrections did not settle, and more may take longer than the solution: {STRAIGHT}"
                 return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
             forward.destroy()  # the tangent of multigrid is assembled again
         model.set_solution(*solution.fields)

@@ -14,6 +14,7 @@ from helpers.command_line import NO_CERTIFICATE
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import Body, build_body
 from hpcinv.model.scene import Scene
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.solver.load_stepping import follow
@@ -99,3 +100,13 @@ def box(divisions: Sequence[int] = (2, 2, 2), **parameters: Any) -> dict[str, An
     """A unit cube."""
     nx, ny, nz = divisions
     return {"file": BOX, "parameters": {"nx": nx, "ny": ny, "nz": nz, **parameters}}
+
+
+def deform(unknowns: Unknowns) -> None:
+    """Set the state to smooth fields that are no solution."""
+    state = unknowns.state
+    parts = [state] if unknowns.p is None else [state.sub(0), state.sub(1)]
+    parts[0].interpolate(lambda x: 0.05 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
+    for pressure in parts[1:]:
+        pressure.interpolate(lambda x: 0.3 * np.cos(x[0] - 2 * x[2]))
+    state.x.scatter_forward()

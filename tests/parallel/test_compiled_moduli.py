@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.verification import box, job
+from helpers.verification import box, deform, job
 from petsc4py import PETSc
 
 from hpcinv.assembly import compiled_moduli as module
@@ -45,12 +45,7 @@ CUBES: dict[str, Any] = MIXED | {
 def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Model:
     given = job(**data)
     model = Model(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
-    state = model.unknowns.state
-    parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]
-    parts[0].interpolate(lambda x: 0.05 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
-    for pressure in parts[1:]:
-        pressure.interpolate(lambda x: 0.3 * np.cos(x[0] - 2 * x[2]))
-    state.x.scatter_forward()
+    deform(model.unknowns)
     model.scene(given.directions[0]).parameters.set_load(0.7)
     return model
 

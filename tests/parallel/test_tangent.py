@@ -10,7 +10,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
-from helpers.verification import box, job
+from helpers.verification import box, deform, job
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
@@ -55,11 +55,7 @@ def test_matrix_is_that_of_the_derivative(case: dict[str, Any], comm: MPI.Intrac
     model = Model(given, body, Timings())
     scene, supports = model.scene(given.directions[0]), model.supports
     state = model.unknowns.state
-    parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]
-    parts[0].interpolate(lambda x: 0.05 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
-    for pressure in parts[1:]:
-        pressure.interpolate(lambda x: 0.3 * np.cos(x[0] - 2 * x[2]))
-    state.x.scatter_forward()
+    deform(model.unknowns)
     form = fem.form(ufl.derivative(without_stages(scene.residual), state), jit_options=JIT_OPTIONS)
     scene.parameters.set_load(0.7)
     supports.scale(0.7)
