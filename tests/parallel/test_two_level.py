@@ -9,6 +9,7 @@ from dolfinx.mesh import CellType, create_unit_cube
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.assembly.moduli import UnsupportedForm
 from hpcinv.certificate import two_level
 from hpcinv.certificate.estimate import Estimate
 from hpcinv.certificate.transfer import Transfer
@@ -61,6 +62,7 @@ CASES = {
     "incompressible": standing(material=RUBBER | {"c1": "3 kPa", "c2": "2 kPa"}),
     "multigrid": standing(solver={"linear": "iterative"}),
     "prescribed motion": pushed(),
+    "follower load": sphere(hexahedra=False, geometry=2, analysis="forward"),
 }
 
 
@@ -70,7 +72,7 @@ def estimate(data: dict[str, Any], comm: MPI.Intracomm) -> Estimate:
     return found
 
 
-@pytest.mark.everyday("sphere of tetrahedra", "incompressible")
+@pytest.mark.everyday("sphere of tetrahedra", "incompressible", "follower load")
 @pytest.mark.parametrize("name", CASES)
 def test_the_iterations_find_the_correction(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     compare(name, comm, monkeypatch)
@@ -102,6 +104,16 @@ def compare(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> 
     assert found.shape == pytest.approx(exact.shape, rel=0.2)
     assert found.quantities["q"] == pytest.approx(exact.quantities["q"], rel=0.2, abs=0.05 * exact.shape)
     assert found.unknowns == exact.unknowns
+
+
+def test_residuals_without_moduli_are_differentiated(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As those of effects of plugins whose form has none."""
+
+    def none(*_: Any) -> Any:
+        raise UnsupportedForm("it has other derivatives")
+
+    monkeypatch.setattr(two_level, "compiled_moduli", none)
+    compare("incompressible", comm, monkeypatch)
 
 
 @pytest.mark.parallel([1, 2])

@@ -160,6 +160,18 @@ def test_multigrid_stands_in_for_factors(
     assert line.value == pytest.approx(with_factors.value, rel=0.15, abs=1e-5)
 
 
+def test_straight_cells_without_factors_are_not_solved_back(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where corrections by multigrid do not settle; curved cells are."""
+    monkeypatch.setattr(ForwardFactors, "affordable", False)
+    monkeypatch.setattr(module, "_CORRECTIONS", 0)
+    straight, curved = (Case(cantilever("inverse", "mixed", curved=of), comm).line() for of in (False, True))
+    assert straight.verdict is Verdict.UNDECIDED
+    assert "geometry_degree: 2" in straight.note
+    assert curved.verdict is Verdict.PASS
+
+
 def test_what_is_left_of_a_sequence() -> None:
     assert remaining([1.0]) == float("inf")
     assert remaining([1.0, 0.5, 0.25]) == pytest.approx(0.25)
