@@ -29,7 +29,7 @@ from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.refine.degree import of_degree
-from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, of_file, of_generator
+from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, of_file, of_surface
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
@@ -191,13 +191,11 @@ def build_body(
 def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> FinerGeometry:
     """Geometry of higher degree that a mesh file or generator has for the cells of ``source``; not collective."""
 
-    def read(degree: int | None) -> MeshSource:
-        return read_source(spec.model_copy(update={"geometry_degree": degree}), path)
-
     if path.suffix in GENERATORS:
-        return of_generator(source, read)
-    has_more = spec.geometry_degree == 1 and spec.size is None  # of images and surfaces other cells are made
-    return of_file(source, lambda: read(None)) if has_more else FinerGeometry(NO_CAD)
+        return of_surface(source)
+    if spec.geometry_degree != 1 or spec.size is not None:  # of images and surfaces other cells are made
+        return FinerGeometry(NO_CAD)
+    return of_file(source, lambda: read_source(spec.model_copy(update={"geometry_degree": None}), path))
 
 
 def read_anywhere(

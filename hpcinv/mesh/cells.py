@@ -39,9 +39,9 @@ def vertex_count(kind: str) -> int:
     return len(basix.geometry(basix.CellType[kind]))
 
 
-def degree_of(path: Path, kind: str, nodes: int, supported: tuple[int, ...] = DEGREES) -> int:
+def degree_of(path: Path, kind: str, nodes: int) -> int:
     """Geometry degree of a cell with this number of nodes; raises ``MeshError`` if it is not supported."""
-    degrees = {scalar_element(kind, degree).dim: degree for degree in supported}
+    degrees = {scalar_element(kind, degree).dim: degree for degree in DEGREES}
     if nodes not in degrees:
         raise MeshError(
             f"{path}: {kind}s of {nodes} nodes are not supported",

@@ -13,9 +13,9 @@ from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.job.mesh_generators import Value
 from hpcinv.job.msh_format import fault_of
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
-from hpcinv.mesh.cells import DEGREES
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.parts import by_tags
+from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.gmsh_model import extract, read_views, session
 from hpcinv.mesh.io.isolated import check_readable_by_gmsh
 from hpcinv.mesh.io.length_unit import stored_unit
@@ -101,11 +101,10 @@ def _merge(gmsh: Any, path: Path, called: Path | None = None) -> None:
 
 def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     """The generated mesh, with the additional nodes of a higher degree on the CAD surfaces."""
-    if degree is None:
-        return extract(gmsh, path)
-    if len(gmsh.model.mesh.getElementTypes(3)):
+    if degree is not None and len(gmsh.model.mesh.getElementTypes(3)):
         gmsh.model.mesh.setOrder(degree)
-    return extract(gmsh, path, (*DEGREES, degree))
+    source = extract(gmsh, path)
+    return dataclasses.replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
 
 
 GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, MeshingMonitor], MeshSource]] = {

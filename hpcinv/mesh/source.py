@@ -55,6 +55,21 @@ def data_arrays(found: Iterable[tuple[str, Place, npt.NDArray[np.generic]]]) -> 
 
 
 @dataclass(frozen=True)
+class CadSurface:
+    """Facets of a mesh, and where the surfaces of its CAD model are beside them.
+
+    Attributes:
+        vertices: tags (f, v) of the vertices of each facet.
+        nodes: points (f, l, 3) of the surfaces, in m, next to the nodes that a geometry of the ``degree`` would have
+            on the facets, in the node order of DOLFINx.
+    """
+
+    degree: int
+    vertices: Ints
+    nodes: Floats
+
+
+@dataclass(frozen=True)
 class MeshSource:
     """Nodes, cells and named groups of one mesh; every array is empty on ranks other than 0.
 
@@ -80,7 +95,7 @@ class MeshSource:
     parts: tuple[int, ...] = ()
     unit: float | None = None
     voxel: float = 0.0  # size (m) of the voxels of the image from which it was made, 0 without one
-    on_cad: bool = False  # nodes between the vertices lie on the surfaces of a CAD model
+    surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
 
     @property
     def is_partitioned(self) -> bool:
@@ -117,11 +132,14 @@ class MeshSource:
     def header(self) -> MeshSource:
         """The same source with empty arrays, for ranks other than 0."""
         none: Ints = np.zeros(0, dtype=np.int64)
-        return self.select(none, none, none)
+        return dataclasses.replace(self.select(none, none, none), surface=None)
 
     def in_metres(self, unit: float) -> MeshSource:
         """The same mesh in metres, from coordinates in ``unit`` (m)."""
-        return dataclasses.replace(self, points=self.points if unit == 1.0 else self.points * unit, unit=unit)
+        if unit == 1.0:
+            return dataclasses.replace(self, unit=unit)
+        surface = self.surface and dataclasses.replace(self.surface, nodes=self.surface.nodes * unit)
+        return dataclasses.replace(self, points=self.points * unit, surface=surface, unit=unit)
 
     def in_file_unit(self, points: Floats) -> Floats:
         """Coordinates in the length unit of the file, from ``points`` (n, 3) in metres."""

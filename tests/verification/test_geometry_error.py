@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import re
@@ -25,7 +26,10 @@ from hpcinv.certificate import two_level
 from hpcinv.certificate.extension import extend
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, MeshSource, build_body, read_source, write_mesh
-from hpcinv.mesh.refine.finer_geometry import NO_CAD, OTHER_CELLS, FinerGeometry, of_generator, on_mesh
+from hpcinv.mesh.io import cad_surface
+from hpcinv.mesh.refine.finer_geometry import NO_CAD, OTHER_CELLS, FinerGeometry, of_surface, on_mesh
+from hpcinv.mesh.refine.refinement import refine
+from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI
 
 A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
@@ -186,13 +190,43 @@ def test_a_generator_without_cad_tells_nothing(tmp_path: Path, comm: MPI.Intraco
     assert build_body(spec(tmp_path / "ball.py"), {}, comm).with_finer_geometry == (None, NO_CAD)
 
 
-def test_other_cells_tell_nothing_unless_faces_are_flat() -> None:
-    def made(name: str, degree: int, **parameters: object) -> MeshSource:
-        path = MESHES / f"{name}.py"
-        return read_source(spec(path, geometry_degree=degree, parameters=parameters), path)
+def length(x: Floats) -> Floats:
+    return np.linalg.norm(x, axis=-1)
 
-    assert of_generator(made("thick_sphere", 1), lambda d: made("thick_sphere", d, radial=5)).unknown == OTHER_CELLS
-    assert of_generator(made("box", 1), lambda d: made("box", d, nx=5)) == FinerGeometry()
+
+def made(name: str, degree: int, **parameters: object) -> MeshSource:
+    path = MESHES / f"{name}.py"
+    return read_source(spec(path, geometry_degree=degree, parameters=parameters), path)
+
+
+def test_other_cells_tell_nothing_unless_faces_are_flat() -> None:
+    sphere = made("thick_sphere", 1)
+    assert of_surface(refine(sphere).source).unknown == OTHER_CELLS
+    assert of_surface(dataclasses.replace(sphere, points=1.1 * sphere.points)).unknown == OTHER_CELLS
+    assert of_surface(refine(made("box", 1)).source) == FinerGeometry()
+
+
+@pytest.mark.parametrize("steps", [None, 0])
+@pytest.mark.parametrize(
+    ("name", "parameters", "distance"),
+    [
+        ("thick_sphere", {}, lambda x: np.minimum(abs(length(x) - 1.0), abs(length(x) - 1.5))),
+        ("thick_sphere", {"hexahedra": True}, lambda x: np.minimum(abs(length(x) - 1.0), abs(length(x) - 1.5))),
+        # A cylinder with a seam, where its parameters jump by a period.
+        ("pdms_beam", {"size": 4e-3}, lambda x: abs(np.hypot(x[..., 1], x[..., 2]) - 0.00425)),
+    ],
+)
+def test_nodes_lie_on_the_surface_of_the_model(
+    name: str, parameters: dict[str, object], distance: Any, steps: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if steps is not None:
+        monkeypatch.setattr(cad_surface, "_STEPS", steps)  # gmsh's own search, which takes over where ours ends
+    surface = made(name, 1, **parameters).surface
+    assert surface is not None
+    found, size = distance(surface.nodes), float(np.ptp(surface.nodes.reshape(-1, 3), axis=0).max())
+    curved = found[:, : surface.vertices.shape[1]].max(axis=1) < 1e-9 * size
+    assert curved.sum() > 20
+    assert found[curved].max() < 1e-7 * size  # of edges on a plane too: those of the model lie on both
 
 
 def of_a_file(tmp_path: Path) -> dict[str, Any]:
@@ -210,7 +244,10 @@ def test_what_is_printed_says_what_it_leaves_out(tmp_path: Path) -> None:
     ended = hpcinv(2, "run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert re.search(r"inner: \S+ \(estimated error \S+, without that of the geometry\)", ended.stdout)
-    assert re.search(r"discretisation error .* m, without the error of the geometry: the mesh file", ended.stdout)
+    assert re.search(
+        r"discretisation error .* m, without the error of the geometry: nothing is known of the true surface",
+        ended.stdout,
+    )
     estimate = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]["estimate"]
     assert (estimate["geometry"], estimate["without_geometry"]) == ("left out", NO_CAD)
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.errors import MeshError, SystemPartMissing
-from hpcinv.mesh.cells import DEGREES, FACET_KIND, degree_of, node_order
+from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
 from hpcinv.mesh.io.length_unit import store_unit
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays
 from hpcinv.parallel.signals import ended_by_signals, handlers_kept
@@ -83,11 +83,8 @@ class ElementType:
         return cls(int(code), int(size), order, np.argsort(order))
 
 
-def extract(gmsh: Any, path: Path, degrees: tuple[int, ...] = DEGREES) -> MeshSource:
+def extract(gmsh: Any, path: Path) -> MeshSource:
     """Mesh of gmsh's current model: all cells, and the facets in physical groups.
-
-    Args:
-        degrees: supported geometry degrees.
 
     Raises:
         MeshError: there are no solid cells of one supported kind, or an entity is in several physical groups.
@@ -95,7 +92,7 @@ def extract(gmsh: Any, path: Path, degrees: tuple[int, ...] = DEGREES) -> MeshSo
     mesh = gmsh.model.mesh
     tags, coordinates, _ = mesh.getNodes()
     node_tags, first = np.unique(tags.astype(np.int64), return_index=True)
-    kind, degree = _solid(gmsh, path, degrees)
+    kind, degree = _solid(gmsh, path)
     cell_tags, cells, volumes = _elements(gmsh, path, 3, ElementType.of(gmsh, kind, degree))
     _, facets, surfaces = _elements(gmsh, path, 2, ElementType.of(gmsh, FACET_KIND[kind], degree))
     return MeshSource(
@@ -109,18 +106,10 @@ def extract(gmsh: Any, path: Path, degrees: tuple[int, ...] = DEGREES) -> MeshSo
         facets=np.searchsorted(node_tags, facets),
         groups=(*volumes, *surfaces),
         thin_groups=tuple(_group_name(gmsh, d, t) for d in (0, 1) for _, t in gmsh.model.getPhysicalGroups(d)),
-        on_cad=_is_on_cad(gmsh),
     )
 
 
-def _is_on_cad(gmsh: Any) -> bool:
-    """Return whether all surfaces of the model are CAD surfaces and nodes of higher degree are put on them."""
-    surfaces = gmsh.model.getEntities(2)
-    straight = gmsh.option.getNumber("Mesh.SecondOrderLinear") != 0
-    return bool(surfaces) and not straight and not any(gmsh.model.getType(*s).startswith("Discrete") for s in surfaces)
-
-
-def _solid(gmsh: Any, path: Path, degrees: tuple[int, ...]) -> tuple[str, int]:
+def _solid(gmsh: Any, path: Path) -> tuple[str, int]:
     """Kind and degree of the solid elements of the model, which must be of one type."""
     found = [gmsh.model.mesh.getElementProperties(t) for t in gmsh.model.mesh.getElementTypes(3)]
     if not found:
@@ -136,7 +125,7 @@ def _solid(gmsh: Any, path: Path, degrees: tuple[int, ...]) -> tuple[str, int]:
             f"{path}: cells are {' and '.join(sorted(name for name, *_ in found))}",
             "Use one kind of cell in a mesh: all tetrahedra or all hexahedra, all of one degree.",
         )
-    return kind, degree_of(path, kind, size, degrees)
+    return kind, degree_of(path, kind, size)
 
 
 def _elements(gmsh: Any, path: Path, dim: int, element: ElementType) -> tuple[Ints, Ints, list[Group]]:

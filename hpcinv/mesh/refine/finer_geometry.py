@@ -5,25 +5,35 @@ that a job reads as degree 1.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import basix
 import basix.cell
+import dolfinx
 import numpy as np
 from dolfinx import fem
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.cells import jacobians, scalar_element, vertex_count
+from hpcinv.mesh.cells import (
+    FACET_KIND,
+    coordinate_element,
+    jacobians,
+    no_cells,
+    scalar_element,
+    sub_entities,
+    vertex_count,
+)
 from hpcinv.mesh.checks import CHUNK, determinants
 from hpcinv.mesh.regions import Mesh
-from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.mesh.source import CadSurface, Floats, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
+from hpcinv.parallel.runtime import MPI
 
 SAME = (
     1e-6  # distance of nodes, relative to the cell size, up to which they count as the same (rounding of the generator)
 )
-NO_CAD = "the mesh file contains no geometry beyond its cells"
+NO_CAD = "nothing is known of the true surface but this mesh"
 EDGE = 0.0025  # smallest ratio of eigenvalues of the sum of n⊗n at an edge: about 0.1 rad between normals
 OTHER_CELLS = "its generator or file gives other cells"
 
@@ -49,42 +59,127 @@ def of_file(source: MeshSource, read: Callable[[], MeshSource]) -> FinerGeometry
         return FinerGeometry(f"the mesh file could not be read again: {error}")
     if whole.degree <= source.degree:
         return FinerGeometry(NO_CAD)
-    return _compared(source, whole, lambda: whole)
-
-
-def of_generator(source: MeshSource, generate: Callable[[int], MeshSource]) -> FinerGeometry:
-    """Geometry of the CAD model of a generator for a mesh that it made, or a refinement of it; not collective.
-
-    Cells of degree 1 become cells of degree 2, and cells of degree 2 become cells of degree 4.
-
-    Args:
-        generate: returns the generated mesh with a geometry of this degree.
-    """
-    try:
-        finer = generate(2 * source.degree)
-    except MeshError as error:
-        return FinerGeometry(f"the mesh could not be made with a geometry of degree {2 * source.degree}: {error}")
-    if not finer.on_cad or finer.kind != source.kind:
-        return FinerGeometry(NO_CAD)
-    return _compared(source, finer, lambda: finer if source.degree == 1 else _along_normals(source, finer))
-
-
-def _compared(source: MeshSource, finer: MeshSource, take: Callable[[], MeshSource]) -> FinerGeometry:
-    """Result of ``take()`` if ``finer`` has the same cells with nodes at other places, otherwise none.
-
-    A refined mesh has other cells; its geometry is then the true one only if all faces of the body are flat.
-    """
-    corners = [s.points[s.cells[:, : vertex_count(s.kind)]] for s in (source, finer)]
+    corners = [s.points[s.cells[:, : vertex_count(s.kind)]] for s in (source, whole)]
     alike = corners[0].shape == corners[1].shape
     if not alike or np.abs(corners[0] - corners[1]).max() > SAME * _sizes(corners[0]).min():
-        return FinerGeometry("" if _agrees(1, corners[1], finer) else OTHER_CELLS)
-    if _agrees(source.degree, source.points[source.cells], finer):
+        return FinerGeometry("" if _agrees(1, corners[1], whole) else OTHER_CELLS)
+    return FinerGeometry() if _agrees(source.degree, source.points[source.cells], whole) else _admissible(whole)
+
+
+def of_surface(source: MeshSource) -> FinerGeometry:
+    """Geometry of the CAD model that a generator meshed, for its mesh or a refinement of that; not collective.
+
+    Cells of degree 1 become cells of degree 2, and cells of degree 2 become cells of degree 4, whose nodes inside the
+    body are where the given cells have them. The cells of a refined mesh are others; their geometry is the true one
+    only if all faces of the body are flat.
+    """
+    surface, kind = source.surface, source.kind
+    if surface is None:
+        return FinerGeometry(NO_CAD)
+    if _is_flat(kind, surface):
         return FinerGeometry()
-    taken = take()
-    least, most = determinants(taken)
+    table = FacetTable.of(kind, source.cells[:, : vertex_count(kind)])
+    vertices = _rows(source.node_tags, surface.vertices)
+    facets = np.where((vertices < 0).any(axis=1), -1, table.find(vertices))
+    of_cells = facets >= 0
+    corners = source.points[vertices[of_cells]]
+    moved = np.abs(corners - surface.nodes[of_cells, : corners.shape[1]]).max(initial=0.0)
+    covered = np.isin(np.flatnonzero(table.sharing == 1), facets).all()
+    if not covered or moved > SAME * _sizes(corners).min():
+        return FinerGeometry(OTHER_CELLS)
+    finer = _of_degree(source, surface.degree)
+    finer = dataclasses.replace(finer, points=_on_surface(finer, surface, table, facets))
+    return _admissible(finer)
+
+
+def _rows(tags: Ints, wanted: Ints) -> Ints:
+    """Row of each of the ``wanted`` tags in ``tags``, -1 for others."""
+    row = np.full(max(int(tags.max()), int(wanted.max())) + 1, -1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    return row[wanted]
+
+
+def _is_flat(kind: str, surface: CadSurface) -> bool:
+    """Return whether all facets of a surface of cells of this ``kind`` are flat."""
+    facet_kind = FACET_KIND[kind]
+    shapes = _shapes(facet_kind, 1, scalar_element(facet_kind, surface.degree).points)
+    offsets = surface.nodes - shapes @ surface.nodes[:, : surface.vertices.shape[1]]
+    return bool((np.linalg.norm(offsets, axis=2).max(axis=1) <= SAME * _sizes(surface.nodes)).all())
+
+
+def _of_degree(source: MeshSource, degree: int) -> MeshSource:
+    """The same cells with a geometry of a higher ``degree``; facets and data are lost."""
+    kind, vertices = source.kind, np.unique(source.cells[:, : vertex_count(source.kind)])
+    corners = np.searchsorted(vertices, source.cells[:, : vertex_count(kind)])
+    mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, corners, coordinate_element(kind, 1), source.points[vertices])
+    numbered = fem.functionspace(mesh, ("Lagrange", degree)).dofmap.list
+    cells = np.empty(numbered.shape, dtype=np.int64)
+    cells[mesh.topology.original_cell_index] = numbered
+    points, shapes = (
+        np.empty((int(cells.max()) + 1, 3)),
+        _shapes(kind, source.degree, scalar_element(kind, degree).points),
+    )
+    for part in _chunks(np.arange(len(cells))):
+        points[cells[part]] = shapes @ source.points[source.cells[part]]
+    return dataclasses.replace(
+        source,
+        degree=degree,
+        points=points,
+        node_tags=np.arange(1, len(points) + 1),
+        cells=cells,
+        facets=no_cells(FACET_KIND[kind], degree),
+        groups=tuple(group for group in source.groups if group.dim == 3),
+        data={},
+        surface=None,
+    )
+
+
+def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets: Ints) -> Floats:
+    """Points of a mesh of the degree of ``surface``, moved onto that along the normals.
+
+    Degree 3 would be no better than degree 2, because interpolation at equidistant nodes gains an order at even
+    degrees. Nodes do not move along the surface: otherwise finite-element spaces would approximate smooth functions on
+    the cells of degree 2 less well.
+
+    Args:
+        table: of the cells of ``mesh``.
+        facets: facet in that table of each one of ``surface``, -1 for none.
+    """
+    kind, degree, points = mesh.kind, mesh.degree, mesh.points
+    element = scalar_element(kind, degree)
+    straight = _shapes(FACET_KIND[kind], 1, scalar_element(FACET_KIND[kind], degree).points)
+    outward = basix.cell.facet_outward_normals(basix.CellType[kind])
+    dyads, heights = np.zeros((len(points), 3, 3)), np.zeros_like(points)  # sums of n⊗n, and of n times a height
+    one = np.empty(len(table.vertices), dtype=np.int64)
+    one[table.of_cell] = np.arange(len(table.of_cell))[:, None]
+    cell = one[facets]
+    for local, vertices in enumerate(sub_entities(kind, 2)):
+        dofs = np.array(element.entity_closure_dofs[2][local])
+        of_flat = _shapes(kind, 1, element.points[dofs])[:, vertices]
+        for part in _chunks(np.flatnonzero((facets >= 0) & (table.of_cell[cell, local] == facets))):
+            cells = mesh.cells[cell[part]]
+            nodes = cells[:, dofs]
+            # A facet may begin with another vertex than the cell's: nodes are matched as they are on straight facets.
+            here, there = of_flat @ points[cells[:, vertices]], straight @ surface.nodes[part, : len(vertices)]
+            match = np.linalg.norm(here[:, :, None] - there[:, None], axis=3).argmin(axis=2)
+            gradients = jacobians(kind, degree, points[cells], element.points[dofs])
+            normal = np.linalg.solve(gradients.swapaxes(2, 3), outward[local][:, None])[..., 0]
+            normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+            height = np.sum(normal * (surface.nodes[part[:, None], match] - points[nodes]), axis=2)
+            np.add.at(dyads, nodes, normal[..., :, None] * normal[..., None, :])
+            np.add.at(heights, nodes, normal * height[..., None])
+    share, directions = np.linalg.eigh(dyads)
+    used = share > EDGE * np.maximum(share[:, -1:], 1e-300)
+    components = np.einsum("nji,nj->ni", directions, heights) * used / np.where(used, share, 1.0)
+    return np.asarray(points + np.einsum("nij,nj->ni", directions, components))
+
+
+def _admissible(finer: MeshSource) -> FinerGeometry:
+    """The cells, unless some of them are inverted."""
+    least, most = determinants(finer)
     if least.min() <= 0 <= most.max():
-        return FinerGeometry(f"cells with a geometry of degree {taken.degree} would be inverted")
-    return FinerGeometry(source=taken)
+        return FinerGeometry(f"cells with a geometry of degree {finer.degree} would be inverted")
+    return FinerGeometry(source=finer)
 
 
 def _agrees(degree: int, nodes: Floats, finer: MeshSource) -> bool:
@@ -108,48 +203,8 @@ def _shapes(kind: str, degree: int, at: Floats) -> Floats:
     return np.asarray(scalar_element(kind, degree).tabulate(0, at)[0, :, :, 0])
 
 
-def _along_normals(quadratic: MeshSource, quartic: MeshSource) -> MeshSource:
-    """The cells of degree 2 with degree 4: surface nodes move along the normals onto the surface of ``quartic``.
-
-    Degree 3 would be no better than degree 2, because interpolation at equidistant nodes gains an order at even
-    degrees. Nodes do not move along the surface, and inner nodes stay where cells of degree 2 have them: otherwise
-    finite-element spaces would approximate smooth functions on the cells of degree 2 less well.
-    """
-    kind, nodes = quadratic.kind, scalar_element(quadratic.kind, 4)
-    before = np.empty_like(quartic.points)
-    shapes = _shapes(kind, 2, nodes.points)
-    for part in _chunks(np.arange(len(quartic.cells))):
-        before[quartic.cells[part]] = shapes @ quadratic.points[quadratic.cells[part]]
-    normals = np.zeros((len(before), 3, 3))
-    outward = basix.cell.facet_outward_normals(basix.CellType[kind])
-    for facet, cells in enumerate(_surface(quadratic)):
-        dofs = nodes.entity_closure_dofs[2][facet]
-        for part in _chunks(cells):
-            gradients = jacobians(kind, 4, quartic.points[quartic.cells[part]], nodes.points[dofs])
-            normal = np.linalg.solve(gradients.swapaxes(2, 3), outward[facet][:, None])[..., 0]
-            normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-            np.add.at(normals, quartic.cells[part][:, dofs], normal[..., :, None] * normal[..., None, :])
-    return dataclasses.replace(quartic, points=before + _along(normals, quartic.points - before))
-
-
 def _chunks(cells: Ints) -> list[Ints]:
     return np.array_split(cells, 1 + len(cells) // CHUNK)
-
-
-def _surface(source: MeshSource) -> Iterator[Ints]:
-    """For each facet of the reference cell, the cells where it is on the boundary or between two volume groups."""
-    table = FacetTable.of(source.kind, source.cells[:, : vertex_count(source.kind)])
-    on_surface = (table.sharing == 1) | table.separates(source.labels(3))
-    for facets in table.of_cell.T:
-        yield np.flatnonzero(on_surface[facets])
-
-
-def _along(normals: Floats, offset: Floats) -> Floats:
-    """Component of each ``offset`` (n, 3) in the span of its normals, given the sums of their dyads (n, 3, 3)."""
-    share, directions = np.linalg.eigh(normals)
-    used = share > EDGE * np.maximum(share[:, -1:], 1e-300)
-    components = np.einsum("nji,nj->ni", directions, offset) * used
-    return np.asarray(np.einsum("nij,nj->ni", directions, components))
 
 
 def on_mesh(mesh: Mesh, function: fem.Function) -> fem.Function:
