@@ -113,7 +113,7 @@ def determinants(source: MeshSource) -> tuple[Floats, Floats]:
     constant = source.kind == "tetrahedron" and source.degree == 1
     at = np.zeros((1, 3))
     if not constant:
-        at = np.concatenate([scalar_element(source.kind, d).points for d in (source.degree, 4)])
+        at = np.concatenate([scalar_element(source.kind, d).points for d in {source.degree, 4}])
     least, most = np.empty(len(source.cells)), np.empty(len(source.cells))
     for start in range(0, len(source.cells), CHUNK):
         part = slice(start, start + CHUNK)

@@ -27,7 +27,7 @@ from hpcinv.certificate.extension import extend
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, MeshSource, build_body, read_source, write_mesh
 from hpcinv.mesh.io import cad_surface
-from hpcinv.mesh.refine.finer_geometry import NO_CAD, OTHER_CELLS, FinerGeometry, of_surface, on_mesh
+from hpcinv.mesh.refine.finer_geometry import INVERTED, NO_CAD, OTHER_CELLS, FinerGeometry, of_surface, on_mesh
 from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import Floats
 from hpcinv.parallel.runtime import MPI
@@ -227,6 +227,27 @@ def test_nodes_lie_on_the_surface_of_the_model(
     curved = found[:, : surface.vertices.shape[1]].max(axis=1) < 1e-9 * size
     assert curved.sum() > 20
     assert found[curved].max() < 1e-7 * size  # of edges on a plane too: those of the model lie on both
+
+
+@pytest.mark.parametrize("hexahedra", [False, True])
+def test_a_few_cells_that_the_true_surface_would_invert_stay_as_they_are(hexahedra: bool) -> None:
+    given = made("thick_sphere", 2, radial=4, along=8, hexahedra=hexahedra)
+    surface = given.surface
+    assert surface is not None
+    first = next(i for i, nodes in enumerate(surface.nodes) if np.allclose(length(nodes), 1.0, rtol=0, atol=1e-9))
+    nodes = surface.nodes.copy()
+    nodes[first, surface.vertices.shape[1] :] *= 1.2  # through the cell behind the facet
+    undisturbed = of_surface(given).source
+    finer = of_surface(dataclasses.replace(given, surface=dataclasses.replace(surface, nodes=nodes))).source
+    assert undisturbed is not None
+    assert finer is not None
+    assert np.array_equal(finer.cells, undisturbed.cells)
+    moved = np.unique(np.flatnonzero((finer.points != undisturbed.points).any(axis=1)))
+    assert 0 < len(moved) < 2 * len(finer.cells[0])
+    assert np.abs(finer.points - undisturbed.points).max() < 1e-3  # as far as the given cells are from the sphere
+    every = dataclasses.replace(surface, nodes=1.2 * surface.nodes)
+    every.nodes[:, : surface.vertices.shape[1]] /= 1.2
+    assert of_surface(dataclasses.replace(given, surface=every)).unknown == INVERTED.format(4)
 
 
 def of_a_file(tmp_path: Path) -> dict[str, Any]:

@@ -35,6 +35,9 @@ SAME = (
 )
 NO_CAD = "nothing is known of the true surface but this mesh"
 EDGE = 0.0025  # smallest ratio of eigenvalues of the sum of n⊗n at an edge: about 0.1 rad between normals
+KEPT = 0.5  # least share of a cell's determinant that a true geometry must leave
+FEW = 0.01  # share of the cells that may keep their geometry
+INVERTED = "cells with a geometry of degree {} would be inverted"
 OTHER_CELLS = "its generator or file gives other cells"
 
 
@@ -63,15 +66,17 @@ def of_file(source: MeshSource, read: Callable[[], MeshSource]) -> FinerGeometry
     alike = corners[0].shape == corners[1].shape
     if not alike or np.abs(corners[0] - corners[1]).max() > SAME * _sizes(corners[0]).min():
         return FinerGeometry("" if _agrees(1, corners[1], whole) else OTHER_CELLS)
-    return FinerGeometry() if _agrees(source.degree, source.points[source.cells], whole) else _admissible(whole)
+    if _agrees(source.degree, source.points[source.cells], whole):
+        return FinerGeometry()
+    return FinerGeometry(source=whole) if _least(whole).min() > 0 else FinerGeometry(INVERTED.format(whole.degree))
 
 
 def of_surface(source: MeshSource) -> FinerGeometry:
     """Geometry of the CAD model that a generator meshed, for its mesh or a refinement of that; not collective.
 
     Cells of degree 1 become cells of degree 2, and cells of degree 2 become cells of degree 4, whose nodes inside the
-    body are where the given cells have them. The cells of a refined mesh are others; their geometry is the true one
-    only if all faces of the body are flat.
+    body are where the given cells have them. A few cells, which the true surface would invert, stay as they are. The
+    cells of a refined mesh are others; their geometry is the true one only if all faces of the body are flat.
     """
     surface, kind = source.surface, source.kind
     if surface is None:
@@ -87,9 +92,8 @@ def of_surface(source: MeshSource) -> FinerGeometry:
     covered = np.isin(np.flatnonzero(table.sharing == 1), facets).all()
     if not covered or moved > SAME * _sizes(corners).min():
         return FinerGeometry(OTHER_CELLS)
-    finer = _of_degree(source, surface.degree)
-    finer = dataclasses.replace(finer, points=_on_surface(finer, surface, table, facets))
-    return _admissible(finer)
+    given = _of_degree(source, surface.degree)
+    return _admissible(given, _on_surface(given, surface, table, facets))
 
 
 def _rows(tags: Ints, wanted: Ints) -> Ints:
@@ -174,12 +178,22 @@ def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets
     return np.asarray(points + np.einsum("nij,nj->ni", directions, components))
 
 
-def _admissible(finer: MeshSource) -> FinerGeometry:
-    """The cells, unless some of them are inverted."""
-    least, most = determinants(finer)
-    if least.min() <= 0 <= most.max():
-        return FinerGeometry(f"cells with a geometry of degree {finer.degree} would be inverted")
+def _admissible(given: MeshSource, points: Floats) -> FinerGeometry:
+    """Geometry of cells whose nodes are moved to ``points``, but not the nodes of a few that might be inverted."""
+    least, kept = KEPT * _least(given), np.zeros(len(given.cells), dtype=bool)
+    while (bad := _least(finer := dataclasses.replace(given, points=points)) < least).any():
+        kept |= bad
+        if np.count_nonzero(kept) > FEW * len(kept):
+            return FinerGeometry(INVERTED.format(given.degree))
+        points = points.copy()
+        points[given.cells[bad]] = given.points[given.cells[bad]]
     return FinerGeometry(source=finer)
+
+
+def _least(source: MeshSource) -> Floats:
+    """Smallest determinant (c,) of each cell, relative to its size, and positive in cells that are not inverted."""
+    least, most = determinants(source)
+    return least if np.count_nonzero(least > 0) >= np.count_nonzero(most < 0) else -most
 
 
 def _agrees(degree: int, nodes: Floats, finer: MeshSource) -> bool:

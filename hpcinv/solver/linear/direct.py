@@ -6,6 +6,7 @@ two products with a random vector, whose cost is negligible beside a factorizati
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -98,7 +99,11 @@ class Direct(Configuration):
         return (mantissa > 0) - (mantissa < 0)
 
     def lacked_memory(self, ksp: PETSc.KSP) -> bool:
-        return is_mumps(ksp.pc) and ksp.pc.getFactorMatrix().getMumpsInfog(1) in _NO_MEMORY
+        if not is_mumps(ksp.pc) or ksp.pc.getFactorMatrix().getMumpsInfog(1) not in _NO_MEMORY:
+            return False
+        # MUMPS postpones pivots that are not numbers until its workspace is full.
+        size: Any = ksp.getOperators()[1].norm(PETSc.NormType.FROBENIUS)
+        return math.isfinite(size)
 
     def destroy(self) -> None:
         for vector in self._probe or ():
