@@ -55,15 +55,9 @@ class CompiledModuli:
     expression: KernelExpression
 
 
-def compiled_moduli(
-    residual: Any, unknowns: Unknowns, jit_options: Mapping[str, Any], degree: int | None = None
-) -> list[CompiledModuli]:
-    """Return the moduli of a residual; collective; errors as of `moduli_of`.
-
-    Args:
-        degree: quadrature degree at whose points they are evaluated, if it is not that of the residual.
-    """
-    return _compiled(residual, unknowns, jit_options, lambda: moduli_of(residual, unknowns), unknowns.state, degree)
+def compiled_moduli(residual: Any, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> list[CompiledModuli]:
+    """Return the moduli of a residual; collective; errors as of `moduli_of`."""
+    return _compiled(residual, unknowns, jit_options, lambda: moduli_of(residual, unknowns), unknowns.state)
 
 
 def compiled_moduli_of_term(term: Term, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> list[CompiledModuli]:
@@ -78,7 +72,6 @@ def _compiled(
     jit_options: Mapping[str, Any],
     derive: Callable[[], list[TangentModuli]],
     state: Any = None,
-    degree: int | None = None,
 ) -> list[CompiledModuli]:
     """Return the moduli that ``derive`` returns, part by part, of a record or derived; collective.
 
@@ -86,8 +79,8 @@ def _compiled(
         state: the function of the form by which it is differentiated, if that is not a trial function.
     """
     mesh, functions, constants = unknowns.mesh, form.coefficients(), form.constants()
-    of_form, parts = volume_parts(form, unknowns)
-    points, weights = basix.make_quadrature(mesh.basix_cell(), of_form if degree is None else degree)
+    degree, parts = volume_parts(form, unknowns)
+    points, weights = basix.make_quadrature(mesh.basix_cell(), degree)
     differentiated = functions.index(state) if state is not None else None
     name, directory = _name(form.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
     record = mesh.comm.bcast(read_record(name, directory) if mesh.comm.rank == 0 else None)

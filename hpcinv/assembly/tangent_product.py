@@ -1,9 +1,10 @@
 """Products of the volume part of a tangent with vectors, without its matrix.
 
-The moduli are evaluated once, at quadrature points. A product then takes the gradients of the vector at the points, the
-duals of these by the moduli, and the integrals of the duals times the basis functions: two products of matrices in BLAS
-and one sum over the points, in single precision. The spaces of the vectors may have another degree than those of the
-state at which the moduli are evaluated, and their mesh another geometry, with the same cells on the same ranks.
+The moduli are evaluated once, at the quadrature points of the residual, and extended to those of the vectors by
+polynomials. A product then takes the gradients of the vector at the points, the duals of these by the moduli, and the
+integrals of the duals times the basis functions: two products of matrices in BLAS and one sum over the points, in
+single precision. The spaces of the vectors may have another degree than those of the state at which the moduli are
+evaluated, and their mesh another geometry, with the same cells on the same ranks.
 """
 
 from __future__ import annotations
@@ -12,17 +13,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
 from hpcinv.assembly.element_matrices import directions_of, tabulated
+from hpcinv.mesh.cells import scalar_element
 
 if TYPE_CHECKING:
     from hpcinv.assembly.compiled_moduli import CompiledModuli
     from hpcinv.assembly.moduli import Slot
     from hpcinv.model.spaces import Integers, Unknowns
 
+type Floats = npt.NDArray[np.float64]
 type Singles = npt.NDArray[np.float32]
 
 _CHUNK = 2**15  # quadrature points at a time, whose gradients fit in the cache of a core
@@ -46,23 +50,27 @@ class TangentProduct:
     """The volume part of ``K = ∂R/∂x`` at the present state of a scene, applied to vectors; methods are collective.
 
     Args:
-        moduli: of the residual, at points that integrate products of gradients in the spaces of the vectors.
+        moduli: of the residual.
         given: unknowns of the scene.
         unknowns: spaces of the vectors.
+        degree: of a quadrature that integrates products of gradients in these spaces.
     """
 
-    def __init__(self, moduli: Sequence[CompiledModuli], given: Unknowns, unknowns: Unknowns) -> None:
+    def __init__(self, moduli: Sequence[CompiledModuli], given: Unknowns, unknowns: Unknowns, degree: int) -> None:
         dofmap = unknowns.space.dofmap
         self._x, self._y = (la.vector(dofmap.index_map, dofmap.index_map_bs, dtype=np.float32) for _ in range(2))
         self._owned = dofmap.index_map.size_local * dofmap.index_map_bs
         dofs = unknowns.dofs_of_cells()
         owned = np.arange(given.mesh.topology.index_map(3).size_local, dtype=np.int32)
+        points, weights = basix.make_quadrature(given.mesh.basix_cell(), degree)
+        tables = [tabulated(element, points).astype(np.float32) for element in unknowns.scalar_elements]
         self._parts = []
         for one in moduli:
-            tables = [tabulated(element, one.points).astype(np.float32) for element in unknowns.scalar_elements]
+            extended = extension(given.mesh.basix_cell().name, one.points, points) * weights[:, None]
             cells = owned if one.cells is None else one.cells
-            chunks = np.array_split(cells, 1 + len(cells) * len(one.points) // _CHUNK)
-            self._parts.append((one.pairs, tables, [_evaluated(one, given, dofs, chunk) for chunk in chunks]))
+            chunks = np.array_split(cells, 1 + len(cells) * len(points) // _CHUNK)
+            evaluated = [_evaluated(one, given, dofs, chunk, extended) for chunk in chunks]
+            self._parts.append((one.pairs, tables, evaluated))
 
     def __call__(self, x: Singles) -> Singles:
         """Return ``K x``, both at the owned unknowns."""
@@ -91,12 +99,26 @@ class TangentProduct:
             np.add.at(self._y.array, dofs.transpose(2, 0, 1).ravel(), np.ravel(integrals))
 
 
-def _evaluated(one: CompiledModuli, given: Unknowns, dofs: list[Integers], cells: Integers) -> _Cells:
-    rows, points = sum(int(np.prod(test.shape + trial.shape)) for test, trial in one.pairs), len(one.points)
-    entries = np.empty((rows, len(cells), points), dtype=np.float32)
+def extension(kind: str, given: Floats, points: Floats) -> Floats:
+    """Values at ``points`` (m, 3) of the polynomial nearest to values at ``given`` points (n, 3): a matrix (m, n).
+
+    The polynomial is of the highest degree that has no more coefficients than there are given points.
+    """
+    degree = 0
+    while scalar_element(kind, degree + 1).dim <= len(given):
+        degree += 1
+    if degree == 0:
+        return np.full((len(points), len(given)), 1 / len(given))
+    at_given, at_points = (scalar_element(kind, degree).tabulate(0, x)[0, :, :, 0] for x in (given, points))
+    return np.asarray(at_points @ np.linalg.pinv(at_given))
+
+
+def _evaluated(one: CompiledModuli, given: Unknowns, dofs: list[Integers], cells: Integers, extended: Floats) -> _Cells:
+    rows = sum(int(np.prod(test.shape + trial.shape)) for test, trial in one.pairs)
+    entries = np.empty((rows, len(cells), len(extended)), dtype=np.float32)
     for start in range(0, len(cells), _FEW):
-        values = one.expression.eval(given.mesh, cells[start : start + _FEW])
-        np.multiply(values.transpose(2, 0, 1), one.weights, out=entries[:, start : start + _FEW], casting="same_kind")
+        values = one.expression.eval(given.mesh, cells[start : start + _FEW])  # (cells, points, rows)
+        np.matmul(values.transpose(2, 0, 1), extended.T, out=entries[:, start : start + _FEW], casting="same_kind")
     moduli, at = [], 0
     for test, trial in one.pairs:
         shape = int(np.prod(test.shape)), int(np.prod(trial.shape))

@@ -201,7 +201,8 @@ def _moved(
         these nodes, (n, 3); length of the largest one, infinite if one is not finite. All in m.
     """
     u, _ = finer.solution()
-    at_nodes = finer.unknowns.at_nodes(u) if finer.body is model.body else _at_given_nodes(model, u)
+    # A finer geometry has the nodes of the given one at the same places of the cells.
+    at_nodes = model.unknowns.at_nodes(on_mesh(model.body.mesh, u))
     moved = solution.sign * (at_nodes - solution.u)
     if given is not None:
         moved += given.nodes
@@ -266,18 +267,6 @@ def finer_forecast(model: Model) -> Forecast:
     """Return the forecast for a factorization in spaces of one degree more."""
     forecast = model.chooser.forecast
     return forecast.of_degree(forecast.degree + 1)
-
-
-def _at_given_nodes(model: Model, u: fem.Function) -> Floats:
-    """Evaluate ``u``, on a body of the same cells, at the geometry nodes of the model's body, (n, 3).
-
-    These lie on the true surface of the body, and reductions over nodes must be compared at the same nodes.
-    """
-    geometry = model.body.mesh.geometry
-    dofmap = geometry.dofmaps[0]
-    cells = np.empty(len(geometry.x), dtype=np.int32)
-    cells[dofmap] = np.arange(len(dofmap), dtype=np.int32)[:, None]
-    return np.asarray(u.eval(geometry.x, cells)).reshape(-1, 3)
 
 
 def _corrected(

@@ -1,7 +1,7 @@
 """Factors of the forward tangent at a solution, or multigrid in their place, which stability and round trip share.
 
-Factors of a forward solve on up to eight ranks are taken, if they are symmetric and have the inertia of the tangent at
-the end.
+Factors of the solve on up to eight ranks are taken, if they are symmetric and have the inertia of the tangent at the
+end.
 """
 
 from __future__ import annotations
@@ -40,9 +40,10 @@ class ForwardFactors:
             return None
         choice = model.chooser.choose(model.job.solver)
         with self.tangent() as equilibrium, model.timings("factorization"):
+            of_forward = equilibrium.linear.symmetric_factors
             return factorize_symmetric(
                 equilibrium.system.matrix,
-                equilibrium.linear.symmetric_factors,
+                model.symmetric_factors() if of_forward is None else [of_forward],
                 rounded=choice.precision == "single",
                 low_rank=model.chooser.forecast.operations >= LOW_RANK,
                 minimum_fill=choice.minimum_fill,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +19,7 @@ class Inertia:
     """Numbers of eigenvalues of the symmetric part, by sign.
 
     Attributes:
-        asymmetry: ``‖K - Kᵀ‖/2‖K‖`` (Frobenius), 0 if it is rounding errors.
+        asymmetry: as of `asymmetry_of`.
     """
 
     negative: int
@@ -66,7 +66,7 @@ class SymmetricFactors:
 
 def factorize_symmetric(
     matrix: PETSc.Mat,
-    kept: PETSc.PC | None = None,
+    kept: Sequence[PETSc.PC] = (),
     *,
     rounded: bool = False,
     low_rank: bool = False,
@@ -77,20 +77,28 @@ def factorize_symmetric(
     ``None`` if that fails, or if the matrix has entries that are not finite, of which MUMPS makes zero pivots.
 
     Args:
-        kept: factors L D Lᵀ of a similar matrix, which are taken if they have the inertia of this one.
+        kept: factors L D Lᵀ of similar matrices; the first ones that have the inertia of this one are taken.
         rounded: whether factors in single precision will do. They are tested, and made in double precision if their
             inertia might not be that of the matrix.
         low_rank: whether blocks of rounded factors are compressed.
         minimum_fill: whether to order the unknowns by approximate minimum fill; else MUMPS chooses METIS.
     """
-    symmetric, asymmetry = symmetric_part(matrix)
+    asymmetry = asymmetry_of(matrix)
     if not math.isfinite(asymmetry):
         return None
+    operator = (
+        matrix if asymmetry == 0.0 else PETSc.Mat().createPython(matrix.getSizes(), _SymmetricPart(matrix), matrix.comm)
+    )
+    pc = next((one for one in kept if _has_inertia_of(one, operator)), None)
+    if operator is not matrix:
+        operator.destroy()
+    if pc is not None:
+        return SymmetricFactors(pc, asymmetry)
+    symmetric = symmetric_part(matrix) if asymmetry else matrix
     option: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
     symmetric.setOption(option, True)
     options = {**_OPTIONS, **(_MINIMUM_FILL if minimum_fill else {})}
-    pc = kept if kept is not None and asymmetry == 0.0 and _has_inertia_of(kept, symmetric) else None
-    if pc is None and rounded:
+    if rounded:
         pc = _factorized(symmetric, {**options, **_ROUNDED, **(_LOW_RANK if low_rank else {})})
         if pc is not None and not _has_inertia_of(pc, symmetric):
             pc.destroy()
@@ -101,10 +109,30 @@ def factorize_symmetric(
     return None if pc is None else SymmetricFactors(pc, asymmetry)
 
 
-def symmetric_part(matrix: PETSc.Mat) -> tuple[PETSc.Mat, float]:
-    """Return ``½(K + Kᵀ)`` and the asymmetry; K itself and 0 if K is symmetric to rounding errors; collective."""
+class _SymmetricPart:
+    """Products with ``½(K + Kᵀ)`` for a matrix of PETSc's type ``python``."""
+
+    def __init__(self, matrix: PETSc.Mat) -> None:
+        self._matrix = matrix
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set ``y = ½(K + Kᵀ) x``."""
+        other = y.duplicate()
+        self._matrix.mult(x, y)
+        self._matrix.multTranspose(x, other)
+        y.axpy(1.0, other)
+        y.scale(0.5)
+        other.destroy()
+
+
+def asymmetry_of(matrix: PETSc.Mat) -> float:
+    """Return ``‖K - Kᵀ‖/2‖K‖`` (Frobenius), estimated by a random vector; 0 for rounding errors; collective.
+
+    It is not a number if K has entries that are none.
+    """
     x = matrix.createVecRight()
     x.setRandom()
+    x.shift(-0.5)  # of mean 0
     y, z = x.duplicate(), x.duplicate()
     matrix.mult(x, y)
     matrix.multTranspose(x, z)
@@ -113,15 +141,16 @@ def symmetric_part(matrix: PETSc.Mat) -> tuple[PETSc.Mat, float]:
     for one in (x, y, z):
         one.destroy()
     if not math.isfinite(size):
-        return matrix, math.nan
-    if difference <= _ASYMMETRY * size:
-        return matrix, 0.0
+        return math.nan
+    return difference / (2 * size) if difference > _ASYMMETRY * size else 0.0
+
+
+def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
+    """Return ``½(K + Kᵀ)``, a new matrix; collective."""
     symmetric = matrix.transpose(PETSc.Mat())
-    symmetric.aypx(-1.0, matrix)  # K - Kᵀ
-    norms: list[Any] = [m.norm(PETSc.NormType.FROBENIUS) for m in (symmetric, matrix)]
-    symmetric.axpy(-2.0, matrix)  # -(K + Kᵀ)
-    symmetric.scale(-0.5)
-    return symmetric, norms[0] / (2 * norms[1])
+    symmetric.axpy(1.0, matrix)
+    symmetric.scale(0.5)
+    return symmetric
 
 
 def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value]) -> PETSc.PC | None:
@@ -157,6 +186,7 @@ def _has_inertia_of(pc: PETSc.PC, matrix: PETSc.Mat) -> bool:
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setType(PETSc.KSP.Type.GMRES)
     ksp.setPC(pc)
+    factorized = pc.getOperators()
     ksp.setOperators(matrix)
     ksp.setComputeEigenvalues(True)
     ksp.setGMRESRestart(_ITERATIONS)
@@ -167,6 +197,7 @@ def _has_inertia_of(pc: PETSc.PC, matrix: PETSc.Mat) -> bool:
     ksp.solve(b, x)
     reason: Any = ksp.getConvergedReason()  # an int, whatever its stub says
     found = reason > 0 and bool((np.asarray(ksp.computeEigenvalues()).real > _LEAST).all())
+    pc.setOperators(*factorized)
     for one in (x, b, ksp):
         one.destroy()
     return found

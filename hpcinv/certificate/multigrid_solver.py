@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.certificate.inertia import symmetric_part
+from hpcinv.certificate.inertia import asymmetry_of, symmetric_part
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.petsc_options import SolverOptions
@@ -31,7 +31,8 @@ class MultigridSolver:
 
     def __init__(self, matrix: PETSc.Mat, scene: Scene) -> None:
         self.unknowns = scene.unknowns
-        symmetric, self.asymmetry = symmetric_part(matrix)
+        self.asymmetry = asymmetry_of(matrix)
+        symmetric = symmetric_part(matrix) if self.asymmetry else matrix
         self._configuration = Iterative(scene)
         self._options = SolverOptions({})
         self._options.use(self._configuration.options)

@@ -79,14 +79,14 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
 
 def _volume_product(model: Model, finer: Model, direction: Direction) -> TangentProduct | None:
     """Return the product by the moduli at the solution, ``None`` if the residual has none; collective."""
-    residual, given, degree = model.scene(direction).residual, model.unknowns, finer.quadrature_degree
+    residual, given = model.scene(direction).residual, model.unknowns
     try:
         with finer.timings("compile"):
-            moduli = compiled_moduli(residual, given, JIT_OPTIONS, degree)
+            moduli = compiled_moduli(residual, given, JIT_OPTIONS)
     except UnsupportedForm:
         return None
     with finer.timings("tangent"):
-        return TangentProduct(moduli, given, finer.unknowns)
+        return TangentProduct(moduli, given, finer.unknowns, finer.quadrature_degree)
 
 
 class _Coarse:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from functools import cached_property
 
 from dolfinx.fem import Function
+from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
 from hpcinv.effects import Direction
@@ -208,6 +209,11 @@ class Model:
                 self.free_multigrid()
         else:
             equilibrium.destroy()
+
+    def symmetric_factors(self) -> list[PETSc.PC]:
+        """Return the factors L D Lᵀ that equations which are not in use have, with their inertia."""
+        found = (equilibrium.linear.symmetric_factors for equilibrium in self._idle.values())
+        return [pc for pc in found if pc is not None]
 
     def free_multigrid(self) -> None:
         """Free the memory of the multigrid hierarchies of equations that are not in use."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import basix
 import numpy as np
 import pytest
 from helpers.verification import box, deform, job
@@ -14,7 +15,7 @@ from petsc4py import PETSc
 from hpcinv.assembly import compiled_moduli as module
 from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.system import System
-from hpcinv.assembly.tangent_product import TangentProduct
+from hpcinv.assembly.tangent_product import TangentProduct, extension
 from hpcinv.mesh import build_body
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
@@ -66,7 +67,8 @@ def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intrac
     x.array[held[: x.local_size]] = 0.0
     expected = x.duplicate()
     system.matrix.mult(x, expected)
-    product = TangentProduct(compiled_moduli(scene.residual, unknowns, JIT_OPTIONS), unknowns, unknowns)
+    moduli = compiled_moduli(scene.residual, unknowns, JIT_OPTIONS)
+    product = TangentProduct(moduli, unknowns, unknowns, model.quadrature_degree)
     found = expected.duplicate()
     found.array[:] = product(np.array(x.array, dtype=np.float32))
     found.array[held[: x.local_size]] = 0.0
@@ -74,6 +76,18 @@ def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intrac
     error = found.norm(PETSc.NormType.INFINITY) / expected.norm(PETSc.NormType.INFINITY)
     print(f"{error:.1e}")
     assert error < 1e-5
+
+
+@pytest.mark.parametrize(("kind", "of", "to"), [("tetrahedron", 2, 4), ("tetrahedron", 1, 4), ("hexahedron", 4, 6)])
+def test_moduli_are_extended_to_more_points(kind: str, of: int, to: int) -> None:
+    """Constants exactly, and what the fewer points can tell: linear functions, and on hexahedra quadratic ones."""
+    given, points = (basix.make_quadrature(basix.CellType[kind], degree)[0] for degree in (of, to))
+    matrix = extension(kind, given, points)
+    assert matrix.sum(axis=1) == pytest.approx(1.0, abs=1e-13)
+    if len(given) > 1:
+        assert matrix @ given == pytest.approx(points, abs=1e-13)
+    if kind == "hexahedron":
+        assert matrix @ given**2 == pytest.approx(points**2, abs=1e-13)
 
 
 def forget(directory: Path, pattern: str) -> None:
@@ -101,10 +115,11 @@ def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatc
     moduli_of = module.moduli_of
     monkeypatch.setattr(module, "moduli_of", derive)
 
-    def values(degree: int | None = None) -> tuple[int, Any]:
+    def values(degree: int = 2) -> tuple[int, Any]:
         """How often moduli are derived in a new model, and their values."""
-        before, model = derived, model_of(TWO_REGIONS, comm)
-        found = compiled_moduli(model.scene("inverse").residual, model.unknowns, options, degree)
+        data = TWO_REGIONS | {"discretisation": {"displacement": 2, "quadrature": degree}}
+        before, model = derived, model_of(data, comm)
+        found = compiled_moduli(model.scene("inverse").residual, model.unknowns, options)
         return derived - before, [one.expression.eval(model.unknowns.mesh, one.cells) for one in found]
 
     count, first = values()

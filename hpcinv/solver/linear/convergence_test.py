@@ -90,7 +90,7 @@ class Refinement(Settling):
     """Convergence test for solutions with rounded factors of the matrix, or with kept factors of an earlier one.
 
     Attributes:
-        error: relative error, and relative residual, at which a correction has converged.
+        error: relative error, and relative residual, at which a correction has converged; ten times that if rough.
         patience: number of iterations that is worth a factorization.
         is_kept: whether the factors are those of an earlier matrix.
         gave_up: whether the last solution ended because new factors would have been cheaper.
@@ -118,6 +118,10 @@ class Refinement(Settling):
         relative, tolerance = residual / self._start, _PRECISE if self.precise else self.error
         if relative <= _EXACT or residual <= absolute:
             return reasons.CONVERGED_RTOL
+        if self.rough and not self.precise:
+            if not self.is_kept:
+                return reasons.CONVERGED_ITS
+            tolerance *= 10
         before, change = self._changes[0], self._change(ksp)
         rate = math.sqrt(change / before) if iteration > 2 else change
         self._changes = self._changes[1], change

@@ -18,7 +18,6 @@ from hpcinv.solver.petsc_options import Value
 
 FEW_RANKS = 8
 """Ranks up to which a root factorized by one of them costs little, and its inertia is worth it for the certificate."""
-_ASYMMETRY = 1e-13  # relative, by rounding errors in the assembly; loads without a potential cause far more
 _NO_MEMORY = frozenset({-8, -9, -11, -13, -14, -15, -17, -18, -19, -20})  # INFOG(1), MUMPS users' guide, ch. 8
 
 
@@ -33,6 +32,8 @@ class Direct(Configuration):
     name = "direct"
     exact: ClassVar[bool] = True
     has_analysis = True
+    asymmetry: ClassVar[float] = 1e-13
+    """Relative, below which L D Lᵀ is used: here by rounding errors in the assembly."""
 
     def __init__(self, *, symmetric: bool = True, minimum_fill: bool = False) -> None:
         self._may_be_symmetric, self._minimum_fill = symmetric, minimum_fill
@@ -53,8 +54,8 @@ class Direct(Configuration):
         if not self._may_be_symmetric:
             return
         option: Any = PETSc.Mat.Option.SYMMETRIC  # whatever its stub says
-        if self._is_symmetric(matrix):
-            matrix.setOption(option, True)
+        if (asymmetry := self._asymmetry_of(matrix)) <= self.asymmetry:
+            matrix.setOption(option, asymmetry <= Direct.asymmetry)
             self._set_type(ksp, PETSc.PC.Type.CHOLESKY)
             ksp.pc.setFactorSetUpSolverType()
             factors = ksp.pc.getFactorMatrix()
@@ -81,7 +82,7 @@ class Direct(Configuration):
             self._set_type(ksp, PETSc.PC.Type.LU)
         return not self._may_be_symmetric
 
-    def _is_symmetric(self, matrix: PETSc.Mat) -> bool:
+    def _asymmetry_of(self, matrix: PETSc.Mat) -> float:
         if self._probe is None:
             x = matrix.createVecRight()
             x.setRandom()
@@ -90,7 +91,8 @@ class Direct(Configuration):
         matrix.mult(x, y)
         matrix.multTranspose(x, z)
         z.axpy(-1.0, y)
-        return norm(z) <= _ASYMMETRY * norm(y)
+        size = norm(y)
+        return norm(z) / size if size else 0.0
 
     def sign_of_determinant(self, ksp: PETSc.KSP) -> int:
         if not is_mumps(ksp.pc):

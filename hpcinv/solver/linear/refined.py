@@ -4,6 +4,10 @@ Rounding the factors to single precision halves their memory, and nearly the tim
 factors of large bodies take less of both (Amestoy et al., ACM Trans. Math. Softw. 45, 2, 2019, doi:10.1145/3242094).
 FGMRES restores what that loses (Carson & Higham, SIAM J. Sci. Comput. 40, A817–A847, 2018, doi:10.1137/17M1140819).
 
+It also restores what the lower triangle of a tangent has beside the upper one, from which L D Lᵀ is made, if that is
+little: inverse tangents are nearly symmetric as long as displacements are small, and forward ones under pressure. These
+factors take half of the memory of L U, and the certificate can take them.
+
 The factors of an earlier tangent are a good preconditioner as well, as long as that takes fewer iterations than new
 factors are worth. The operator is then ``K M⁻¹``, with the factors M. Its determinant is negative where the signs of
 the determinants differ; factors are renewed if the Krylov space shows a negative eigenvalue.
@@ -40,6 +44,7 @@ class Refined(Direct):
     """
 
     exact: ClassVar[bool] = False
+    asymmetry: ClassVar[float] = 1e-3
     error = Refinement.error
 
     def __init__(self, *, low_rank: bool, minimum_fill: bool = False) -> None:
@@ -86,6 +91,9 @@ class Refined(Direct):
 
     def set_accuracy(self, *, precise: bool) -> None:
         self._test.precise = precise
+
+    def set_rough(self, *, rough: bool) -> None:
+        self._test.rough = rough
 
     def allow(self, iterations: int) -> None:
         self._test.left = iterations
