@@ -46,8 +46,7 @@ MANY = 5e9
 """Operations of a factorization in the finer spaces from which iterations are worth their error: it takes seconds."""
 _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
-_RESIDUAL = 0.05  # relative, at which the correction may be found
-_CHANGE = 0.15  # of the displacement in one cycle, relative; each cycle about halves its error, or better
+_LEFT = 0.2  # of the correction at which it is found, by the last change and the contraction of the residual
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
@@ -160,8 +159,8 @@ class _FinerProblem:
     def _solution(self) -> Singles | None:
         """Return ``K⁻¹ R`` at the owned unknowns; ``None`` if the iterations do not converge."""
         r = self._residual.astype(np.float32)  # which is enough for an estimate
-        x, last, start = np.zeros_like(r), np.zeros_like(r), self._length(r)
-        if start == 0.0:
+        x, last, before = np.zeros_like(r), np.zeros_like(r), self._length(r)
+        if before == 0.0:
             return x
         u = self._unknowns.owned_displacement_dofs
         directions, products = (np.empty((_CYCLES * (_SMOOTHING + 1), len(r)), r.dtype) for _ in range(2))
@@ -173,9 +172,10 @@ class _FinerProblem:
                 change, size = self._length((found - last)[u]), self._length(found[u])
                 if not np.isfinite(size + residual):
                     return None
-                if residual <= _RESIDUAL * start and change <= _CHANGE * size:
+                contraction = residual / before
+                if residual == 0.0 or (k > _SMOOTHING and change * contraction <= _LEFT * size * (1 - contraction)):
                     return found
-                last = found
+                last, before = found, residual
             product = self._times(direction)
             parts = self._sum(products[:k] @ product)  # products of K and earlier directions, orthonormal
             direction -= parts @ directions[:k]

@@ -184,7 +184,8 @@ def test_inertia_counts_signs_of_eigenvalues(options: dict[str, bool], comm: MPI
     assert factors is not None
     found = factors.inertia
     assert (found.negative, found.zero, found.positive) == ((values < 0).sum(), 0, (values > 0).sum())
-    assert found.asymmetry == pytest.approx(np.linalg.norm(dense - dense.T) / 2 / np.linalg.norm(dense))
+    # Estimated by one random vector.
+    assert found.asymmetry == pytest.approx(np.linalg.norm(dense - dense.T) / 2 / np.linalg.norm(dense), rel=0.5)
 
 
 @pytest.mark.parallel([1, 2])

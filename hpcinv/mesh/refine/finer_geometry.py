@@ -35,7 +35,7 @@ SAME = (
 )
 NO_CAD = "nothing is known of the true surface but this mesh"
 EDGE = 0.0025  # smallest ratio of eigenvalues of the sum of n⊗n at an edge: about 0.1 rad between normals
-KEPT = 0.5  # least share of a cell's determinant that a true geometry must leave
+FLAT = 1e-4  # smallest determinant of a cell, relative to its size, below which it counts as inverted
 FEW = 0.01  # share of the cells that may keep their geometry
 INVERTED = "cells with a geometry of degree {} would be inverted"
 OTHER_CELLS = "its generator or file gives other cells"
@@ -180,7 +180,7 @@ def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets
 
 def _admissible(given: MeshSource, points: Floats) -> FinerGeometry:
     """Geometry of cells whose nodes are moved to ``points``, but not the nodes of a few that might be inverted."""
-    least, kept = KEPT * _least(given), np.zeros(len(given.cells), dtype=bool)
+    least, kept = np.minimum(FLAT, 0.5 * _least(given)), np.zeros(len(given.cells), dtype=bool)
     while (bad := _least(finer := dataclasses.replace(given, points=points)) < least).any():
         kept |= bad
         if np.count_nonzero(kept) > FEW * len(kept):
