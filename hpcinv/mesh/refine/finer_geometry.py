@@ -172,22 +172,27 @@ def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets
             height = np.sum(normal * (surface.nodes[part[:, None], match] - points[nodes]), axis=2)
             np.add.at(dyads, nodes, normal[..., :, None] * normal[..., None, :])
             np.add.at(heights, nodes, normal * height[..., None])
-    share, directions = np.linalg.eigh(dyads)
-    used = share > EDGE * np.maximum(share[:, -1:], 1e-300)
-    components = np.einsum("nji,nj->ni", directions, heights) * used / np.where(used, share, 1.0)
-    return np.asarray(points + np.einsum("nij,nj->ni", directions, components))
+    on_it = np.flatnonzero(dyads.any(axis=(1, 2)))
+    share, directions = np.linalg.eigh(dyads[on_it])
+    used = share > EDGE * share[:, -1:]
+    components = np.einsum("nji,nj->ni", directions, heights[on_it]) * used / np.where(used, share, 1.0)
+    moved = points.copy()
+    moved[on_it] += np.einsum("nij,nj->ni", directions, components)
+    return moved
 
 
 def _admissible(given: MeshSource, points: Floats) -> FinerGeometry:
     """Geometry of cells whose nodes are moved to ``points``, but not the nodes of a few that might be inverted."""
-    least, kept = np.minimum(FLAT, 0.5 * _least(given)), np.zeros(len(given.cells), dtype=bool)
-    while (bad := _least(finer := dataclasses.replace(given, points=points)) < least).any():
+    is_moved = (points != given.points).any(axis=1)
+    near = dataclasses.replace(given, cells=given.cells[is_moved[given.cells].any(axis=1)])
+    least, kept = np.minimum(FLAT, 0.5 * _least(near)), np.zeros(len(near.cells), dtype=bool)
+    while (bad := _least(dataclasses.replace(near, points=points)) < least).any():
         kept |= bad
-        if np.count_nonzero(kept) > FEW * len(kept):
+        if np.count_nonzero(kept) > FEW * len(given.cells):
             return FinerGeometry(INVERTED.format(given.degree))
         points = points.copy()
-        points[given.cells[bad]] = given.points[given.cells[bad]]
-    return FinerGeometry(source=finer)
+        points[near.cells[bad]] = given.points[near.cells[bad]]
+    return FinerGeometry(source=dataclasses.replace(given, points=points))
 
 
 def _least(source: MeshSource) -> Floats:
