@@ -57,7 +57,12 @@ class LinearSolver:
         if name == "iterative":
             configuration = Iterative(self.system.scene)
         elif self._is_rounded:
-            configuration = Refined(low_rank=self.choice.low_rank, minimum_fill=self.choice.minimum_fill)
+            choice = self.choice
+            configuration = Refined(
+                low_rank=choice.low_rank,
+                minimum_fill=choice.minimum_fill,
+                nearly_symmetric=choice.nearly_symmetric,
+            )
         else:
             configuration = Direct(symmetric=not self.choice.is_own, minimum_fill=self.choice.minimum_fill)
         self._factorized, self._released, self._has_factors = -1, -1, False

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
 
 import hpcinv
-from hpcinv.certificate import Line, Verdict, at_least, at_most
+from hpcinv.certificate import Line, Verdict, at_least, at_most, inertia
 from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Certificate
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
@@ -223,6 +223,50 @@ def test_factors_of_a_forward_solve_tell_its_inertia(comm: MPI.Intracomm) -> Non
     assert again.inertia.negative > 0
     again.destroy()
     equilibrium.destroy()
+
+
+@pytest.mark.parallel([1, 2, 3])
+@pytest.mark.parametrize(
+    ("analysis", "load"), [("inverse", "gravity"), ("inverse", "pressure"), ("forward", "pressure")]
+)
+def test_factors_of_nearly_symmetric_tangents_serve_the_certificate(
+    analysis: str, load: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The inertia is that of factors of the forward tangent, and so are the way back and the solution itself."""
+    loads: dict[str, dict[str, object]] = {
+        "gravity": {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 30},
+        "pressure": {"effect": "pressure", "region": "x1", "pressure": 300},
+    }
+    made = []
+    factorized = inertia._factorized
+
+    def recorded(*arguments: Any) -> PETSc.PC | None:
+        made.append(arguments)
+        return factorized(*arguments)
+
+    def run(petsc: dict[str, object]) -> Result:
+        made.clear()
+        return hpcinv.run(
+            job(
+                analysis=analysis,
+                mesh=box((3, 3, 3)) | {"geometry_degree": 2},
+                material={"law": "mooney-rivlin", "c1": "10 kPa", "c2": "5 kPa", "d1": "1 MPa"},
+                effects=[loads[load]],
+                supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
+                solver={"linear": "direct", "petsc": petsc},
+                certificate=NO_CERTIFICATE | {"stability": True, "round_trip": "near"},
+            ),
+            comm,
+        )
+
+    monkeypatch.setattr(inertia, "_factorized", recorded)
+    exact = run({})
+    found = run({"pc_precision": "single"})
+    assert not made
+    for result in (exact, found):
+        assert line(result, "stability").value == 0
+        assert line(result, "round trip").value == pytest.approx(0, abs=1e-9)
+    assert found.solutions[0].u == pytest.approx(exact.solutions[0].u, abs=1e-9)
 
 
 @pytest.mark.everyday("1.05", "9.5", "8.7")

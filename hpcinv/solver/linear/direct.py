@@ -18,6 +18,7 @@ from hpcinv.solver.petsc_options import Value
 
 FEW_RANKS = 8
 """Ranks up to which a root factorized by one of them costs little, and its inertia is worth it for the certificate."""
+ROUNDING = 1e-13  # asymmetry by rounding errors in the assembly; loads without a potential cause far more
 _NO_MEMORY = frozenset({-8, -9, -11, -13, -14, -15, -17, -18, -19, -20})  # INFOG(1), MUMPS users' guide, ch. 8
 
 
@@ -32,8 +33,8 @@ class Direct(Configuration):
     name = "direct"
     exact: ClassVar[bool] = True
     has_analysis = True
-    asymmetry: ClassVar[float] = 1e-13
-    """Relative, below which L D Lᵀ is used: here by rounding errors in the assembly."""
+    asymmetry = ROUNDING
+    """Relative, up to which L D Lᵀ is used."""
 
     def __init__(self, *, symmetric: bool = True, minimum_fill: bool = False) -> None:
         self._may_be_symmetric, self._minimum_fill = symmetric, minimum_fill
@@ -55,7 +56,7 @@ class Direct(Configuration):
             return
         option: Any = PETSc.Mat.Option.SYMMETRIC  # whatever its stub says
         if (asymmetry := self._asymmetry_of(matrix)) <= self.asymmetry:
-            matrix.setOption(option, asymmetry <= Direct.asymmetry)
+            matrix.setOption(option, asymmetry <= ROUNDING)
             self._set_type(ksp, PETSc.PC.Type.CHOLESKY)
             ksp.pc.setFactorSetUpSolverType()
             factors = ksp.pc.getFactorMatrix()

@@ -29,6 +29,7 @@ _LOW_RANK: Mapping[str, Value] = {
     "mat_mumps_icntl_35": 2,  # for factorization and solution
     "mat_mumps_cntl_7": 1e-5,  # relative error of a block
 }
+_NEARLY = 1e-3  # asymmetry of a nearly symmetric tangent
 _MOST = 50  # iterations with factors of the tangent itself; more of them show that it is too badly conditioned
 
 # Seconds for an operation and an entry in a factorization, and for an entry and a row in an iteration.
@@ -41,14 +42,16 @@ class Refined(Direct):
     Args:
         low_rank: whether to compress blocks of the factors.
         minimum_fill: as for `Direct`.
+        nearly_symmetric: whether nearly symmetric tangents are factorized by L D Lᵀ too.
     """
 
     exact: ClassVar[bool] = False
-    asymmetry: ClassVar[float] = 1e-3
     error = Refinement.error
 
-    def __init__(self, *, low_rank: bool, minimum_fill: bool = False) -> None:
+    def __init__(self, *, low_rank: bool, minimum_fill: bool = False, nearly_symmetric: bool = False) -> None:
         super().__init__(minimum_fill=minimum_fill)
+        if nearly_symmetric:
+            self.asymmetry = _NEARLY
         self._low_rank = low_rank
         self._test = Refinement()
 

@@ -32,6 +32,8 @@ class Choice:
         precision: of factors, "single" or "double".
         low_rank: whether blocks of factors in single precision are compressed.
         minimum_fill: whether factors are ordered by approximate minimum fill.
+        nearly_symmetric: whether factors of nearly symmetric tangents are symmetric. Slender bodies turn so far that
+            their later tangents are not.
     """
 
     configuration: str
@@ -42,6 +44,7 @@ class Choice:
     precision: str = "double"
     low_rank: bool = False
     minimum_fill: bool = False
+    nearly_symmetric: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,8 +72,8 @@ class Chooser:
     def __init__(self, unknowns: Unknowns, degree: int) -> None:
         self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns))
         self.room = _ROOM * available(unknowns.mesh.comm)
-        # Two ranks make better use of METIS's ordering.
-        self._is_slender = self.forecast.shape.aspect >= _SLENDER and unknowns.mesh.comm.size == 1
+        self._is_slender = self.forecast.shape.aspect >= _SLENDER
+        self._has_one_rank = unknowns.mesh.comm.size == 1
 
     @property
     def can_factorize(self) -> bool:
@@ -101,7 +104,12 @@ class Chooser:
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
         return replace(
-            chosen, budget=self._budget, precision=precision, low_rank=low_rank, minimum_fill=self._is_slender
+            chosen,
+            budget=self._budget,
+            precision=precision,
+            low_rank=low_rank,
+            minimum_fill=self._is_slender and self._has_one_rank,  # two ranks make better use of METIS's ordering
+            nearly_symmetric=not self._is_slender,
         )
 
     def _choose(self, solver: Solver) -> Choice:
