@@ -127,7 +127,7 @@ class LinearSolver:
 
     def limit_iterations(self) -> None:
         """Limit the Krylov iterations from now on to those of one solve of Newton's method."""
-        self.configuration.allow(self.choice.budget)
+        self.configuration.test.left = self.choice.budget
 
     def back_substitute(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Solve with the present factors or preconditioner; return whether that succeeded."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
+    from hpcinv.solver.linear.convergence_test import Settling
     from hpcinv.solver.petsc_options import Value
 
 
@@ -21,12 +22,16 @@ class Configuration(ABC):
         exact: whether it solves to rounding errors.
         has_analysis: whether a set-up keeps what later ones need, as a symbolic factorization.
         error: relative error of a correction of Newton's method.
+        test: convergence test of Krylov iterations, without effect on a solver that has none.
     """
 
     name: ClassVar[str]
     exact: ClassVar[bool]
     has_analysis: ClassVar[bool]
     error: ClassVar[float] = 0.0
+
+    def __init__(self, test: Settling) -> None:
+        self.test = test
 
     @property
     @abstractmethod
@@ -36,14 +41,13 @@ class Configuration(ABC):
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         """Prepare the solver for a tangent that was just assembled; collective."""
 
-    def set_accuracy(self, *, precise: bool) -> None:  # noqa: B027  (exact ones have no choice)
+    def set_accuracy(self, *, precise: bool) -> None:
         """Solve to the accuracy of a solution from now on, or, as initially, of a correction."""
+        self.test.precise = precise
 
-    def allow(self, iterations: int) -> None:  # noqa: B027  (exact ones take none)
-        """Limit the total number of Krylov iterations from now on."""
-
-    def set_rough(self, *, rough: bool) -> None:  # noqa: B027  (exact ones have no choice)
+    def set_rough(self, *, rough: bool) -> None:
         """Solve roughly from now on, as other iterations can make up for, or as accurately as before."""
+        self.test.rough = rough
 
     @property
     def note(self) -> str:
@@ -62,13 +66,14 @@ class Configuration(ABC):
         """Return whether the last set-up must be repeated; its replacement is then prepared."""
         return False
 
-    @abstractmethod
     def sign_of_determinant(self, ksp: PETSc.KSP) -> int:
         """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""
+        return 0
 
-    @abstractmethod
     def lacked_memory(self, ksp: PETSc.KSP) -> bool:
         """Return whether the last set-up failed for lack of memory."""
+        return False
 
-    def destroy(self) -> None:  # noqa: B027  (most hold nothing)
+    def destroy(self) -> None:
         """Free PETSc objects."""
+        self.test.destroy()

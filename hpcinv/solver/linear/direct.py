@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.configuration import Configuration
+from hpcinv.solver.linear.convergence_test import Refinement
 from hpcinv.solver.petsc_options import Value
 
 FEW_RANKS = 8
@@ -35,8 +36,10 @@ class Direct(Configuration):
     has_analysis = True
     asymmetry = ROUNDING
     """Relative, up to which L D Lᵀ is used."""
+    test: Refinement
 
     def __init__(self, *, symmetric: bool = True, minimum_fill: bool = False) -> None:
+        super().__init__(Refinement())
         self._may_be_symmetric, self._minimum_fill = symmetric, minimum_fill
         self._probe: tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec] | None = None
 
@@ -109,6 +112,7 @@ class Direct(Configuration):
         return math.isfinite(size)
 
     def destroy(self) -> None:
+        super().destroy()
         for vector in self._probe or ():
             vector.destroy()
 

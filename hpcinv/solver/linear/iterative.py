@@ -81,8 +81,8 @@ class Iterative(Configuration):
     error = Settling.change
 
     def __init__(self, scene: Scene) -> None:
+        super().__init__(Settling())
         self._scene, self._unknowns = scene, scene.unknowns
-        self._settling = Settling()
         self._mass: PETSc.Mat | None = None
         self._copy: PETSc.Mat | None = None
         self._blocks: tuple[PETSc.IS, PETSc.IS] | None = None
@@ -102,7 +102,7 @@ class Iterative(Configuration):
         ksp.setTolerances(rtol=_RESIDUAL)
         ksp.setFromOptions()
         if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_rtol"):  # set by the job, which has priority
-            ksp.setConvergenceTest(self._settling)
+            ksp.setConvergenceTest(self.test)
         if pc.getType() == PETSc.PC.Type.GAMG:
             matrix.setNearNullSpace(self._rigid_motions())
             ksp.setUp()
@@ -164,23 +164,9 @@ class Iterative(Configuration):
             return np.zeros(0)
         return -np.array(self._scaled_mass().getDiagonal().array)
 
-    def set_accuracy(self, *, precise: bool) -> None:
-        self._settling.precise = precise
-
-    def set_rough(self, *, rough: bool) -> None:
-        self._settling.rough = rough
-
-    def allow(self, iterations: int) -> None:
-        self._settling.left = iterations
-
-    def sign_of_determinant(self, ksp: PETSc.KSP) -> int:
-        return 0
-
-    def lacked_memory(self, ksp: PETSc.KSP) -> bool:
-        return False
-
     def destroy(self) -> None:
-        for part in (self._settling, self._mass, self._copy, *(self._blocks or ())):
+        super().destroy()
+        for part in (self._mass, self._copy, *(self._blocks or ())):
             if part is not None:
                 part.destroy()
 

@@ -53,7 +53,6 @@ class Refined(Direct):
         if nearly_symmetric:
             self.asymmetry = _NEARLY
         self._low_rank = low_rank
-        self._test = Refinement()
 
     @property
     def options(self) -> Mapping[str, Value]:
@@ -74,36 +73,23 @@ class Refined(Direct):
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         super().prepare(ksp, matrix)
         ksp.setComputeEigenvalues(True)
-        ksp.setConvergenceTest(self._test)
-        self._test.is_kept = False
+        ksp.setConvergenceTest(self.test)
+        self.test.is_kept = False
 
     def keep(self, ksp: PETSc.KSP) -> bool:
         if not is_mumps(ksp.pc):
             return False
-        if not self._test.is_kept:
-            self._test.patience = _patience(ksp)
-        self._test.is_kept = True
+        if not self.test.is_kept:
+            self.test.patience = _patience(ksp)
+        self.test.is_kept = True
         return True
 
     def must_renew(self, ksp: PETSc.KSP) -> bool:
-        return self._test.is_kept and (self._test.gave_up or _negative_eigenvalues(ksp) > 0)
+        return self.test.is_kept and (self.test.gave_up or _negative_eigenvalues(ksp) > 0)
 
     def sign_of_determinant(self, ksp: PETSc.KSP) -> int:
         sign = super().sign_of_determinant(ksp)
         return -sign if _negative_eigenvalues(ksp) % 2 else sign
-
-    def set_accuracy(self, *, precise: bool) -> None:
-        self._test.precise = precise
-
-    def set_rough(self, *, rough: bool) -> None:
-        self._test.rough = rough
-
-    def allow(self, iterations: int) -> None:
-        self._test.left = iterations
-
-    def destroy(self) -> None:
-        super().destroy()
-        self._test.destroy()
 
 
 def _patience(ksp: PETSc.KSP) -> float:
