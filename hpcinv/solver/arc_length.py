@@ -107,7 +107,7 @@ class _Path:
     def solves(self, load: float) -> Iterator[Solve]:
         point = self._start(load)
         if point is None:
-            yield self._report(load, Outcome.LINEAR_SOLVER)
+            yield self._end(load, Outcome.LINEAR_SOLVER)
             return
         whole = 1 / abs(point.tangent.slope)
         step = self.steps.first / self.steps.cases * whole
@@ -128,7 +128,7 @@ class _Path:
                 point, step = after, 2 * step if self.easy else step
             else:
                 step /= 2
-        yield self._report(point.load, Outcome.STEP_LIMIT)
+        yield self._end(point.load, Outcome.STEP_LIMIT)
 
     def _start(self, load: float) -> _Point | None:
         """Return the present state as a point of the path, with the load in its present direction."""
@@ -164,38 +164,39 @@ class _Path:
         load = point.load + step * t.slope
         found = self._corrected(predicted, load, t.direction, max(abs(point.load), abs(load)))
         predicted.axpy(-1.0, found.x)
-        if found.outcome.accepted and norm(predicted) > step:
-            found.outcome = Outcome.ANOTHER_PATH
-        if found.g is None or not found.outcome.accepted:
+        solve = found.solve
+        if solve.outcome.accepted and norm(predicted) > step:
+            solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
+        if found.g is None or not solve.outcome.accepted:
             self.equations.system.set_state(point.x)
-            yield self._report(found.load, found.outcome, found)
-            self.ended = found.outcome is Outcome.INTERRUPTED
+            yield self._charged(solve)
+            self.ended = solve.outcome is Outcome.INTERRUPTED
             return None
-        if (found.load - point.load) * self.direction < 0:
+        if (solve.load - point.load) * self.direction < 0:
             beyond = self._slope_beyond(point, found)
             if beyond is not None or t.slope * self.direction < 0:
                 return (yield from self._pass_limit_point(point, found, beyond))
-        if end is not None and (found.load - end) * self.direction > 0:
-            self.spent += found.factorizations
-            share = (end - point.load) / (found.load - point.load)
+        if end is not None and (solve.load - end) * self.direction > 0:
+            self.spent += solve.factorizations
+            share = (end - point.load) / (solve.load - point.load)
             between = point.x.copy()
             between.axpby(share, 1 - share, found.x)
             return (yield from self._land(point, end, between, step))
         along = found.x.copy()
         along.axpy(-1.0, point.x)
-        self.easy = len(found.iterations) <= self.steps.easy
+        self.easy = len(solve.iterations) <= self.steps.easy
         self.before = point
-        sign = found.signs[-1] if found.signs else point.sign
-        after = _Point(found.x, found.load, tangent_along(found.g, along), sign)
+        sign = solve.signs[-1] if solve.signs else point.sign
+        after = _Point(found.x, solve.load, tangent_along(found.g, along), sign)
         self.equations.system.set_state(found.x)
-        yield self._report(found.load, found.outcome, found)
+        yield self._charged(solve)
         return after
 
     def _corrected(self, x: PETSc.Vec, load: float, t: PETSc.Vec, scale: float) -> Corrected:
         """Return a point of the path from a predicted state, or the fault of that state."""
         self.equations.system.set_state(x)
         if (fault := self.equations.system.fault()) is not None:
-            return Corrected(fault, x, load)
+            return Corrected(Solve(load, fault, (), 0), x)
         tolerance = self.steps.path_tolerance
         return self.bordering.correct(x, load, t, tolerance, direction=self.direction, scale=scale)
 
@@ -205,24 +206,24 @@ class _Path:
         A load that approaches a limit asymptotically may seem to fall, by the error of the points.
         """
         self.spent += 1
-        tangent = self.bordering.tangent(found.x, found.load, point.tangent.direction)
+        tangent = self.bordering.tangent(found.x, found.solve.load, point.tangent.direction)
         return tangent if tangent is not None and tangent.slope * self.direction < 0 else None
 
     def _pass_limit_point(self, point: _Point, found: Corrected, beyond: Tangent | None) -> Moves:
         """Find the limit point before a point, and continue from there if more limit points may be passed."""
         fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
-        self.spent += 1 + found.factorizations
+        self.spent += 1 + found.solve.factorizations
         self.easy = False
         self.equations.system.set_state(point.x)
         if fresh is None:
             return None
         if fresh.slope * self.direction > 0:
             if beyond is None:  # two limit points, or none
-                yield self._report(found.load, Outcome.ANOTHER_PATH)
+                yield self._end(found.solve.load, Outcome.ANOTHER_PATH)
                 return None
             t, sign = fresh.direction, point.sign
             low = Sample(point.x, 0.0, point.load, fresh.slope)
-            high = _along(t, point, found.x, found.load, beyond.slope / dot(t, beyond.direction))
+            high = _along(t, point, found.x, found.solve.load, beyond.slope / dot(t, beyond.direction))
         elif self.before is not None:
             before, t, sign = self.before, self.before.tangent.direction, self.before.sign
             low = Sample(before.x, 0.0, before.load, before.tangent.slope)
@@ -230,28 +231,27 @@ class _Path:
         else:
             return None
         extremum, tangent, spent = locate(self.bordering, t, low, high, direction=self.direction)
-        self.spent += spent - extremum.factorizations
+        solve = extremum.solve
+        self.spent += spent - solve.factorizations
         if extremum.g is None:
             self.equations.system.set_state(point.x)
-            yield self._report(extremum.load, extremum.outcome, extremum)
-            self.ended = extremum.outcome is Outcome.INTERRUPTED
+            yield self._charged(solve)
+            self.ended = solve.outcome is Outcome.INTERRUPTED
             return None
         self.equations.system.set_state(extremum.x)
-        yield replace(self._report(extremum.load, extremum.outcome, extremum), limit_point=True)
+        yield replace(self._charged(solve), limit_point=True)
         if self.passed == self.steps.limit_points:
-            yield self._report(extremum.load, Outcome.LIMIT_POINT)
+            yield self._end(solve.load, Outcome.LIMIT_POINT)
             self.ended = True
             return None
         self.passed += 1
         self.before = None
         tangent = tangent or tangent_along(extremum.g, t)
         onward = Tangent(tangent.direction, self.direction * abs(tangent.slope))
-        return _Point(extremum.x, extremum.load, onward, -sign)  # one eigenvalue of K has changed its sign
+        return _Point(extremum.x, solve.load, onward, -sign)  # one eigenvalue of K has changed its sign
 
-    def _report(self, load: float, outcome: Outcome, found: Corrected | None = None) -> Solve:
-        if found is None:
-            return self._charged(Solve(load, outcome, (), 0))
-        return self._charged(Solve(load, outcome, found.iterations, found.factorizations, found.signs))
+    def _end(self, load: float, outcome: Outcome) -> Solve:
+        return self._charged(Solve(load, outcome, (), 0))
 
     def _charged(self, solve: Solve) -> Solve:
         """Return the solve with its strategy, and with the factorizations since the last report added."""

@@ -26,7 +26,7 @@ from petsc4py import PETSc
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
+from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
 
 
 class ParametrisedSystem(Protocol):
@@ -77,20 +77,16 @@ def tangent_along(g: PETSc.Vec, along: PETSc.Vec | None, direction: int = 1) -> 
     return Tangent(g, sign / length)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Corrected:
-    """Result of one run of the corrector: the point where it ended, and its effort.
+    """Result of one run of the corrector: its report, with the load where it ended, and the state there.
 
     Attributes:
         g: ``-K⁻¹ ∂R/∂λ`` of the last tangent; ``None`` if the outcome is not accepted.
     """
 
-    outcome: Outcome
+    solve: Solve
     x: PETSc.Vec
-    load: float
-    iterations: tuple[NewtonIteration, ...] = ()
-    factorizations: int = 0
-    signs: tuple[int, ...] = ()
     g: PETSc.Vec | None = None
 
 
@@ -170,7 +166,7 @@ class Bordering:
             equations.system.set_state(x)
             outcome = equations.system.fault() or equations.system.fault_of_solution() or outcome
         g = self._g.copy() if outcome.accepted else None
-        return Corrected(outcome, x, load, tuple(monitor.history), factorizations, tuple(signs), g)
+        return Corrected(Solve(load, outcome, tuple(monitor.history), factorizations, tuple(signs)), x, g)
 
     def _residual(self, x: PETSc.Vec, load: float, b: PETSc.Vec) -> None:
         self.equations.system.set_state(x)

@@ -42,15 +42,15 @@ def locate(
         load = (1 - share) * low.load + share * high.load
         found = bordering.correct(guess, load, t, _TOLERANCE, direction=direction, scale=scale)
         guess.destroy()
-        spent += found.factorizations
-        if not found.outcome.accepted:
+        spent += found.solve.factorizations
+        if not found.solve.outcome.accepted:
             return found, None, spent
         spent += 1
-        tangent = bordering.tangent(found.x, found.load, t)
+        tangent = bordering.tangent(found.x, found.solve.load, t)
         if tangent is None:  # the tangent is singular at the limit point
             return found, None, spent
         slope = tangent.slope / dot(t, tangent.direction)
-        sample = Sample(found.x, s, found.load, slope)
+        sample = Sample(found.x, s, found.solve.load, slope)
         if abs(s - last.s) <= _STATE_TOLERANCE * norm(found.x) or spent > _MOST_FACTORIZATIONS:
             return found, tangent, spent
         rises = slope * direction > 0

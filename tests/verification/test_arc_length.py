@@ -201,8 +201,8 @@ def test_a_correction_that_wanders_to_another_path_fails() -> None:
         start = system.position()
         start.array[:] = 0.5, y
         found = bordering.correct(start, 0.5, t, 1e-10, direction=1, scale=1.0)
-        ends[y] = found.outcome
-        assert not found.outcome.accepted or abs(found.x.array[1]) < 1e-8
+        ends[y] = found.solve.outcome
+        assert not found.solve.outcome.accepted or abs(found.x.array[1]) < 1e-8
     assert ends == {0.2: Outcome.CONVERGED, 0.45: Outcome.DIVERGED}
 
 
