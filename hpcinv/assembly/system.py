@@ -176,6 +176,23 @@ class System:
         with self.timings("admissibility check"):
             return self._admissibility.fault_of_solution()
 
+    def admissible_share(self, x: PETSc.Vec, step: PETSc.Vec) -> tuple[float, Outcome | None]:
+        """Return the share of a step with which ``x - share * step`` is admissible, and the fault of a larger one.
+
+        The share is 1, halved at most ten times. The state is then the last one that was tried.
+        """
+        share, fault, trial = 1.0, None, x.duplicate()
+        with self.timings("admissibility check"):
+            for _ in range(10):
+                x.copy(trial)
+                trial.axpy(-share, step)
+                self.set_state(trial)
+                if (found := self._admissibility.fault()) is None:
+                    break
+                fault, share = found, share / 2
+        trial.destroy()
+        return share, fault
+
     def compile_lifting(self) -> None:
         """Compile the form for prescribed displacements."""
         _ = self._along_step

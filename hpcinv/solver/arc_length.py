@@ -3,13 +3,13 @@
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from petsc4py import PETSc
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
-from hpcinv.solver.bordering import Bordering, Corrected, Equations, Tangent, tangent_along
+from hpcinv.solver.bordering import Bordering, Corrected, Tangent, tangent_along
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.limit_points import Sample, locate
 from hpcinv.solver.newton import Solve
 
@@ -48,17 +48,8 @@ class ArcLengthSteps:
         return min(ahead, key=lambda end: abs(end - load), default=None)
 
 
-class Traceable(Equations, Protocol):
-    """Interface of equations that can also be solved at a fixed load factor."""
-
-    limit: int
-    reuse: float
-
-    def solve(self, load: float, tolerance: float) -> Solve: ...
-
-
 def trace(
-    equations: Traceable, steps: ArcLengthSteps, tolerance: float, *, load: float = 0.0, passed: int = 0
+    equations: Equilibrium, steps: ArcLengthSteps, tolerance: float, *, load: float = 0.0, passed: int = 0
 ) -> Iterator[Solve]:
     """Yield every solve along the path from ``load``, at which the present state is in equilibrium.
 
@@ -90,7 +81,7 @@ class _Point:
 
 
 class _Path:
-    def __init__(self, equations: Traceable, steps: ArcLengthSteps, tolerance: float, passed: int) -> None:
+    def __init__(self, equations: Equilibrium, steps: ArcLengthSteps, tolerance: float, passed: int) -> None:
         self.equations, self.steps, self.tolerance, self.passed = equations, steps, tolerance, passed
         self.bordering = Bordering(
             equations, equations.system.position(), limit=equations.limit, reuse=equations.reuse, cases=steps.cases

@@ -20,42 +20,13 @@ Keller, *Lectures on Numerical Methods in Bifurcation Problems*, 1987 (bordering
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 from petsc4py import PETSc
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import dot, norm
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
-
-
-class ParametrisedSystem(Protocol):
-    """Interface of a system ``R(x, λ) = 0``, which stores its state x and load factor λ, and of its tangent."""
-
-    def position(self) -> PETSc.Vec: ...
-    def set_state(self, x: PETSc.Vec) -> None: ...
-    def set_load(self, load: float) -> None: ...
-    def residual(self, b: PETSc.Vec) -> None: ...
-    def tangent(self) -> None: ...
-    def fault(self) -> Outcome | None: ...
-    def fault_of_solution(self) -> Outcome | None: ...
-
-
-class TangentSolver(Protocol):
-    """Interface of a linear solver for the tangent that the system assembled last."""
-
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool: ...
-    def sign_of_determinant(self) -> int: ...
-
-
-class Equations(Protocol):
-    """Interface of a system with its linear solver, and of requests to stop."""
-
-    @property
-    def system(self) -> ParametrisedSystem: ...
-    @property
-    def linear(self) -> TangentSolver: ...
-    def interrupted(self) -> bool: ...
 
 
 @dataclass(frozen=True)
@@ -99,10 +70,10 @@ class Bordering:
         cases: number of load cases; ∂R/∂λ jumps at the end of each.
     """
 
-    def __init__(self, equations: Equations, like: PETSc.Vec, *, limit: int, reuse: float, cases: int = 1) -> None:
+    def __init__(self, equations: Equilibrium, like: PETSc.Vec, *, limit: int, reuse: float, cases: int = 1) -> None:
         self.equations, self.limit, self.reuse, self.cases = equations, limit, reuse, cases
-        # residual, its negative derivative by the load factor, K⁻¹ times both, and a trial state
-        self._r, self._r_load, self._d, self._g, self._trial = (like.duplicate() for _ in range(5))
+        # residual, its negative derivative by the load factor, K⁻¹ times both, and the residual of which that is
+        self._r, self._r_load, self._d, self._g, self._r_here = (like.duplicate() for _ in range(5))
 
     def tangent(self, x: PETSc.Vec, load: float, along: PETSc.Vec | None, direction: int = 1) -> Tangent | None:
         """Return the tangent of the path at one of its points, with new factors; ``None`` if these are singular.
@@ -155,7 +126,7 @@ class Bordering:
             change = dot(t, self._d) / along
             self._d.axpy(-change, self._g)
             size = math.hypot(norm(self._d), norm(x) * change / scale)
-            taken, fault = self._admissible(x)
+            taken, fault = equations.system.admissible_share(x, self._d)
             x.axpy(-taken, self._d)
             load += taken * change
             self._residual(x, load, self._r)
@@ -177,12 +148,12 @@ class Bordering:
         """Factorize K at the present state and solve ``K g = -∂R/∂λ``; return whether that succeeded."""
         equations = self.equations
         equations.system.set_load(load)
-        equations.system.residual(self._trial)
+        equations.system.residual(self._r_here)
         h = self._difference_step(load, direction)
         equations.system.set_load(load + h)
         equations.system.residual(self._r_load)
         equations.system.set_load(load)
-        self._r_load.axpy(-1.0, self._trial)
+        self._r_load.axpy(-1.0, self._r_here)
         self._r_load.scale(-1 / h)
         equations.system.tangent()
         return equations.linear.solve(self._r_load, self._g)
@@ -194,19 +165,6 @@ class Bordering:
         middle = min(max(case, 0), self.cases - 1) + 0.5
         return math.copysign(1e-3, middle - position) / self.cases
 
-    def _admissible(self, x: PETSc.Vec) -> tuple[float, Outcome | None]:
-        """Return the admissible share of the correction, halved at most ten times, and the fault of a larger one."""
-        share, fault = 1.0, None
-        for _ in range(10):
-            x.copy(self._trial)
-            self._trial.axpy(-share, self._d)
-            self.equations.system.set_state(self._trial)
-            found = self.equations.system.fault()
-            if found is None:
-                break
-            fault, share = found, share / 2
-        return share, fault
-
     def destroy(self) -> None:
-        for vector in (self._r, self._r_load, self._d, self._g, self._trial):
+        for vector in (self._r, self._r_load, self._d, self._g, self._r_here):
             vector.destroy()

@@ -293,32 +293,16 @@ class Equilibrium:
                 now.refused = now.refused or Outcome.DIVERGED
         # The whole correction measures the error: a damped one is small even far from the solution.
         now.correction = norm(y)
-        changed |= self._back_off(x, y)
+        share, now.short = self.system.admissible_share(x, y)
+        y.scale(share)
         x.copy(self._before)
-        return changed
+        return changed or share < 1
 
     def _solve_again(self, y: PETSc.Vec) -> None:
         """Compute the correction ``-y`` again with a new tangent, or new factors."""
         if not self.linear.back_substitute(self.snes.getFunction()[0], y):
             self._now.refused = Outcome.LINEAR_SOLVER
             y.set(0.0)
-
-    def _back_off(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Halve the correction ``-y`` until the state is admissible, at most ten times; return whether it was."""
-        system, trial, shortened = self.system, x.duplicate(), False
-        with system.timings("admissibility check"):
-            self._now.short = None
-            for _ in range(10):
-                x.copy(trial)
-                trial.axpy(-1.0, y)
-                system.set_state(trial)
-                if (fault := system.fault()) is None:
-                    break
-                self._now.short = fault
-                y.scale(0.5)
-                shortened = True
-        trial.destroy()
-        return shortened
 
 
 def _linear_solve_seconds() -> float:

@@ -80,6 +80,9 @@ class SmallSystem:
 
     fault_of_solution = fault
 
+    def admissible_share(self, _x: PETSc.Vec, _step: PETSc.Vec) -> tuple[float, None]:
+        return 1.0, None
+
     def interrupted(self) -> bool:
         return False
 
