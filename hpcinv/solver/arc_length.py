@@ -83,9 +83,7 @@ class _Point:
 class _Path:
     def __init__(self, equations: Equilibrium, steps: ArcLengthSteps, tolerance: float, passed: int) -> None:
         self.equations, self.steps, self.tolerance, self.passed = equations, steps, tolerance, passed
-        self.bordering = Bordering(
-            equations, equations.system.position(), limit=equations.limit, reuse=equations.reuse, cases=steps.cases
-        )
+        self.bordering = Bordering(equations, steps.cases)
         self.before: _Point | None = None  # the last point but one since the last limit point
         self.spent = 0  # factorizations that are not yet part of a report
         self.ended, self.easy = False, False

@@ -65,15 +65,13 @@ class Bordering:
     """Newton's method for the equations and one constraint, and the tangent of their path.
 
     Args:
-        like: a vector of the layout of the state.
-        limit, reuse: as for `NewtonMonitor`.
         cases: number of load cases; ∂R/∂λ jumps at the end of each.
     """
 
-    def __init__(self, equations: Equilibrium, like: PETSc.Vec, *, limit: int, reuse: float, cases: int = 1) -> None:
-        self.equations, self.limit, self.reuse, self.cases = equations, limit, reuse, cases
+    def __init__(self, equations: Equilibrium, cases: int = 1) -> None:
+        self.equations, self.cases = equations, cases
         # residual, its negative derivative by the load factor, K⁻¹ times both, and the residual of which that is
-        self._r, self._r_load, self._d, self._g, self._r_here = (like.duplicate() for _ in range(5))
+        self._r, self._r_load, self._d, self._g, self._r_here = (equations.system.position() for _ in range(5))
 
     def tangent(self, x: PETSc.Vec, load: float, along: PETSc.Vec | None, direction: int = 1) -> Tangent | None:
         """Return the tangent of the path at one of its points, with new factors; ``None`` if these are singular.
@@ -96,7 +94,7 @@ class Bordering:
         """
         equations = self.equations
         # The step can be shortened instead, and an iteration whose corrections grow may end on another path.
-        monitor = NewtonMonitor(tolerance, self.limit, self.reuse, growths_allowed=0)
+        monitor = NewtonMonitor(tolerance, equations.limit, equations.reuse, growths_allowed=0)
         x, outcome, fault = x.copy(), None, None
         signs: list[int] = []
         factorizations = 0

@@ -197,7 +197,8 @@ def test_a_correction_that_wanders_to_another_path_fails() -> None:
         lambda x, load: np.array([x[0] - load, x[1] ** 3 - x[1]]),
         lambda x: np.diag([1.0, 3 * x[1] ** 2 - 1]),
     )
-    t, bordering = system.position(), Bordering(system, system.position(), limit=25, reuse=0.0)
+    system.reuse = 0.0
+    t, bordering = system.position(), Bordering(system)
     t.array[:] = 1.0, 0.0
     ends = {}
     for y in (0.2, 0.45):
