@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cache
 from hashlib import sha1
 from pathlib import Path
@@ -42,7 +42,7 @@ class CompiledModuli:
     """Moduli that are evaluated at the quadrature points of cells.
 
     Attributes:
-        cells: as of `TangentModuli`.
+        cells: the cells, ``None`` for the whole mesh.
         points, weights: quadrature rule on the reference cell, (points, 3) and (points,).
         pairs: slots of test and trial function, in the order of the values.
         expression: evaluates to (cells, points, values) at the present state.
@@ -96,7 +96,7 @@ def _compiled(
             kernels.append(_Kernel(expression.file, expression.symbol, *places, one.pairs))
             loaded.append(expression)
         if mesh.comm.rank == 0:
-            write_record(name, json.dumps([one.as_data() for one in kernels]), directory)
+            write_record(name, json.dumps([astuple(one) for one in kernels]), directory)
     return [
         CompiledModuli(part.cells, points, weights, kernel.pairs, expression)
         for part, kernel, expression in zip(parts, kernels, loaded, strict=True)
@@ -117,10 +117,6 @@ class _Kernel:
     functions: list[int]
     constants: list[int]
     pairs: tuple[tuple[Slot, Slot], ...]
-
-    def as_data(self) -> Any:
-        pairs = [[[slot.part, slot.components, slot.is_gradient] for slot in pair] for pair in self.pairs]
-        return [self.file, self.symbol, self.functions, self.constants, pairs]
 
     @classmethod
     def from_data(cls, data: Any) -> _Kernel:

@@ -52,18 +52,14 @@ class Slot:
 
 @dataclass(frozen=True)
 class TangentModuli:
-    """Moduli of the volume integrals over the same cells.
+    """Moduli of one of the `volume_parts`.
 
     Attributes:
-        cells: cells of the integrals, ``None`` for the whole mesh.
-        degree: quadrature degree.
         pairs: slots of test and trial function of the nonzero moduli.
         expression: UFL vector of all moduli, each in the order (component, direction) of test, then of trial function,
             times the volume of the cell per volume of the reference cell.
     """
 
-    cells: npt.NDArray[np.int32] | None
-    degree: int
     pairs: tuple[tuple[Slot, Slot], ...]
     expression: Any
 
@@ -140,8 +136,13 @@ def moduli_of(residual: Any, unknowns: Unknowns, state: Any = None) -> list[Tang
     Raises:
         UnsupportedForm: if the residual has another form than the one above, for example by an effect of a plugin.
     """
-    degree, parts = volume_parts(residual, unknowns)
-    return [_checked(one.integrand, one.cells, degree, unknowns, state) for one in parts]
+    _, parts = volume_parts(residual, unknowns)
+    try:
+        return [_moduli(part.integrand, unknowns, unknowns.state if state is None else state) for part in parts]
+    except (UnsupportedForm, MemoryError):
+        raise
+    except Exception as error:  # UFL's errors have many types
+        raise UnsupportedForm(f"UFL fails on it: {error}") from error
 
 
 def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> None:
@@ -153,21 +154,7 @@ def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> No
         raise UnsupportedForm("its volume integrals over regions leave cells out, or count some twice")
 
 
-def _checked(
-    integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns, state: Any
-) -> TangentModuli:
-    """Return `_moduli`; all errors of UFL, which have many types, become `UnsupportedForm`."""
-    try:
-        return _moduli(integrand, cells, degree, unknowns, unknowns.state if state is None else state)
-    except (UnsupportedForm, MemoryError):
-        raise
-    except Exception as error:
-        raise UnsupportedForm(f"UFL fails on it: {error}") from error
-
-
-def _moduli(
-    integrand: Any, cells: npt.NDArray[np.int32] | None, degree: int, unknowns: Unknowns, state: Any
-) -> TangentModuli:
+def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
     mesh = unknowns.mesh
     pairs = [(unknowns.v, state, 0, 3)]
     if unknowns.p is not None:
@@ -195,7 +182,7 @@ def _moduli(
                 there.append((test_slot, trial_slot))
                 entries += _entries(moduli, test_slot, trial_slot, K)
     vector = ufl.replace(volume * ufl.as_vector(entries), {symbol: f for f, symbol in trials.values()})
-    return TangentModuli(cells, degree, tuple(there), without_stages(vector))
+    return TangentModuli(tuple(there), without_stages(vector))
 
 
 def _at_a_point(
