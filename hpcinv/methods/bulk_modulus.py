@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
 
 from hpcinv.job.rules import NEARLY_INCOMPRESSIBLE
 from hpcinv.materials import MaterialLaw
@@ -40,7 +39,7 @@ class BulkModulus:
 
     def solves(self) -> Generator[Solve, None, None]:
         """Yield every solve; the last one is accepted at the bulk moduli of the job, or has the reason for the end."""
-        with self._restored():
+        try:
             self._soften(0.0)
             self.equilibrium.system.state.x.array[:] = 0.0
             steps = AdaptiveSteps(cases=self.model.job.case_count)
@@ -65,6 +64,8 @@ class BulkModulus:
                 step = (target - share) / 2
                 if solve.outcome is Outcome.INTERRUPTED or step * math.log(self._ratio) < math.log(self._least):
                     return
+        finally:
+            self._soften(1.0)
 
     def _soften(self, share: float) -> None:
         """Set the bulk moduli: 0 is softest, 1 as in the job."""
@@ -83,13 +84,6 @@ class BulkModulus:
             equilibrium.system.set_state(step)
             if equilibrium.system.fault() is not None:
                 equilibrium.system.set_state(start)
-
-    @contextmanager
-    def _restored(self) -> Iterator[None]:
-        try:
-            yield
-        finally:
-            self._soften(1.0)
 
 
 def _nearly_incompressible(model: Model) -> Iterator[tuple[int, str, float]]:

@@ -5,7 +5,6 @@ Each iteration solves the forward problem on the mesh at X for u, and moves X by
 """
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import numpy as np
@@ -114,7 +113,7 @@ class FixedPointMethod(Method):
         """Solve the forward problem of the body X; the mesh lies at X only during the solves."""
         solves = self._solves_at_X(warm)
         while True:
-            with self.mesh.at(self._X):
+            with placed(self.mesh.mesh, self._X):
                 solve = next(solves, None)
             if solve is None:
                 return
@@ -155,22 +154,23 @@ class MovableMesh:
     """Geometry nodes of a mesh, and the displacement at these nodes.
 
     A body is an array ``X`` of the positions of the local nodes, (n, 3) in scaled lengths, ghosts included.
+
+    Attributes:
+        given: the given body.
+        diagonal: of its bounding box, in scaled lengths.
     """
 
     def __init__(self, unknowns: Unknowns, quadrature_degree: int) -> None:
         self.unknowns, self.mesh = unknowns, unknowns.mesh
         geometry = self.mesh.geometry
         self.given: Floats = geometry.x.copy()
+        self.diagonal = diagonal(self.mesh.comm, self.given)
         self._owned = slice(geometry.index_map().size_local)
         self._nodal = fem.Function(unknowns.nodal_space)
         self._dof_of_node = np.empty(len(self.given), dtype=np.int32)
         self._dof_of_node[geometry.dofmaps[0]] = self._nodal.function_space.dofmap.list
         self._jacobian = QuadratureValues(ufl.JacobianDeterminant(self.mesh), self.mesh, quadrature_degree)
         self._given_jacobian = self._jacobians(self.given)
-
-    def at(self, X: Floats) -> AbstractContextManager[None]:
-        """Context in which the mesh lies at ``X``; afterwards its coordinates are restored exactly."""
-        return placed(self.mesh, X)
 
     def displacement(self) -> Floats:
         """Return the displacement of the present state at the nodes, the same on all ranks that share a node."""
@@ -200,13 +200,8 @@ class MovableMesh:
         longest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
         return float(self.mesh.comm.allreduce(longest, op=MPI.MAX))
 
-    @property
-    def diagonal(self) -> float:
-        """Diagonal of the given body's bounding box, in scaled lengths."""
-        return diagonal(self.mesh.comm, self.given)
-
     def _jacobians(self, X: Floats) -> Floats:
         """Return Jacobian determinants of body ``X`` at the quadrature points of the owned cells."""
-        with self.at(X):
+        with placed(self.mesh, X):
             values = [v.ravel() for _, v in self._jacobian]
         return np.concatenate([np.empty(0), *values])

@@ -27,7 +27,8 @@ class Integration:
     @property
     def volume(self) -> Any:
         """The whole body."""
-        return ufl.Measure("dx", self._body.mesh, subdomain_data=self._cells, metadata=self._rule)
+        rule = {"quadrature_degree": self._degree}
+        return ufl.Measure("dx", self._body.mesh, subdomain_data=self._cells, metadata=rule)
 
     def part(self, number: int) -> Any:
         """Return one of the parts, from 0; the whole body if it is not divided."""
@@ -44,7 +45,3 @@ class Integration:
         rule = {"quadrature_degree": max(self._degree, least_degree)}
         measure = ufl.Measure("ds", self._body.mesh, subdomain_data=self._facets, metadata=rule)
         return measure(self._known[region])
-
-    @property
-    def _rule(self) -> dict[str, int]:
-        return {"quadrature_degree": self._degree}
