@@ -122,18 +122,15 @@ class Contact(Effect):
             return found
         return found | {"multiplier": (1, 1)} | ({"penalty": (1, 1)} if self.penalty is None else {})
 
-    def obstacle_parameters(self, par: Any) -> Any:
-        """Return quantities and functions of the obstacle by name."""
-        prefix = "obstacle_"
-        return SimpleNamespace(**{n.removeprefix(prefix): v for n, v in vars(par).items() if n.startswith(prefix)})
-
     def position(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the current position relative to the obstacle where 'obstacle' places it."""
         return k.x if self.travel is None else k.x - k.at_load(load)[1] * par.travel
 
     def gap(self, k: Kinematics, load: Any, par: Any) -> tuple[Any, Any]:
         """Return the gap and the direction away from the obstacle."""
-        return self.obstacle.distance(self.position(k, load, par), self.obstacle_parameters(par))
+        prefix = "obstacle_"
+        own = {n.removeprefix(prefix): value for n, value in vars(par).items() if n.startswith(prefix)}
+        return self.obstacle.distance(self.position(k, load, par), SimpleNamespace(**own))
 
     def contact_pressure(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the pressure per current area."""

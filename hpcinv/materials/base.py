@@ -235,7 +235,7 @@ class MaterialLaw(Ingredient):
         """Replace elastic moduli by parameters of the law."""
         if cls.replaceable is None or not isinstance(data, Mapping) or data.keys().isdisjoint(NAMES):
             return data
-        moduli = Moduli.model_validate({name: data[name] for name in NAMES if name in data}).given()
+        moduli = Moduli.model_validate({n: data[n] for n in NAMES if n in data}).model_dump(exclude_none=True)
         own = {name: value for name, value in data.items() if name not in NAMES}
         shear, bulk = cls.replaceable
         finds_shear, finds_bulk = shear is not None and cls.leaves_out(shear, own), cls.leaves_out(bulk, own)

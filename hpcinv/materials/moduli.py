@@ -39,10 +39,6 @@ class Moduli(Spec):
             raise ValueError(f"must be above -1 and at most 0.5, not {ratio:g}")
         return ratio
 
-    def given(self) -> dict[str, float]:
-        """Return the given moduli by name."""
-        return {name: value for name, value in self.model_dump().items() if value is not None}
-
 
 NAMES = tuple(Moduli.model_fields)
 

@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem, la
@@ -220,8 +219,7 @@ class _OneContact:
 
     @cached_property
     def _at_vertices(self) -> fem.Function:
-        element = basix.ufl.element("Lagrange", self._body.mesh.basix_cell(), 1, shape=(3,))
-        return fem.Function(fem.functionspace(self._body.mesh, element))
+        return fem.Function(fem.functionspace(self._body.mesh, ("Lagrange", 1, (3,))))
 
     @cached_property
     def _vertices(self) -> Ints:
@@ -325,7 +323,7 @@ class _OneContact:
         """Integrals over the current area of traction, contact, pressure and 1, weighted by the linear basis."""
         k, effect, mesh = self._k, self.effect, self._body.mesh
         args = k, self.load, self.par
-        w = ufl.TestFunction(fem.functionspace(mesh, basix.ufl.element("Lagrange", mesh.basix_cell(), 1, shape=(6,))))
+        w = ufl.TestFunction(fem.functionspace(mesh, ("Lagrange", 1, (6,))))
         p, (_, m) = effect.contact_pressure(*args), effect.gap(*args)
         touches = ufl.conditional(ufl.gt(p, 0), 1.0, 0.0)
         values = [*(p * m[i] for i in range(3)), touches, p, 1.0]
@@ -354,8 +352,7 @@ class _OneContact:
 
     def _linear(self, name: str, values: Floats) -> fem.Function:
         """Return a function of a name that has these values at the vertices of the region."""
-        element = basix.ufl.element("Lagrange", self._body.mesh.basix_cell(), 1)
-        function = fem.Function(fem.functionspace(self._body.mesh, element), name=name)
+        function = fem.Function(fem.functionspace(self._body.mesh, ("Lagrange", 1)), name=name)
         function.x.array[self._vertices] = values
         return function
 
@@ -389,8 +386,7 @@ class _Nodal:
 
     def __init__(self, vector: Any, body: Body, degree: int) -> None:
         mesh, count = body.mesh, vector.ufl_shape[0]
-        element = basix.ufl.element("Lagrange", mesh.basix_cell(), degree, shape=(count,))
-        self.space = fem.functionspace(mesh, element)
+        self.space = fem.functionspace(mesh, ("Lagrange", degree, (count,)))
         points = self.space.element.interpolation_points
         self._compiled = fem.Expression(without_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self.values, self._count = fem.Function(self.space), count

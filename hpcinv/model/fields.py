@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -32,8 +31,8 @@ class BodyFields:
         """Return the function of a name that the solver updates, zero at first, the same for all scenes; collective."""
         if name not in self._updated:
             shape = () if components == 1 else (components,)
-            element = basix.ufl.element("Lagrange", self.body.mesh.basix_cell(), degree, shape=shape)
-            self._updated[name] = fem.Function(fem.functionspace(self.body.mesh, element), name=name)
+            space = fem.functionspace(self.body.mesh, ("Lagrange", degree, shape))
+            self._updated[name] = fem.Function(space, name=name)
         return self._updated[name]
 
     def function(self, value: ByRegion | ByData | ByRule, scale: float, where: str) -> fem.Function:
