@@ -3,10 +3,13 @@
 Laws use these instead of ``ln(1 + x)`` or ``exp(x) - 1``, which lose their digits at small strain.
 """
 
+import math
 from typing import Any
 
 _SERIES_BELOW = 2.0**-3  # |x| below which logarithms are computed from series
 _SERIES_TERMS = 6  # errors of second derivatives there: 1e-13 by truncation, 1e-12 by rounding of ln(1 + x)
+_REMAINDERS_BELOW = 2.0**-9  # the same of the others; small, since each term makes a form and its derivatives larger
+_EXP_TERMS, _POWER_TERMS = 5, 8  # truncation error: 1e-17 of the sum, for powers from -20 to 20
 
 
 def sqrt(x: Any) -> Any:
@@ -21,6 +24,22 @@ def expm1(x: Any) -> Any:
     import ufl
 
     return 2 * ufl.sinh(x / 2) * ufl.exp(x / 2)
+
+
+def expm1_remainder(x: Any) -> Any:
+    """``eˣ - 1 - x``; ``x²/2`` to leading order."""
+    import ufl
+
+    terms = [1 / math.factorial(k) for k in range(2, 2 + _EXP_TERMS)]
+    return _by_size(x, x**2 * polynomial(x, terms), ufl.exp(x) - 1 - x, _REMAINDERS_BELOW)
+
+
+def power_remainder(x: Any, n: Any) -> Any:
+    """``(1 + x)ⁿ - 1 - n x``, ``x > -1``; ``n (n - 1) x²/2`` to leading order."""
+    terms = [n * (n - 1) / 2]  # binomial coefficients
+    for k in range(2, 1 + _POWER_TERMS):
+        terms.append(terms[-1] * (n - k) / (k + 1))
+    return _by_size(x, x**2 * polynomial(x, terms), (1 + x) ** n - 1 - n * x, _REMAINDERS_BELOW)
 
 
 def log1p(x: Any) -> Any:
@@ -76,7 +95,7 @@ def _artanh_series(x: Any) -> tuple[Any, Any]:
     return z, polynomial(z**2, [1 / (2 * n + 3) for n in range(_SERIES_TERMS)])
 
 
-def _by_size(x: Any, series: Any, closed: Any) -> Any:
+def _by_size(x: Any, series: Any, closed: Any, bound: float = _SERIES_BELOW) -> Any:
     import ufl
 
-    return ufl.conditional(ufl.lt(abs(x), _SERIES_BELOW), series, closed)
+    return ufl.conditional(ufl.lt(abs(x), bound), series, closed)

@@ -12,10 +12,6 @@ from typing import Any
 
 type Functions = Mapping[str, Callable[..., Any]]
 
-# |x| below which series are used; small, since each term of a series makes a form and its derivatives larger
-_SERIES_BELOW = 2.0**-9
-_EXP_TERMS, _POWER_TERMS = 5, 8  # truncation error: 1e-17 of the sum, for powers from -20 to 20
-
 FLOATS: Functions = {
     **{name: getattr(math, name) for name in ("exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan")},
     "if_positive": lambda x, then, otherwise: then if x > 0 else otherwise,
@@ -33,7 +29,7 @@ def ufl_functions() -> Functions:
     """Return functions of UFL scalars, accurate at small arguments together with their derivatives."""
     import ufl
 
-    from hpcinv.kinematics.stable_functions import expm1, log1p, log1p_remainder
+    from hpcinv.kinematics.stable_functions import expm1, expm1_remainder, log1p, log1p_remainder, power_remainder
     from hpcinv.kinematics.ufl_formulas import UFL_FUNCTIONS
 
     return {
@@ -42,28 +38,6 @@ def ufl_functions() -> Functions:
         "log1p": log1p,
         "expm1": expm1,
         "log1p_remainder": log1p_remainder,
-        "expm1_remainder": _expm1_remainder,
-        "power_remainder": _power_remainder,
+        "expm1_remainder": expm1_remainder,
+        "power_remainder": power_remainder,
     }
-
-
-def _expm1_remainder(x: Any) -> Any:
-    import ufl
-
-    terms = [1 / math.factorial(k) for k in range(2, 2 + _EXP_TERMS)]
-    return _near_0(x, terms, ufl.exp(x) - 1 - x)
-
-
-def _power_remainder(x: Any, n: Any) -> Any:
-    terms = [n * (n - 1) / 2]  # binomial coefficients
-    for k in range(2, 1 + _POWER_TERMS):
-        terms.append(terms[-1] * (n - k) / (k + 1))
-    return _near_0(x, terms, (1 + x) ** n - 1 - n * x)
-
-
-def _near_0(x: Any, terms: list[Any], closed: Any) -> Any:
-    import ufl
-
-    from hpcinv.kinematics.stable_functions import polynomial
-
-    return ufl.conditional(ufl.lt(abs(x), _SERIES_BELOW), x**2 * polynomial(x, terms), closed)
