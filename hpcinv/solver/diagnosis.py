@@ -9,7 +9,7 @@ from hpcinv.solver.newton import Solve
 
 
 class Diagnosis(enum.Enum):
-    """Reasons why the full load was not reached, with message and advice."""
+    """Reasons why the full load was not reached, with message and advice; those named as an `Outcome` explain it."""
 
     LIMIT_POINT = (
         "the load reaches a maximum here (limit point): no solution near by carries more",
@@ -35,7 +35,7 @@ class Diagnosis(enum.Enum):
         "Check the load, the material and their units. If a finer mesh stops at nearly the same load factor, no body of"
         " this material has the given shape under the full load.",
     )
-    INVERSION = (
+    INVERTED = (
         "an element would turn inside out (det F ≤ 0)",
         "Look for poor elements where the body is squeezed or bends most and refine them, or for a load that cannot be"
         " carried.",
@@ -53,7 +53,7 @@ class Diagnosis(enum.Enum):
         "the path of undeformed shapes branches (the tangent's determinant changed its sign)",
         "Beyond this load the undeformed shape is not unique. Lower the load.",
     )
-    LAW_DOMAIN = (
+    OUTSIDE_LAW = (
         "the material would be strained beyond what its law is defined for",
         "Check its limit (such as jm of gent) and the load, or take a law without one.",
     )
@@ -94,8 +94,8 @@ class Diagnosis(enum.Enum):
         "Take it from the beginning, without that limit (solver: {strategy: arc-length}): it shows whether the load has"
         " a limit point here. Else refine the mesh where the body deforms most.",
     )
-    CONTACT = (Outcome.CONTACT_LIMIT.text, Outcome.CONTACT_LIMIT.advice)
-    FORWARD_FAILED = (
+    CONTACT_LIMIT = (Outcome.CONTACT_LIMIT.text, Outcome.CONTACT_LIMIT.advice)
+    FORWARD_FAILED = FIXED_POINT_LIMIT = FIXED_POINT_DIVERGED = (
         "the fixed-point method did not find the shape",
         "Try 'method: direct', which needs no forward solves, or a smaller fixed_point.relaxation.",
     )
@@ -105,30 +105,15 @@ class Diagnosis(enum.Enum):
         self.advice = advice
 
 
-_OF_OUTCOME = {
-    Outcome.LIMIT_POINT: Diagnosis.LIMIT_POINT,
-    Outcome.INVERTED: Diagnosis.INVERSION,
-    Outcome.VOLUME_CHANGED: Diagnosis.VOLUME_CHANGED,
-    Outcome.OUTSIDE_LAW: Diagnosis.LAW_DOMAIN,
-    Outcome.LINEAR_SOLVER: Diagnosis.LINEAR_SOLVER,
-    Outcome.KRYLOV_LIMIT: Diagnosis.KRYLOV_LIMIT,
-    Outcome.ITERATION_LIMIT: Diagnosis.ITERATION_LIMIT,
-    Outcome.CONTACT_LIMIT: Diagnosis.CONTACT,
-    Outcome.STEP_LIMIT: Diagnosis.STEP_LIMIT,
-    Outcome.NOT_FINITE: Diagnosis.NOT_FINITE,
-    Outcome.FORWARD_FAILED: Diagnosis.FORWARD_FAILED,
-    Outcome.FIXED_POINT_LIMIT: Diagnosis.FORWARD_FAILED,
-    Outcome.FIXED_POINT_DIVERGED: Diagnosis.FORWARD_FAILED,
-}
 # Ends of the path for any strategy, which loss of stability does not explain.
 _DECISIVE = {
-    Diagnosis.CONTACT,
+    Diagnosis.CONTACT_LIMIT,
     Diagnosis.LIMIT_POINT,
     Diagnosis.KRYLOV_LIMIT,
-    Diagnosis.LAW_DOMAIN,
+    Diagnosis.OUTSIDE_LAW,
     Diagnosis.FORWARD_FAILED,
 }
-_DEGENERATE = {Diagnosis.INVERSION, Diagnosis.VOLUME_CHANGED}
+_DEGENERATE = {Diagnosis.INVERTED, Diagnosis.VOLUME_CHANGED}
 # Strategies whose last outcome is used for the diagnosis, in order of preference.
 _PREFERRED = ("arc-length", "load steps")
 
@@ -136,7 +121,7 @@ _PREFERRED = ("arc-length", "load steps")
 def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     """Return the reason why the solves of one direction, the last of which failed, ended before the full load."""
     accepted = [solve for solve in solves if solve.outcome.accepted]
-    found = _OF_OUTCOME.get(_last_outcome(solves), Diagnosis.NOT_CONVERGED)
+    found = Diagnosis.__members__.get(_last_outcome(solves).name, Diagnosis.NOT_CONVERGED)
     if found is Diagnosis.LINEAR_SOLVER and not accepted:
         return Diagnosis.ILL_POSED
     if any(solve.load > 1 for solve in accepted) and found is not Diagnosis.STEP_LIMIT:

@@ -81,9 +81,9 @@ HOPELESS = {
     "sphere beyond its limit": (sphere_beyond_its_limit, Diagnosis.NO_UNDEFORMED_SHAPE),
     "law's limit": (
         lambda: bar({"law": "gent", "mu": 1e4, "jm": 0.5, "kappa": "incompressible"}, 1.5),
-        Diagnosis.LAW_DOMAIN,
+        Diagnosis.OUTSIDE_LAW,
     ),
-    "flattened": (flattened, Diagnosis.INVERSION),
+    "flattened": (flattened, Diagnosis.INVERTED),
     "column": (column, Diagnosis.LOSS_OF_STABILITY),
     "few iterations": (
         lambda: bar(NEO_HOOKEAN, 3.0, maximum_iterations=2, minimum_step=0.5, rescue=[]),
