@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -143,14 +142,6 @@ class Evaluations:
         self._digest = cache(file_digest)
         self.content = on_root(comm, self._content)
 
-    def job_at(self, values: Floats, **changes: Any) -> Job:
-        """Return the job with values (SI) of its parameters.
-
-        Raises:
-            JobError: the job does not admit them.
-        """
-        return self._base.with_(texts(self.parameters, values) | changes)
-
     def at(self, values: Floats) -> Evaluation | None:
         """Evaluate the job at values (SI) of the parameters, or take what is kept; on rank 0, ``None`` on others.
 
@@ -158,7 +149,7 @@ class Evaluations:
             Interrupted: on all ranks, if the run was asked to stop.
         """
         try:
-            job = self.job_at(values)
+            job = self._base.with_(texts(self.parameters, values))
         except JobError as error:
             return self._failed(error.message)
         path = on_root(self.comm, lambda: self._path(job))

@@ -48,15 +48,13 @@ class Observed(ABC):
 
     Attributes:
         deviation: standard deviation of each of its numbers, in SI.
+        count: number of its numbers; on rank 0.
     """
+
+    count: int
 
     def __init__(self, spec: Observation, deviation: float) -> None:
         self.spec, self.deviation = spec, deviation
-
-    @property
-    @abstractmethod
-    def count(self) -> int:
-        """Number of its numbers; on rank 0."""
 
     @abstractmethod
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
@@ -79,10 +77,7 @@ class ObservedQuantity(Observed):
         super().__init__(spec, spec.sd.value)
         value = spec.value.value if isinstance(spec.value, Measured) else spec.value
         self._value = np.atleast_1d(np.array(value, dtype=float))
-
-    @property
-    def count(self) -> int:
-        return len(self._value)
+        self.count = len(self._value)
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         assert result.sensitivities is not None
@@ -102,10 +97,7 @@ class ObservedMesh(Observed):
             mesh["unit"] = spec.unit
         source = read_same_cells(MeshSpec.model_construct(**mesh), job, body, "The observed mesh")
         self._points = _whole(body, source.points)
-
-    @property
-    def count(self) -> int:
-        return 0 if self._points is None else self._points.size
+        self.count = 0 if self._points is None else self._points.size
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         arrays = [_whole(result.body, in_source_order(result.body, n)) for n in self._nodes(result, keys)]
@@ -126,6 +118,7 @@ class ObservedLandmarks(Observed):
         else:
             rows = np.array([[*one.at, *one.observed] for one in spec.landmarks or ()])
         self._observed = rows[:, 3:]
+        self.count = self._observed.size
         self._places: list[Location] = []
         for number, at in enumerate(rows[:, :3]):
             if (place := locate(body, at)) is None:
@@ -135,10 +128,6 @@ class ObservedLandmarks(Observed):
                     "Landmarks begin with their position in the given mesh; check their unit.",
                 )
             self._places.append(place)
-
-    @property
-    def count(self) -> int:
-        return self._observed.size
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         arrays = [
@@ -159,10 +148,7 @@ class ObservedSurface(Observed):
         )
         self._points = on_root(body.mesh.comm, read) * spec.unit
         self._facets = None if spec.on is None else body.boundary_facets(spec.on)
-
-    @property
-    def count(self) -> int:
-        return len(self._points)
+        self.count = len(self._points)
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:
         def chosen(facets: LocalIndices, _cells: LocalIndices) -> Floats:

@@ -119,37 +119,36 @@ def identify(
             own.callback(team.Free)
             of_team = own.enter_context(Workspace(team))
         evaluations = Evaluations(job, comm, of_team, shares[comm.rank // size], directory, stop_asked)
-        lock = on_root(comm, lambda: _opened(directory, job, evaluations.content, overwrite=overwrite)) is not None
-        held: list[DirectoryLock] = []
+        if directory is not None:
+
+            def open_and_lock() -> None:
+                _open(directory, job, evaluations.content, overwrite=overwrite)
+                own.callback(DirectoryLock(directory).release)
+
+            on_root(comm, open_and_lock)
+        begun = time.perf_counter()
         try:
-            if directory is not None and lock:
-                on_root(comm, lambda: held.append(DirectoryLock(directory)))
-            begun = time.perf_counter()
-            try:
-                found = estimate(evaluations, report)
-            except Interrupted:
-                where = f"evaluations are kept in {directory}" if directory else "nothing was saved"
-                raise Interrupted(f"stopped by a signal; {where}", "Start the same command again.") from None
-            took, timer = time.perf_counter() - begun, SolveTimer(comm)
-            best = job.with_(changes(found, evaluations.section))
-            result = run(
-                best.with_({"sensitivities": sensitivities(found)}),
-                comm,
-                workspace=workspace,
-                directory=directory and directory / _RUN,
-                overwrite=True,
-                progress=timer,
-                stop_asked=stop_asked,
-            )
-            cost = _cost(found.evaluations, took, timer.solves[0], result.solutions[0].factorizations)
-            shapes, quantities = _spread(result, [p.key for p in found.parameters], found.covariance)
-            identified = Identified(found, best, result, cost, shapes, quantities)
-            if directory is not None:
-                on_root(comm, lambda: _write(directory, identified))
-            return identified
-        finally:
-            for one in held:
-                one.release()
+            found = estimate(evaluations, report)
+        except Interrupted:
+            where = f"evaluations are kept in {directory}" if directory else "nothing was saved"
+            raise Interrupted(f"stopped by a signal; {where}", "Start the same command again.") from None
+        took, timer = time.perf_counter() - begun, SolveTimer(comm)
+        best = job.with_(changes(found, evaluations.section))
+        result = run(
+            best.with_({"sensitivities": sensitivities(found)}),
+            comm,
+            workspace=workspace,
+            directory=directory and directory / _RUN,
+            overwrite=True,
+            progress=timer,
+            stop_asked=stop_asked,
+        )
+        cost = _cost(found.evaluations, took, timer.solves[0], result.solutions[0].factorizations)
+        shapes, quantities = _spread(result, [p.key for p in found.parameters], found.covariance)
+        identified = Identified(found, best, result, cost, shapes, quantities)
+        if directory is not None:
+            on_root(comm, lambda: _write(directory, identified))
+        return identified
 
 
 def _cost(evaluations: Sequence[Evaluation], seconds: float, unit: float, factorizations: int) -> IdentificationCost:
@@ -160,10 +159,8 @@ def _cost(evaluations: Sequence[Evaluation], seconds: float, unit: float, factor
     return IdentificationCost(len(evaluations), len(kept), whole, unit, (total, factorizations))
 
 
-def _opened(directory: Path | None, job: Job, content: str, *, overwrite: bool) -> Path | None:
+def _open(directory: Path, job: Job, content: str, *, overwrite: bool) -> None:
     """Make or check the directory; ``OutputError`` if it is that of something else."""
-    if directory is None:
-        return None
     check_output(directory)
     origin = directory / _ORIGIN
     if directory.exists() and (not directory.is_dir() or (any(directory.iterdir()) and not origin.exists())):
@@ -179,7 +176,6 @@ def _opened(directory: Path | None, job: Job, content: str, *, overwrite: bool) 
                     " used again in either case, if they are there.",
                 )
             replace(origin, json.dumps(data).encode())
-    return directory
 
 
 def _content_of(origin: Path) -> str:
