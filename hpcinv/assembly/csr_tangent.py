@@ -183,7 +183,8 @@ class _Rows:
 
     def _places(self, cells: Integers, block: Block) -> _Places:
         for of_cells, known in self._known:
-            if known.block.nodes == block.nodes and np.array_equal(of_cells, cells):
+            of_block = known.block.rows, known.block.columns
+            if of_block == (block.rows, block.columns) and np.array_equal(of_cells, cells):
                 return known
         dofs = self._dofs[cells]
         rows, columns = np.broadcast_arrays(dofs[:, block.rows.leading(), None], dofs[:, None, block.columns.leading()])

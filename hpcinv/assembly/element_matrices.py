@@ -91,11 +91,6 @@ class Block:
         self._table: Floats = np.zeros((0, 0))
 
     @property
-    def nodes(self) -> tuple[Nodes, Nodes]:
-        """Unknowns of the rows and of the columns."""
-        return self.rows, self.columns
-
-    @property
     def shape(self) -> tuple[int, int, int, int]:
         """Shape of the entries of one cell: test and trial component, test and trial node."""
         return self.rows.components, self.columns.components, self.rows.count, self.columns.count

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 type Bools = npt.NDArray[np.bool_]
 
 _COLUMN = {"fibre": 0, "normal": 1, "sheet": 2}
-_CHUNK = 10_000  # cells at a time, to limit memory
+_CHUNK = 10_000  # most cells at a time, to limit memory
 _FLAT = 1e-7  # change of a Laplace solution over a cell that is not distinguished from none
 _PARALLEL = 1e-3  # sine of the angle between the directions along and across the wall that is not either
 _TURN = 0.5  # cosine of the largest turn of the wall between the middle and other points of a cell
@@ -116,7 +116,7 @@ def _computed(body: Body, rule: FibreRule, where: str) -> Directions:
     values = function.x.array.reshape(-1, 3)
     owned = mesh.topology.index_map(3).size_local
     counts = np.zeros(3, dtype=np.int64)
-    for cells in _chunks(len(dofs)):
+    for cells in np.array_split(np.arange(len(dofs)), 1 + len(dofs) // _CHUNK):
         frames, wall, across, along = _frames(body, rule, potentials, cells, at)
         axes = frames[..., _COLUMN[rule.gives]]
         others, middle = axes[:, :-1], axes[:, -1]
@@ -250,8 +250,8 @@ def _frames(
     else:
         longitudinal = slopes["along"]
     across = np.linalg.norm(slopes["outside"], axis=2) > _FLAT
-    helix = _between(rule.helix, depth)
-    sheet = _between(rule.sheet, depth) if isinstance(rule, VentricleRule) else np.zeros_like(depth)
+    helix = np.interp(depth, (0.0, 1.0), rule.helix)
+    sheet = np.interp(depth, (0.0, 1.0), rule.sheet if isinstance(rule, VentricleRule) else (0.0, 0.0))
     axes, along = _axes(longitudinal, slopes["outside"])
     frames = _turned(axes, helix, sheet)
     if "right" in potentials:
@@ -269,10 +269,6 @@ def _frames(
         frames = _aligned(frames, axes, _turned(np.broadcast_to(np.eye(3), axes.shape), helix, sheet))
         across, along = across | has_left | has_right, along | has_left | has_right
     return frames, axes[..., 1], across, along
-
-
-def _between(angles: tuple[float, float], depth: Floats) -> Floats:
-    return np.asarray(angles[0] + depth * (angles[1] - angles[0]))
 
 
 def _axes(longitudinal: Floats, transmural: Floats) -> tuple[Floats, Bools]:
@@ -327,8 +323,3 @@ def _interpolated(first: Floats, second: Floats, share: Floats) -> Floats:
     between = between * _SIGNS[best][..., None, :]
     rotation = Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec() * share.reshape(-1, 1)
     return np.asarray(first @ Rotation.from_rotvec(rotation).as_matrix().reshape(first.shape))
-
-
-def _chunks(count: int) -> Iterator[npt.NDArray[np.int64]]:
-    for start in range(0, count, _CHUNK):
-        yield np.arange(start, min(start + _CHUNK, count))

@@ -41,6 +41,9 @@ class Parameters:
         ingredients: laws, effects and families of fibres, with their names in messages.
         kin: positions for their formulas.
 
+    Attributes:
+        constant: the one constant of the forms, whose first entries are the load factors.
+
     Raises:
         MeshError: on all ranks, if the mesh lacks what a field needs.
     """
@@ -59,7 +62,7 @@ class Parameters:
         self._functions: dict[str, tuple[fem.Function, Dimension]] = {}
         self._places = [self._places_of(where, ingredient) for where, ingredient in ingredients]
         self._numbers = {where: number for number, (where, _) in enumerate(ingredients)}
-        self._constant = fem.Constant(fields.body.mesh, self._values)
+        self.constant = fem.Constant(fields.body.mesh, self._values)
         self._namespaces = [
             SimpleNamespace(**{n: self._entry(p, kin.given if one.is_attached(n) else kin) for n, p in found.items()})
             for (_, one), found in zip(ingredients, self._places, strict=True)
@@ -67,11 +70,11 @@ class Parameters:
 
     def load(self, case: int) -> Any:
         """Return the load factor of a case, from 0 to 1, as a UFL scalar."""
-        return self._constant[case]
+        return self.constant[case]
 
     def set_load(self, value: float) -> None:
         """Set the load factors of all cases, which are applied in turn, for the share ``value`` of the whole load."""
-        self._constant.value[: self._cases] = [load_factor(value, case, self._cases) for case in range(self._cases)]
+        self.constant.value[: self._cases] = [load_factor(value, case, self._cases) for case in range(self._cases)]
 
     def of(self, index: int) -> Any:
         """Return the quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
@@ -86,7 +89,7 @@ class Parameters:
         for where, ingredient in ingredients:
             self._places_of(where, ingredient)
         assert len(self._values) == count
-        self._constant.value[:] = self._values
+        self.constant.value[:] = self._values
 
     def scale(self, index: int, name: str, factor: float) -> None:
         """Set a uniform quantity of the ``index``-th ingredient to ``factor`` times its value in the job.
@@ -97,12 +100,7 @@ class Parameters:
         place = self._places[index][name]
         if not isinstance(place, int):
             raise TypeError(f"{name} is not one number")
-        self._constant.value[place] = factor * self._values[place]
-
-    @property
-    def constant(self) -> fem.Constant:
-        """The one constant of the forms, whose first entries are the load factors."""
-        return self._constant
+        self.constant.value[place] = factor * self._values[place]
 
     @property
     def functions(self) -> tuple[fem.Function, ...]:
@@ -140,7 +138,7 @@ class Parameters:
     @contextmanager
     def moved(self, along: Direction, step: float) -> Iterator[None]:
         """Context with the parameters a step along a direction; afterwards they are restored exactly."""
-        vectors = [(self._constant.value, along.entries), *((f.x.array, rate.x.array) for f, rate in along.functions)]
+        vectors = [(self.constant.value, along.entries), *((f.x.array, rate.x.array) for f, rate in along.functions)]
         before = [values.copy() for values, _ in vectors]
         for values, rate in vectors:
             values += step * rate
@@ -180,13 +178,13 @@ class Parameters:
     def _entry(self, place: Any, k: Kinematics | OtherState) -> Any:
         match place:
             case int():
-                return self._constant[place]
+                return self.constant[place]
             case list():
                 return ufl.as_vector([self._entry(p, k) for p in place])
             case _Formula(formula, scale, constants):
-                named = {name: self._constant[i] for name, i in constants.items()}
+                named = {name: self.constant[i] for name, i in constants.items()}
                 assert self._metre is not None
-                return self._constant[scale] * at_position(formula, k, self._constant[self._metre], named)
+                return self.constant[scale] * at_position(formula, k, self.constant[self._metre], named)
             case _:
                 return place
 

@@ -90,10 +90,6 @@ class Chooser:
         """True if there is memory for a hierarchy that waits, beside another one and the fields of finer spaces."""
         return _KEPT * self.forecast.multigrid <= self.room
 
-    @property
-    def _budget(self) -> int:
-        return math.ceil(_PATIENCE * CORRECTIONS * self.forecast.krylov)
-
     def choose(self, solver: Solver) -> Choice:
         """Return the configuration that ``solver.linear`` names, or the faster one for which there is memory."""
         if own := _OWN & set(solver.petsc):  # these options would replace options of another configuration
@@ -105,7 +101,7 @@ class Chooser:
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
         return replace(
             chosen,
-            budget=self._budget,
+            budget=math.ceil(_PATIENCE * CORRECTIONS * self.forecast.krylov),
             precision=precision,
             low_rank=low_rank,
             minimum_fill=self._is_slender and self._has_one_rank,  # two ranks make better use of METIS's ordering
