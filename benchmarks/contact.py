@@ -12,7 +12,7 @@ from typing import Any
 
 import hpcinv
 from hpcinv.job.job import Job
-from hpcinv.solver.augmentation import STRATEGY
+from hpcinv.methods.direct import AUGMENTATION
 
 MESHES = Path(__file__).parents[1] / "meshes"
 MATERIAL = {"law": "neo-hookean", "young": "100 kPa", "poisson": 0.3}
@@ -68,7 +68,7 @@ def job(scene: Mapping[str, Any], **more: Any) -> Job:
 
 def counts(given: Job) -> str:
     (solution,) = hpcinv.run(given).solutions
-    updates = sum(solve.strategy == STRATEGY for solve in solution.solves)
+    updates = sum(solve.strategy == AUGMENTATION for solve in solution.solves)
     return f"{solution.factorizations:>14}{updates:>9}"
 
 

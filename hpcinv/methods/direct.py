@@ -8,11 +8,14 @@ from hpcinv.methods.fallbacks import Problem, reach
 from hpcinv.methods.method import UNLOADED, Method, Start
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps
-from hpcinv.solver.augmentation import augment
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.problem import Model
+
+AUGMENTATION = "augmentation"
+"""Strategy of the solves in which the pressures of rigid obstacles, or their nearest points, settle."""
+_MOST_UPDATES = 100  # of contacts
 
 
 class DirectMethod(Method):
@@ -71,12 +74,23 @@ class DirectMethod(Method):
                 yield from self._augment(tolerance)
 
     def _augment(self, tolerance: float) -> Iterator[Solve]:
-        """Yield the solves of the contacts; the full load is reached when these have settled."""
-        solve = None
-        for solve in augment(self.equilibrium, tolerance):
-            yield solve
-        if solve is None or solve.outcome.accepted:
-            self.reached = 1.0
+        """Yield solves at the full load, each after an update of the contacts, until one would change them no more.
+
+        The present state is a solution at the full load, which is reached when the contacts have settled.
+
+        Source: Uzawa's method for contact, Simo & Laursen (1992), doi:10.1016/0045-7949(92)90540-G.
+        """
+        system = self.equilibrium.system
+        for _ in range(_MOST_UPDATES):
+            system.set_load(1.0)
+            if not system.scene.contacts.update():
+                self.reached = 1.0
+                return
+            solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
+            yield replace(solve, strategy=AUGMENTATION)
+            if not solve.outcome.accepted:
+                return
+        yield Solve(1.0, Outcome.CONTACT_LIMIT, (), 0, strategy=AUGMENTATION)
 
     def can_restart_after(self, solve: Solve) -> bool:
         is_between = self.equilibrium.system.scene.contacts.is_iterated and solve.load == 1.0
