@@ -48,6 +48,10 @@ class Model:
     Args:
         like: a model of another state of the body, whose spaces are used.
 
+    Attributes:
+        given: displacement (scaled) of the state in which fibres, fields and densities are given on the current body;
+            ``None`` if that is the state of this model, or nothing is given so.
+
     Raises:
         MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
     """
@@ -57,8 +61,8 @@ class Model:
         self._scenes: dict[tuple[Direction, bool], Scene] = {}
         self._idle: dict[int, Equilibrium] = {}  # by the scene
         self._like = like
-        self._given: Function | None = None
-        self._is_carried = False
+        self.given: Function | None = None
+        self._carried: Function | None = None  # kept for the next use, since scenes refer to it
         self.is_of_given_mesh = True
         with timings("set-up"):
             self.fields: BodyFields = BodyFields(body) if like is None else like.fields
@@ -115,23 +119,16 @@ class Model:
             quadrature: quadrature degree, by default the degree of the job.
         """
         is_kept = known is None and quadrature is None
-        if is_kept and (direction, self._is_carried) in self._scenes:
-            return self._scenes[direction, self._is_carried]
+        key = direction, self.given is not None
+        if is_kept and key in self._scenes:
+            return self._scenes[key]
         known = self.given if known is None else known
         kinematics, degree = KINEMATICS[direction], quadrature or self.quadrature_degree
         with self.timings("compile"):
             scene = Scene(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, known)
         if is_kept:
-            self._scenes[direction, self._is_carried] = scene
+            self._scenes[key] = scene
         return scene
-
-    @property
-    def given(self) -> Function | None:
-        """Displacement (scaled) of the state in which fibres, fields and densities are given on the current body.
-
-        ``None`` if that is the state of this model, or nothing is given so.
-        """
-        return self._given if self._is_carried else None
 
     def given_displacement(self) -> Function | None:
         """Return `given` in m."""
@@ -149,10 +146,10 @@ class Model:
         """
         self.is_of_given_mesh = u is None
         parts = (*self.job.laws.values(), *self.job.effects, *self.job.families.values())
-        self._is_carried = u is not None and any(True for part in parts for _ in given_on_current(part))
-        if u is not None and self._is_carried:
-            self._given = self._given or Function(self.unknowns.displacement_space)  # kept, since scenes refer to it
-            self._given.x.array[:] = u.x.array / self.scales.length
+        self.given = None
+        if u is not None and any(True for part in parts for _ in given_on_current(part)):
+            self.given = self._carried = self._carried or Function(self.unknowns.displacement_space)
+            self.given.x.array[:] = u.x.array / self.scales.length
 
     @contextmanager
     def given_moved(self, along: Function | None, step: float) -> Iterator[None]:
