@@ -9,7 +9,7 @@ quadrature points, the programs that derive and compile, and the compiler's flag
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 from functools import cache
 from hashlib import sha1
@@ -26,7 +26,7 @@ from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 
 from hpcinv.assembly import moduli as derivation
-from hpcinv.assembly.moduli import Slot, TangentModuli, Term, moduli_of, moduli_of_term, volume_parts
+from hpcinv.assembly.moduli import Slot, Term, moduli_of, volume_parts
 from hpcinv.kinematics import staged_derivatives
 from hpcinv.parallel.jit import KernelExpression, compile_expression, load_expression, read_record, write_record
 from hpcinv.parallel.runtime import MPI
@@ -55,41 +55,21 @@ class CompiledModuli:
     expression: KernelExpression
 
 
-def compiled_moduli(residual: Any, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> list[CompiledModuli]:
-    """Return the moduli of a residual; collective; errors as of `moduli_of`."""
-    return _compiled(residual, unknowns, jit_options, lambda: moduli_of(residual, unknowns), unknowns.state)
-
-
-def compiled_moduli_of_term(term: Term, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> list[CompiledModuli]:
-    """Return the moduli of a term; collective; errors as of `moduli_of`."""
-    whole = ufl.replace(term.form, dict(term.factors))
-    return _compiled(whole, unknowns, jit_options, lambda: moduli_of_term(term, unknowns))
-
-
-def _compiled(
-    form: Any,
-    unknowns: Unknowns,
-    jit_options: Mapping[str, Any],
-    derive: Callable[[], list[TangentModuli]],
-    state: Any = None,
-) -> list[CompiledModuli]:
-    """Return the moduli that ``derive`` returns, part by part, of a record or derived; collective.
-
-    Args:
-        state: the function of the form by which it is differentiated, if that is not a trial function.
-    """
-    mesh, functions, constants = unknowns.mesh, form.coefficients(), form.constants()
-    degree, parts = volume_parts(form, unknowns)
+def compiled_moduli(form: Any, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> list[CompiledModuli]:
+    """Return the moduli of a residual or of a `Term`, of a record or derived; collective; errors as of `moduli_of`."""
+    whole = ufl.replace(form.form, dict(form.factors)) if isinstance(form, Term) else form
+    mesh, functions, constants = unknowns.mesh, whole.coefficients(), whole.constants()
+    degree, parts = volume_parts(whole, unknowns)
     points, weights = basix.make_quadrature(mesh.basix_cell(), degree)
-    differentiated = functions.index(state) if state is not None else None
-    name, directory = _name(form.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
+    differentiated = None if isinstance(form, Term) else functions.index(unknowns.state)
+    name, directory = _name(whole.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
     record = mesh.comm.bcast(read_record(name, directory) if mesh.comm.rank == 0 else None)
     kernels = [] if record is None else [_Kernel.from_data(one) for one in json.loads(record)]
     found = [_loaded(kernel, functions, constants, directory) for kernel in kernels]
     loaded = [one for one in found if one is not None]
     if not mesh.comm.allreduce(len(loaded) == len(parts), op=MPI.LAND):
         kernels, loaded = [], []
-        for one in derive():
+        for one in moduli_of(form, unknowns):
             used = list(extract_coefficients(one.expression)), list(extract_constants(one.expression))
             expression = compile_expression(mesh.comm, one.expression, points, *used, jit_options)
             places = [functions.index(f) for f in used[0]], [constants.index(c) for c in used[1]]

@@ -17,7 +17,7 @@ from dolfinx import fem, la
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
-from hpcinv.assembly.compiled_moduli import compiled_moduli, compiled_moduli_of_term
+from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.element_matrices import Block, ElementMatrices, Floats, Integers
 from hpcinv.assembly.moduli import Term, UnsupportedForm
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -50,7 +50,7 @@ class FilledTangent:
     def term(self, term: Term) -> FilledTerm:
         """Return a term that can be added to the tangent; collective."""
         try:
-            moduli = compiled_moduli_of_term(term, self._unknowns, self._options)
+            moduli = compiled_moduli(term, self._unknowns, self._options)
             return [ElementMatrices(one, self._unknowns) for one in moduli]
         except UnsupportedForm:
             return fem.form(ufl.replace(term.form, dict(term.factors)), jit_options=self._options)

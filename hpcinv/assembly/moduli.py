@@ -120,29 +120,24 @@ def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
     return degree, [VolumePart(cells[number], sum((*own[1:], *common), own[0])) for number, own in regions.items()]
 
 
-def moduli_of_term(term: Term, unknowns: Unknowns) -> list[TangentModuli]:
-    """Return the moduli of a term; errors as of `moduli_of`."""
-    trial = ufl.Coefficient(unknowns.space)  # the form is linear in it, and so does not depend on its value
-    found = moduli_of(expand_derivatives(ufl.replace(term.form, {term.trial: trial})), unknowns, trial)
-    return [replace(one, expression=ufl.replace(one.expression, dict(term.factors))) for one in found]
-
-
-def moduli_of(residual: Any, unknowns: Unknowns, state: Any = None) -> list[TangentModuli]:
-    """Return the moduli of the volume integrals of a form, part by part as `volume_parts`.
-
-    Args:
-        state: function by which the form is differentiated, if that is not the state of the unknowns.
+def moduli_of(form: Any, unknowns: Unknowns) -> list[TangentModuli]:
+    """Return the moduli of the volume integrals of a residual, or of a `Term`, part by part as `volume_parts`.
 
     Raises:
-        UnsupportedForm: if the residual has another form than the one above, for example by an effect of a plugin.
+        UnsupportedForm: if the form is another one than that above, for example by an effect of a plugin.
     """
-    _, parts = volume_parts(residual, unknowns)
+    state, factors = unknowns.state, dict[Any, Any]()
+    if isinstance(form, Term):
+        state, factors = ufl.Coefficient(unknowns.space), dict(form.factors)  # linear in it, whatever its value is
+        form = expand_derivatives(ufl.replace(form.form, {form.trial: state}))
+    _, parts = volume_parts(form, unknowns)
     try:
-        return [_moduli(part.integrand, unknowns, unknowns.state if state is None else state) for part in parts]
+        found = [_moduli(part.integrand, unknowns, state) for part in parts]
     except (UnsupportedForm, MemoryError):
         raise
     except Exception as error:  # UFL's errors have many types
         raise UnsupportedForm(f"UFL fails on it: {error}") from error
+    return [replace(one, expression=ufl.replace(one.expression, factors)) for one in found] if factors else found
 
 
 def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> None:
