@@ -217,16 +217,15 @@ class Kinematics(ABC):
     def Grad(self, v: Any) -> Any:
         """Return the gradient of ``v`` with respect to the reference body."""
 
-    @property
-    @abstractmethod
+    @cached_property
     def _h(self) -> Any:
         """Gradient of the map from the mesh to the other body, less ``I``."""
+        return self.sign * ufl.grad(self.u)
 
     def _by_body(self, mesh: Any, other: Any) -> tuple[Any, Any]:
         """Return the value of the reference and the value of the current body."""
         return (mesh, other) if self.sign > 0 else (other, mesh)
 
-    @abstractmethod
     def at_load(self, load: Any) -> tuple[Any, Any]:
         """Return two factors at a load factor: of forces given by the current position, and of motions in space.
 
@@ -234,6 +233,7 @@ class Kinematics(ABC):
         while the obstacle moves. In inverse ones the current position is known, and so are these forces: they grow with
         the load, and motions are complete.
         """
+        return (1, load) if self.sign > 0 else (load, 1)
 
     @cached_property
     def X(self) -> Any:
@@ -352,13 +352,9 @@ class ForwardKinematics(Kinematics):
     direction = "forward"
     sign = 1
 
-    @cached_property
-    def H(self) -> Any:
-        return ufl.grad(self.u)
-
     @property
-    def _h(self) -> Any:
-        return self.H
+    def H(self) -> Any:
+        return self._h
 
     @cached_property
     def F_inverse(self) -> Any:
@@ -366,9 +362,6 @@ class ForwardKinematics(Kinematics):
 
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v)
-
-    def at_load(self, load: Any) -> tuple[Any, Any]:
-        return 1, load
 
 
 class InverseKinematics(Kinematics):
@@ -379,10 +372,6 @@ class InverseKinematics(Kinematics):
 
     direction = "inverse"
     sign = -1
-
-    @cached_property
-    def _h(self) -> Any:
-        return -ufl.grad(self.u)
 
     @cached_property
     def F_inverse(self) -> Any:
@@ -398,6 +387,3 @@ class InverseKinematics(Kinematics):
 
     def Grad(self, v: Any) -> Any:
         return ufl.grad(v) * self._F
-
-    def at_load(self, load: Any) -> tuple[Any, Any]:
-        return load, 1

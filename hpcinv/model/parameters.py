@@ -92,14 +92,8 @@ class Parameters:
         self.constant.value[:] = self._values
 
     def scale(self, index: int, name: str, factor: float) -> None:
-        """Set a uniform quantity of the ``index``-th ingredient to ``factor`` times its value in the job.
-
-        Raises:
-            TypeError: if it varies over the body.
-        """
-        place = self._places[index][name]
-        if not isinstance(place, int):
-            raise TypeError(f"{name} is not one number")
+        """Set a uniform quantity of the ``index``-th ingredient to ``factor`` times its value in the job."""
+        place: int = self._places[index][name]
         self.constant.value[place] = factor * self._values[place]
 
     @property
