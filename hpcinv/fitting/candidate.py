@@ -96,10 +96,6 @@ class Candidate:
         texts = {p.name: quantity(v, p.dimension) for p, v in zip(self.parameters, values, strict=True)}
         return assigned(data, texts)
 
-    def law_with(self, values: Sequence[float]) -> MaterialLaw:
-        """Return the law with values (SI) of the parameters; ``ValidationError`` if it does not admit them."""
-        return type(self.law).model_validate(self.section(values))
-
 
 def quantity(value: float, dimension: Dimension) -> float | str:
     """Return a value with 10 digits in the form of a job: stresses in kPa or MPa, others in SI."""
@@ -137,7 +133,7 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
         )
     is_whole = len(given) > 1
     data = _with_terms(given if is_whole else law.example, law, terms, place)
-    fixed = {key: value for key, value in fixed.items() if _owner(key) in law.model_fields or key in _known(data)}
+    fixed = {k: value for k, value in fixed.items() if k.partition("[")[0] in law.model_fields or k in _known(data)}
     bulk = law.replaceable[1] if law.replaceable else None
     is_stated = bulk in fixed or (is_whole and bulk in given)
     if bulk and not (compressible or is_stated) and (not is_whole or law.model_fields[bulk].is_required()):
@@ -189,10 +185,6 @@ def _with_terms(data: Mapping[str, Any], law: type[MaterialLaw], terms: int | No
 def _known(data: Mapping[str, Any]) -> Mapping[str, Any]:
     found = data.get("parameters", {})
     return found if isinstance(found, Mapping) else {}
-
-
-def _owner(name: str) -> str:
-    return name.partition("[")[0]
 
 
 def _key(name: str, data: Mapping[str, Any]) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import getitem
+from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -262,12 +264,14 @@ class _LeastSquares:
 
     def _admitted(self, values: Floats) -> MaterialLaw:
         """Return the law with these values; ``FitError`` if it does not admit them."""
+        law = type(self._candidate.law)
+        section: Any = self._candidate.section([float(v) for v in values])
         try:
-            return self._candidate.law_with([float(v) for v in values])
+            return law.model_validate(section)
         except ValidationError as error:
-            texts = [text for _, text in problems_in(error, type(self._candidate.law))]
-            found = self._candidate.section([float(v) for v in values])
-            shown = ", ".join(f"{p.name} = {_entry(found, p.place)}" for p in self._candidate.parameters)
+            texts = [text for _, text in problems_in(error, law)]
+            entries = [reduce(getitem, p.place, section) for p in self._candidate.parameters]
+            shown = ", ".join(f"{p.name} = {e}" for p, e in zip(self._candidate.parameters, entries, strict=True))
             raise FitError(
                 f"{self._candidate.label}: the values that fit best, {shown}, are not admissible: {'; '.join(texts)}; "
                 "leave out large strains (--largest-stretch), or choose another law"
@@ -293,9 +297,3 @@ class _LeastSquares:
     def _cost_at(self, values: Floats) -> float:
         with np.errstate(all="ignore"):
             return float((self._residuals(values / self.unit) ** 2).sum())
-
-
-def _entry(section: object, place: tuple[int | str, ...]) -> object:
-    for part in place:
-        section = section[part]  # type: ignore[index]
-    return section

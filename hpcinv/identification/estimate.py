@@ -182,6 +182,8 @@ class _Problem:
         self._lower, self._upper = np.array([bounds_of(s) for s in sought]).T
         self._priors = [prior_of(p, s) for p, s in pairs]
         self._most = section.maximum_evaluations
+        self._counts = [one.count for one in evaluations.observed]
+        self._deviation = np.repeat([one.deviation for one in evaluations.observed], self._counts)
         self._unit = np.array([self._size(i) for i in range(len(pairs))])
         self._known: dict[bytes, Evaluation] = {}
         self._history: list[float] = []
@@ -252,14 +254,6 @@ class _Problem:
                     " or observe something that does"
                 ]
             )
-
-    @cached_property
-    def _counts(self) -> list[int]:
-        return [one.count for one in self._evaluations.observed]
-
-    @cached_property
-    def _deviation(self) -> Floats:
-        return np.repeat([one.deviation for one in self._evaluations.observed], self._counts)
 
     def _inside(self, x: Floats) -> Floats:
         """Return a point strictly within the bounds, as the method needs it."""

@@ -305,8 +305,8 @@ def _deviation(parameters: Sequence[Parameter], by_key: Mapping[str, Value]) -> 
     parts = [np.array(by_key[p.key]) * p.deviation for p in parameters if p.deviation is not None]
     if not parts:
         return None
-    found = np.linalg.norm(parts, axis=0)
-    return [float(v) for v in found] if found.ndim else float(found)
+    found: Value = np.linalg.norm(parts, axis=0).tolist()
+    return found
 
 
 def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float, list[float]]:
