@@ -61,21 +61,17 @@ def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0)
         yield last
     if isinstance(steps, FixedSteps) or last is None:
         return
-    early = stop_early and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least
-    for name in _order(solver.rescue, early=early):
+    names: Sequence[str] = solver.rescue
+    ended_early = stop_early and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least
+    if ended_early:  # at a likely limit point
+        names = ["arc-length", "load steps", *(name for name in names if name != "arc-length")]
+    for name in names:
         if last.outcome.accepted or passed or _is_final(last, load):
             return
         for last in _limited(RESCUES[name](problem, steps, load), EFFORT[name]):
             load = last.load if last.outcome.accepted else load
             passed += last.limit_point
             yield replace(last, strategy=name)
-
-
-def _order(rescue: Sequence[str], *, early: bool) -> Sequence[str]:
-    """Return the fallbacks in order; arc-length is the first if load steps ended early, at a likely limit point."""
-    if not early:
-        return rescue
-    return ["arc-length", "load steps", *(name for name in rescue if name != "arc-length")]
 
 
 def _is_final(solve: Solve, load: float) -> bool:

@@ -45,7 +45,6 @@ class LinearSolver:
         self._is_rounded = choice.precision == "single"
         self._factorized = -1  # number of the tangent that was factorized last
         self._released = -1  # the same before its factors were released, as long as they exist
-        self._has_factors = False
         with system.timings("set-up"):
             self.options = SolverOptions(options)
             self.ksp = PETSc.KSP().create(system.comm)
@@ -65,7 +64,7 @@ class LinearSolver:
             )
         else:
             configuration = Direct(symmetric=not self.choice.is_own, minimum_fill=self.choice.minimum_fill)
-        self._factorized, self._released, self._has_factors = -1, -1, False
+        self._factorized, self._released = -1, -1
         self.options.use(configuration.options)
         self.ksp.reset()
         self.ksp.setOperators(self.system.matrix)
@@ -99,7 +98,7 @@ class LinearSolver:
                 self.ksp.setUp()
             self.ksp.setUpOnBlocks()
             self.ksp.pc.setReusePreconditioner(True)
-        self._factorized, self._released, self._has_factors = self.system.tangents, -1, True
+        self._factorized, self._released = self.system.tangents, -1
         self.factorizations += 1
 
     def factorize_if_needed(self) -> None:
@@ -198,7 +197,7 @@ class LinearSolver:
 
     def forget_factors(self) -> None:
         """Discard the factors after a failed factorization, with which MUMPS cannot continue."""
-        self._factorized, self._released, self._has_factors = -1, -1, False
+        self._factorized, self._released = -1, -1
         self.options.restore()
         self.ksp.pc.reset()
 
@@ -206,7 +205,7 @@ class LinearSolver:
     def symmetric_factors(self) -> PETSc.PC | None:
         """Factors L D Lᵀ of an earlier tangent with their inertia, if there are any."""
         pc = self.ksp.pc
-        if not self._has_factors or pc.getType() != PETSc.PC.Type.CHOLESKY or not is_mumps(pc):
+        if max(self._factorized, self._released) < 0 or pc.getType() != PETSc.PC.Type.CHOLESKY or not is_mumps(pc):
             return None
         factors = pc.getFactorMatrix()
         has_signs = self.system.comm.size == 1 or factors.getMumpsIcntl(13) == 1

@@ -68,21 +68,11 @@ class ExtrapolatedStress:
         return term
 
     @cached_property
-    def _before(self) -> fem.Function:
-        return fem.Function(self._scene.unknowns.space)
-
-    @cached_property
-    def _step(self) -> fem.Function:
-        return fem.Function(self._scene.unknowns.space)
-
-    @cached_property
-    def _of_pressure(self) -> fem.Constant:
-        return fem.Constant(self._scene.unknowns.mesh, 0.0)
-
-    @cached_property
     def _term(self) -> Any:
         scene, kin = self._scene, self._scene.kinematics
         unknowns = scene.unknowns
+        self._before, self._step = fem.Function(unknowns.space), fem.Function(unknowns.space)
+        self._of_pressure = fem.Constant(unknowns.mesh, 0.0)
         trial = ufl.TrialFunction(unknowns.space)
         gradients = kin.Grad(unknowns.v), kin.Grad(trial if unknowns.p is None else ufl.split(trial)[0])
         metric = ufl.sym(gradients[0].T * gradients[1])
