@@ -65,7 +65,8 @@ class DirectMethod(Method):
             yield solve
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return
-        for solve in reach(self.problem, self.steps, load=start.load, passed=start.limit_points):
+        passed = sum(solve.limit_point for solve in start.solves)
+        for solve in reach(self.problem, self.steps, load=start.load, passed=passed):
             is_last = solve.outcome.accepted and solve.load == 1.0 and contacts.is_iterated
             if solve.outcome.accepted and not is_last:
                 self.reached = solve.load

@@ -29,11 +29,6 @@ class Start:
     guess: Guess | None = None
     origin: tuple[Function, Function | None] | None = None
 
-    @property
-    def limit_points(self) -> int:
-        """Number of limit points passed."""
-        return sum(solve.limit_point for solve in self.solves)
-
 
 UNLOADED = Start()
 
