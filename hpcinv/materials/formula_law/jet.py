@@ -247,21 +247,9 @@ def positive_part(q: Jet) -> Jet:
     return Jet(q.strains, ZERO, {}, if_positive(value, value, 0.0), 2 if q.constant else q.order_of_change)
 
 
-def _sinh(q: Jet) -> Jet:
-    return (exp(q) - exp(-q)) * q.strains.number(0.5)
-
-
-def _cosh(q: Jet) -> Jet:
-    return (exp(q) + exp(-q)) * q.strains.number(0.5)
-
-
 def _tanh(q: Jet) -> Jet:
     one, two = q.strains.number(1.0), q.strains.number(2.0)
     return one - two / (exp(two * q) + one)
-
-
-def _abs(q: Jet) -> Jet:
-    return q if q.is_positive else positive_part(q) + positive_part(-q)
 
 
 def _of_constants(name: str) -> Callable[..., Jet]:
@@ -279,10 +267,10 @@ JET_FUNCTIONS: dict[str, Callable[..., Jet]] = {
     "log": ln,
     "ln": ln,
     "sqrt": sqrt,
-    "sinh": _sinh,
-    "cosh": _cosh,
+    "sinh": lambda q: (exp(q) - exp(-q)) * q.strains.number(0.5),
+    "cosh": lambda q: (exp(q) + exp(-q)) * q.strains.number(0.5),
     "tanh": _tanh,
-    "abs": _abs,
+    "abs": lambda q: q if q.is_positive else positive_part(q) + positive_part(-q),
     "min": lambda *terms: reduce(lambda a, b: a - positive_part(a - b), terms),
     "max": lambda *terms: reduce(lambda a, b: b + positive_part(a - b), terms),
     "norm": lambda *terms: sqrt(reduce(operator.add, (t * t for t in terms))),
