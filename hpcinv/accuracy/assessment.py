@@ -11,6 +11,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 type Value = float | list[float]
 
 UNTESTED, LEAST, MOST = 2.0, 1.5, 10.0  # safety factors: of an untested estimate, and their bounds
@@ -133,10 +135,4 @@ def _safety(findings: Sequence[Finding], name: str, demand: float, previous: Ass
 
 def distance(one: Value, other: Value) -> float:
     """Return the distance of two numbers or vectors."""
-    a, b = (v if isinstance(v, list) else [v] for v in (one, other))
-    return math.dist(a, b)
-
-
-def magnitude(value: Value) -> float:
-    """Return the magnitude of a number or vector."""
-    return math.hypot(*value) if isinstance(value, list) else abs(value)
+    return float(np.linalg.norm(np.subtract(one, other)))

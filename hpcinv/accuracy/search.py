@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from hpcinv.accuracy.assessment import UNTESTED, Assessment, Finding, assess, hindsight, magnitude
+from hpcinv.accuracy.assessment import UNTESTED, Assessment, Finding, assess, distance, hindsight
 from hpcinv.accuracy.decision import decide
 from hpcinv.accuracy.forecast import HIGHEST_DEGREE, RefinementForecast, Step
 from hpcinv.accuracy.meshes import Meshes, Variant
@@ -210,8 +210,6 @@ class Search:
     def _tolerance(self) -> float:
         if self.last is None:
             return 1.0
-        size = self.last.solution.largest_displacement
-        shares = [
-            demand / max(size, magnitude(self.findings[-1].values[name])) for name, demand in self.job.accuracy.items()
-        ]
+        size, values = self.last.solution.largest_displacement, self.findings[-1].values
+        shares = [demand / max(size, distance(values[name], 0.0)) for name, demand in self.job.accuracy.items()]
         return max(TOLERANCE * min(shares), FINEST)
