@@ -19,7 +19,7 @@ from hpcinv.driver import run
 from hpcinv.job.job import Job
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cell_count import no_report
-from hpcinv.methods.initial_guess import Guess
+from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.problem_cache import Workspace

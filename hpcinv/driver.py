@@ -10,8 +10,7 @@ from hpcinv.effects import Direction
 from hpcinv.job.job import Job
 from hpcinv.mesh.moved import placed
 from hpcinv.methods import solve_direction
-from hpcinv.methods.initial_guess import Guess
-from hpcinv.methods.method import Start
+from hpcinv.methods.method import Guess, Start
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result

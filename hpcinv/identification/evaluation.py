@@ -28,7 +28,7 @@ from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
-from hpcinv.methods.initial_guess import Guess
+from hpcinv.methods.method import Guess
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, agree, on_root, wait_for_all

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hpcinv.mesh.source import Floats
-from hpcinv.methods.initial_guess import Guess
+from hpcinv.methods.method import Guess
 
 MOST_BYTES = 256_000_000
 """largest size of the solutions that each rank keeps"""

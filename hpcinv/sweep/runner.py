@@ -13,7 +13,7 @@ from hpcinv.batch.task import Runner
 from hpcinv.certificate import Verdict
 from hpcinv.driver import run
 from hpcinv.errors import CheckpointError
-from hpcinv.methods.initial_guess import Guess
+from hpcinv.methods.method import Guess
 from hpcinv.output.progress import SilentProgress
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI, on_root

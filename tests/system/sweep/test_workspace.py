@@ -12,7 +12,7 @@ from hpcinv.driver import run
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.reuse_key import numbers_of, reuse_group_of
-from hpcinv.methods.initial_guess import Guess
+from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.problem_cache import Workspace

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hpcinv.methods.initial_guess import Guess
+from hpcinv.methods.method import Guess
 from hpcinv.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
 
 
