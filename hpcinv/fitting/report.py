@@ -48,15 +48,9 @@ class CheckedFit:
         """Return the sections as YAML, with the source of the figures in comments."""
         fit = self.fit
         tests = "; ".join(f"{t.name} ({len(t)} points)" for t in fit.tests)
-        lines = [f"# fitted by 'hpcinv fit' to {tests}; R² {fit.r_squared:.6f}"]
-        if len(fit.values) > 1:
-            lines.append(f"# correlation of the parameters: {_correlations(fit)}")
-            lines.append("# (sensitivities take the standard deviations as independent of each other)")
-        lines += [f"# {warning}" for warning in self.warnings()]
-        body = yaml.safe_dump(
-            self.job_sections(), sort_keys=False, allow_unicode=True, width=120, default_flow_style=None
-        )
-        return "\n".join(lines) + "\n" + body
+        origin = f"fitted by 'hpcinv fit' to {tests}; R² {fit.r_squared:.6f}"
+        correlation = f"correlation of the parameters: {_correlations(fit)}" if len(fit.values) > 1 else ""
+        return commented(self.job_sections(), origin, correlation, self.warnings())
 
     def warnings(self) -> list[str]:
         """Return what a user should know before the law is used."""
@@ -124,6 +118,16 @@ class CheckedFit:
             "warnings": self.warnings(),
             **self.job_sections(),
         }
+
+
+def commented(sections: dict[str, Any], origin: str, correlation: str, warnings: Sequence[str]) -> str:
+    """Return sections of a job as YAML, below comments: their origin, correlations if there are any, and warnings."""
+    comments = [origin]
+    if correlation:
+        comments += [correlation, "(sensitivities take the standard deviations as independent of each other)"]
+    lines = [f"# {comment}\n" for comment in (*comments, *warnings)]
+    body = yaml.safe_dump(sections, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+    return "".join([*lines, body])
 
 
 def describe(outcome: CheckedFit) -> list[str]:

@@ -9,7 +9,7 @@ import yaml
 
 from hpcinv.fitting.candidate import quantity
 from hpcinv.fitting.linearised import Combination, correlations
-from hpcinv.fitting.report import rounded, short
+from hpcinv.fitting.report import commented, rounded, short
 from hpcinv.identification.estimate import ParameterEstimate
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
@@ -170,11 +170,4 @@ def sections(job: Job, found: ParameterEstimate) -> str:
     names = dict.fromkeys(str(parse_key(key)[0]) for key in job.identify.keys)
     body: dict[str, Any] = {name: job.data[name] for name in names}
     body["sensitivities"] = sensitivities(found)
-    lines = ["# found by 'hpcinv identify'"]
-    if correlation := _correlation(found):
-        lines.append(f"# {correlation}")
-        lines.append("# (sensitivities take the standard deviations as independent of each other)")
-    lines += [f"# {text}" for text in warnings(found)]
-    plain = yaml.safe_load(as_yaml(body))
-    dumped = yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
-    return "\n".join(lines) + "\n" + dumped
+    return commented(yaml.safe_load(as_yaml(body)), "found by 'hpcinv identify'", _correlation(found), warnings(found))
