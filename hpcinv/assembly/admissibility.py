@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.quadrature_values import QuadratureValues
-
-if TYPE_CHECKING:
-    from hpcinv.model.scene import Scene
+from hpcinv.model.scene import Scene
 
 
 class Admissibility:

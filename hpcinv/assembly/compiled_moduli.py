@@ -14,7 +14,7 @@ from dataclasses import astuple, dataclass
 from functools import cache
 from hashlib import sha1
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import basix
 import ffcx
@@ -28,11 +28,9 @@ from ufl.algorithms.analysis import extract_constants
 from hpcinv.assembly import moduli as derivation
 from hpcinv.assembly.moduli import Slot, Term, moduli_of, volume_parts
 from hpcinv.kinematics import staged_derivatives
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import KernelExpression, compile_expression, load_expression, read_record, write_record
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.model.spaces import Unknowns
 
 type Floats = npt.NDArray[np.float64]
 

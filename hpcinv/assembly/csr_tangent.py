@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
@@ -20,11 +20,8 @@ from ufl.algorithms import expand_derivatives
 from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.element_matrices import Block, ElementMatrices, Floats, Integers
 from hpcinv.assembly.moduli import Term, UnsupportedForm
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
-
-if TYPE_CHECKING:
-    from hpcinv.model.scene import Scene
-
 
 type FilledTerm = list[ElementMatrices] | fem.Form
 

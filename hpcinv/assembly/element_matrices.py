@@ -10,15 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from hpcinv.assembly.compiled_moduli import CompiledModuli
-    from hpcinv.assembly.moduli import Slot
-    from hpcinv.model.spaces import Unknowns
+from hpcinv.assembly.compiled_moduli import CompiledModuli
+from hpcinv.assembly.moduli import Slot
+from hpcinv.model.spaces import Unknowns
 
 type Floats = npt.NDArray[np.float64]
 type Integers = npt.NDArray[np.int32]

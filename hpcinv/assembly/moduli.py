@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +20,8 @@ from ufl.classes import Derivative, Variable, Zero
 from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, without_stages
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.model.spaces import Unknowns
 
 
 class UnsupportedForm(Exception):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
@@ -13,17 +14,13 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.assembly.admissibility import Admissibility
+from hpcinv.assembly.moduli import Term
 from hpcinv.assembly.tangent import Tangent, tangent_of
+from hpcinv.model.outcome import Outcome
+from hpcinv.model.scene import Scene
+from hpcinv.model.supports import Supports
 from hpcinv.parallel.jit import JIT_OPTIONS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from hpcinv.assembly.moduli import Term
-    from hpcinv.model.outcome import Outcome
-    from hpcinv.model.scene import Scene
-    from hpcinv.model.supports import Supports
-    from hpcinv.parallel.timings import Timings
+from hpcinv.parallel.timings import Timings
 
 
 class System:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import dolfinx.fem.petsc as fem_petsc
 import ufl
@@ -19,10 +19,8 @@ from petsc4py import PETSc
 
 from hpcinv.assembly.csr_tangent import FilledTangent
 from hpcinv.assembly.moduli import Term, UnsupportedForm
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
-
-if TYPE_CHECKING:
-    from hpcinv.model.scene import Scene
 
 _MANY = 2_000  # cells from which two tangents save more time than the pattern costs
 _assumed: list[int] = []

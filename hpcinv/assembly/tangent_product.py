@@ -11,20 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
+from hpcinv.assembly.compiled_moduli import CompiledModuli
 from hpcinv.assembly.element_matrices import directions_of, tabulated
+from hpcinv.assembly.moduli import Slot
 from hpcinv.mesh.cells import scalar_element
-
-if TYPE_CHECKING:
-    from hpcinv.assembly.compiled_moduli import CompiledModuli
-    from hpcinv.assembly.moduli import Slot
-    from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.model.spaces import Integers, Unknowns
 
 type Floats = npt.NDArray[np.float64]
 type Singles = npt.NDArray[np.float32]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import ufl
@@ -22,11 +22,8 @@ from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.nondimensional import Scales
 from hpcinv.quantity.spatial_fields import VARYING
-
-if TYPE_CHECKING:
-    from hpcinv.quantity.nondimensional import Scales
-
 
 _EXACT = 2.0**-16
 """Change of distances from a triangulated surface at which it has settled, in tolerated penetrations."""

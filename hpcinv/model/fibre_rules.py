@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import basix
 import numpy as np
@@ -23,13 +22,11 @@ from dolfinx import fem
 
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.fibre_rules import FibreRule, TubeRule, VentricleRule
+from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians
 from hpcinv.mesh.source import Floats
 from hpcinv.model.laplace import Dofs, Laplace
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import Body
 
 type Bools = npt.NDArray[np.bool_]
 

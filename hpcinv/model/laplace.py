@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
@@ -13,10 +12,8 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.errors import MeshError
+from hpcinv.mesh import Body
 from hpcinv.parallel.jit import JIT_OPTIONS
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import Body
 
 _ACCURACY, _ITERATIONS = 1e-11, 500
 _QUADRATURE = 4

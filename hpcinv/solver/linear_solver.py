@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.assembly.system import System
 from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.linear.configuration import Configuration
 from hpcinv.solver.linear.direct import Direct, is_mumps
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.linear.selection import Choice, Used
 from hpcinv.solver.petsc_options import SolverOptions, Value
-
-if TYPE_CHECKING:
-    from hpcinv.assembly.system import System
-    from hpcinv.solver.linear.configuration import Configuration
 
 
 class LinearSolver:

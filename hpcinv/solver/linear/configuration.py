@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-if TYPE_CHECKING:
-    from petsc4py import PETSc
+from petsc4py import PETSc
 
-    from hpcinv.solver.linear.convergence_test import Settling
-    from hpcinv.solver.petsc_options import Value
+from hpcinv.solver.linear.convergence_test import Settling
+from hpcinv.solver.petsc_options import Value
 
 
 class Configuration(ABC):

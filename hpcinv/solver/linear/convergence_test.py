@@ -12,14 +12,12 @@ changes that shrink by a factor q leave an error of q/(1-q) of the last one.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import norm
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 _PRECISE = 1e-10  # relative residual, or error, of solutions that are no corrections
 _EXACT = 1e-15  # relative residual of rounding errors

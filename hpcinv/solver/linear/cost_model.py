@@ -12,14 +12,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
-
-if TYPE_CHECKING:
-    from hpcinv.model.spaces import Unknowns
 
 TANGENTS, CORRECTIONS = 4, 8  # of a typical solution
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay

@@ -20,7 +20,7 @@ doi:10.1137/0730031; Vaněk, Mandel & Brezina, Computing 56, 179–196, 1996, do
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
@@ -29,15 +29,13 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.model.rigid_motions import Frame
+from hpcinv.model.scene import Scene
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.configuration import Configuration
 from hpcinv.solver.linear.convergence_test import Settling
-
-if TYPE_CHECKING:
-    from hpcinv.model.scene import Scene
-    from hpcinv.solver.petsc_options import Value
+from hpcinv.solver.petsc_options import Value
 
 _KRYLOV: Mapping[str, Value] = {
     "ksp_type": "fgmres",

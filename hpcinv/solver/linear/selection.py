@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
+from hpcinv.job.settings import Solver
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.available_memory import available
 from hpcinv.solver.linear.cost_model import CORRECTIONS, LOW_RANK, SINGLE, Forecast, shape_of
-
-if TYPE_CHECKING:
-    from hpcinv.job.settings import Solver
-    from hpcinv.model.spaces import Unknowns
 
 _WORTH = 1.5  # least gain of multigrid: factorizations also give signs along the path, and fail at once
 _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solution, as limit of one Newton solve
