@@ -1,7 +1,5 @@
 """Checks of a state of a scene: no element is inverted, and laws are inside their domain."""
 
-from __future__ import annotations
-
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.scene import Scene

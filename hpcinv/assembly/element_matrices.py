@@ -5,8 +5,6 @@ product of moduli (cells × components, points × directions) by basis functions
 functions) in BLAS, which takes a quarter of the time on tetrahedra and a sixth on hexahedra.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ where ``e`` are the unknowns and their gradients. The moduli ``∂s_a/∂e_b`` d
 tangent is the same for all laws (`hpcinv.assembly.element_matrices`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any

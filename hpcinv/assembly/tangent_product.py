@@ -7,8 +7,6 @@ single precision. The spaces of the vectors may have another degree than those o
 evaluated, and their mesh another geometry, with the same cells on the same ranks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Rigid obstacles of contact: shapes with a signed distance, positive where a body may be."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping
 from math import hypot

@@ -1,7 +1,5 @@
 """A material law whose parameters are fitted: which of its numbers are free, within which bounds."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -18,8 +18,6 @@ Source: Simpson & Spector (1983), "On copositive matrices and strong ellipticity
 doi:10.1007/BF00251548; Hadeler (1983), "On copositive matrices", doi:10.1016/0024-3795(83)90095-2.
 """
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -5,8 +5,6 @@ by the parameters and the tangent are its exact derivatives. A free lateral stre
 material, or it is solved for, so that the lateral stress vanishes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

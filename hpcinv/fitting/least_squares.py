@@ -1,7 +1,5 @@
 """Weighted least squares of a law's parameters, and their covariance."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce

@@ -1,7 +1,5 @@
 """Linearised least squares at a solution: covariance of the parameters, and combinations that the data leave free."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Plot of tests and fitted laws."""
 
-from __future__ import annotations
-
 import io
 import itertools
 from collections.abc import Iterator, Sequence

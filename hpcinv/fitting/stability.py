@@ -11,8 +11,6 @@ Source: Hill (1970), "Constitutive inequalities for isotropic elastic solids und
 doi:10.1098/rspa.1970.0018.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

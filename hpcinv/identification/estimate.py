@@ -7,8 +7,6 @@ Source: Branch, Coleman & Li, "A subspace, interior, and conjugate gradient meth
 minimization problems" (1999), doi:10.1137/S1064827595289108.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ Data are on rank 0. A landmark or node has three numbers, its coordinates. A poi
 from the computed surface along the normal there, whose derivative is that of the nearest point along the normal.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Report of an identification: estimate, residuals and identifiability as text, as data, and as sections of a job."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ A directory has ``identification.json``, ``sections.yaml`` (of the job, at the e
 there what was evaluated before.
 """
 
-from __future__ import annotations
-
 import json
 import statistics
 import time

@@ -4,8 +4,6 @@ The rest shape comes from the given state, which each team solves by itself; the
 other, except for those that begin at one another.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ there, angles of both ventricles change linearly through free walls too (the pap
 change is quadratic in the left one).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations

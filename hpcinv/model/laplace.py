@@ -1,7 +1,5 @@
 """Laplace's equation on a body with fixed values on parts of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import dolfinx.fem.petsc as fem_petsc

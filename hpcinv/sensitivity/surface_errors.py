@@ -9,8 +9,6 @@ Source: Shinozuka & Deodatis, "Simulation of multi-dimensional Gaussian stochast
 (1996), doi:10.1115/1.3101883.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterable, Mapping

@@ -4,8 +4,6 @@ Where the motion along the normal is prescribed on the whole surface, the volume
 is known up to a constant only: the tangent is singular.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import entities_to_geometry, exterior_facet_indices

@@ -1,7 +1,5 @@
 """Linear systems with the tangent of a system of equations, solved by PETSc's KSP."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Surfaces of bodies to compare, of meshes, runs, triangles and segmented images, with regions to align by."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of solids for printers and mills: STL, PLY and 3MF."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Mould of a solid: a block without it, whole or split in two by a plane."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import manifold3d

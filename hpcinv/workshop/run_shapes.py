@@ -1,7 +1,5 @@
 """Shapes of a finished run: what it was given, and what it found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

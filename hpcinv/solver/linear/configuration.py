@@ -1,7 +1,5 @@
 """Interface of the configurations of the linear solver."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar

@@ -9,8 +9,6 @@ With factors of the matrix, or of a similar one, an iteration gains so much that
 changes that shrink by a factor q leave an error of q/(1-q) of the last one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

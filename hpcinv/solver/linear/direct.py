@@ -4,8 +4,6 @@ Forward tangents of loads with a potential are symmetric, tangents of inverse pr
 two products with a random vector, whose cost is negligible beside a factorization.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar

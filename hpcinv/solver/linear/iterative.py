@@ -17,8 +17,6 @@ doi:10.1093/acprof:oso/9780199678792.001.0001; Wathen & Silvester, SIAM J. Numer
 doi:10.1137/0730031; Vaněk, Mandel & Brezina, Computing 56, 179–196, 1996, doi:10.1007/BF02238511.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, cast
 

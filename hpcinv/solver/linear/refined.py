@@ -13,8 +13,6 @@ factors are worth. The operator is then ``K M⁻¹``, with the factors M. Its de
 the determinants differ; factors are renewed if the Krylov space shows a negative eigenvalue.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Choice of the linear solver's configuration: by the job, or by size, shape and available memory."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
