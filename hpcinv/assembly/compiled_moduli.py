@@ -18,8 +18,6 @@ from typing import Any
 
 import basix
 import ffcx
-import numpy as np
-import numpy.typing as npt
 import ufl
 from ffcx.codegeneration import get_signature
 from ufl.algorithms import extract_coefficients
@@ -28,11 +26,10 @@ from ufl.algorithms.analysis import extract_constants
 from hpcinv.assembly import moduli as derivation
 from hpcinv.assembly.moduli import Slot, Term, moduli_of, volume_parts
 from hpcinv.kinematics import staged_derivatives
-from hpcinv.model.spaces import Unknowns
+from hpcinv.mesh.source import Floats
+from hpcinv.model.spaces import Integers, Unknowns
 from hpcinv.parallel.jit import KernelExpression, compile_expression, load_expression, read_record, write_record
 from hpcinv.parallel.runtime import MPI
-
-type Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class CompiledModuli:
         expression: evaluates to (cells, points, values) at the present state.
     """
 
-    cells: npt.NDArray[np.int32] | None
+    cells: Integers | None
     points: Floats
     weights: Floats
     pairs: tuple[tuple[Slot, Slot], ...]

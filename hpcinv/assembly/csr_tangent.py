@@ -18,9 +18,11 @@ from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.compiled_moduli import compiled_moduli
-from hpcinv.assembly.element_matrices import Block, ElementMatrices, Floats, Integers
+from hpcinv.assembly.element_matrices import Block, ElementMatrices
 from hpcinv.assembly.moduli import Term, UnsupportedForm
+from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
+from hpcinv.model.spaces import Integers
 from hpcinv.parallel.jit import JIT_OPTIONS
 
 type FilledTerm = list[ElementMatrices] | fem.Form

@@ -11,14 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from hpcinv.assembly.compiled_moduli import CompiledModuli
 from hpcinv.assembly.moduli import Slot
-from hpcinv.model.spaces import Unknowns
-
-type Floats = npt.NDArray[np.float64]
-type Integers = npt.NDArray[np.int32]
+from hpcinv.mesh.source import Floats
+from hpcinv.model.spaces import Integers, Unknowns
 
 _CHUNK = 2**19  # entries of element matrices at a time, which fit in the cache of a core
 

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.parallel.runtime import MPI, on_root
 
