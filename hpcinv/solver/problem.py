@@ -27,14 +27,13 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.nondimensional import Scales, power_of_two
 from hpcinv.solver.arc_length import ArcLengthSteps
-from hpcinv.solver.enclosure_check import check_not_enclosed
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.linear.selection import Chooser
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps
 from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.predictor import Predictor
-from hpcinv.solver.rigid_motion_check import check_agreement, check_held
+from hpcinv.solver.support_checks import check_agreement, check_held, check_not_enclosed
 
 KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
 

@@ -32,7 +32,7 @@ from hpcinv.mesh.io.gmsh_model import metis
 from hpcinv.mesh.source import DataArray, Group
 from hpcinv.output.checkpoint import Checkpoints, Position
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.solver.rigid_motion_check import parts_of
+from hpcinv.solver.support_checks import parts_of
 
 CLOSE = 1e-12
 MOVE = np.array([3.0, 2.0, 1.0])
