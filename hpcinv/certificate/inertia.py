@@ -34,7 +34,7 @@ _OPTIONS: Mapping[str, Value] = {
     "mat_mumps_icntl_14": 50,
 }
 _ROUNDED: Mapping[str, Value] = {"pc_precision": "single"}
-_LOW_RANK: Mapping[str, Value] = {"mat_mumps_icntl_35": 2, "mat_mumps_cntl_7": 1e-3}
+_LOW_RANK: Mapping[str, Value] = {"mat_mumps_icntl_35": 2, "mat_mumps_cntl_7": 1e-4}
 _MINIMUM_FILL: Mapping[str, Value] = {"mat_mumps_icntl_7": 2}
 _ITERATIONS = 30  # of GMRES, by which rounded and kept factors are tested
 _SOLVED = 1e-8  # relative residual there
@@ -98,15 +98,18 @@ def factorize_symmetric(
     option: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
     symmetric.setOption(option, True)
     options = {**_OPTIONS, **(_MINIMUM_FILL if minimum_fill else {})}
-    if rounded:
-        pc = _factorized(symmetric, {**options, **_ROUNDED, **(_LOW_RANK if low_rank else {})})
-        if pc is not None and not _has_inertia_of(pc, symmetric):
-            pc.destroy()
-            pc = None
-    pc = pc or _factorized(symmetric, options)
+    roundings = [{**_ROUNDED, **_LOW_RANK}, _ROUNDED] if low_rank else [_ROUNDED]
+    found: PETSc.PC | None = None
+    for rounding in [*roundings, {}] if rounded else [{}]:
+        if (pc := _factorized(symmetric, {**options, **rounding})) is None:
+            continue
+        if not rounding or _has_inertia_of(pc, symmetric):
+            found = pc
+            break
+        pc.destroy()
     if symmetric is not matrix:
         symmetric.destroy()
-    return None if pc is None else SymmetricFactors(pc, asymmetry)
+    return None if found is None else SymmetricFactors(found, asymmetry)
 
 
 class _SymmetricPart:

@@ -46,7 +46,9 @@ MANY = 5e9
 """Operations of a factorization in the finer spaces from which iterations are worth their error: it takes seconds."""
 _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
-_LEFT = 0.2  # of the correction at which it is found, by the last change and the contraction of the residual
+# What is left of the correction when it is found, by the last change and the contraction of the residual: as a share of
+# its norm, and of its largest value.
+_LEFT, _LEFT_ANYWHERE = 0.2, 0.3
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
@@ -169,11 +171,10 @@ class _FinerProblem:
             direction = r / self._diagonal if is_smoothing else self._coarse.solve(r)
             if not is_smoothing:
                 found, residual = x + direction, self._length(r)
-                change, size = self._length((found - last)[u]), self._length(found[u])
-                if not np.isfinite(size + residual):
-                    return None
                 contraction = residual / before
-                if residual == 0.0 or (k > _SMOOTHING and change * contraction <= _LEFT * size * (1 - contraction)):
+                if not math.isfinite(contraction):
+                    return None
+                if residual == 0.0 or (k > _SMOOTHING and self._is_found((found - last)[u], found[u], contraction)):
                     return found
                 last, before = found, residual
             product = self._times(direction)
@@ -186,6 +187,12 @@ class _FinerProblem:
             x += part * directions[k]
             r -= part * products[k]
         return None
+
+    def _is_found(self, change: Singles, found: Singles, contraction: float) -> bool:
+        """Return whether a displacement is known, after its last change, well enough."""
+        more = contraction / (1 - contraction) if contraction < 1 else math.inf
+        whole = more * self._length(change) <= _LEFT * self._length(found)
+        return whole and more * self._largest(change) <= _LEFT_ANYWHERE * self._largest(found)
 
     def _times(self, x: Singles) -> Singles:
         """Return ``K x``."""
@@ -210,6 +217,9 @@ class _FinerProblem:
 
     def _sum(self, a: Any) -> Any:
         return self._comm.allreduce(a, op=MPI.SUM)
+
+    def _largest(self, a: Singles) -> float:
+        return float(self._comm.allreduce(float(np.abs(a).max(initial=0.0)), op=MPI.MAX))
 
     def _length(self, a: Singles) -> float:
         return math.sqrt(self._sum(float(a @ a)))
