@@ -1,8 +1,7 @@
 """A study as a batch: each run is executed from the beginning, without reuse of earlier runs, since it is timed."""
 
 import contextlib
-import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -33,15 +32,20 @@ class StudyTask(BatchTask):
 
 
 class StudySchedule:
-    """Schedule of the open executions of a study; on the first rank."""
+    """Schedule of the executions of a study: all first ones, then all second ones, …; on the first rank."""
 
     def __init__(self, executions: Executions) -> None:
         self.executions = executions
-        self._tasks = self._all()
 
     def next(self) -> StudyTask | Pause | None:
         """Claim an execution; ``None`` if all are finished."""
-        return next(self._tasks, None)
+        known = self.executions
+        known.read()
+        for number, i, job in (open_ones := known.open_ones()):
+            if (claim := known.ledger.claim(known.execution_key(i, number))) is not None:
+                done, total = known.count()
+                return StudyTask(known.plan.runs[i].place.title, job, claim, done + 1, total)
+        return Pause.WAIT if open_ones else None  # other allocations hold the rest
 
     def report(self, task: StudyTask, record: CaseRecord) -> str:
         line = f"[{task.number}/{task.total}] {task.title}: "
@@ -49,50 +53,6 @@ class StudySchedule:
             return line + record.status
         seconds = record.statistics["timings"]["total"]
         return line + f"{seconds:.2f} s" + (", not counted: kernels had to be compiled" if record.compiled else "")
-
-    def _all(self) -> Iterator[StudyTask | Pause]:
-        while True:
-            has_claimed = False
-            for task in self._rounds():
-                has_claimed = True
-                yield task
-            if self._is_finished():
-                return
-            if not has_claimed:  # other allocations hold the rest
-                yield Pause.WAIT
-            self.executions.read()
-
-    def _rounds(self) -> Iterator[StudyTask]:
-        """Yield all first executions, then all second ones, …, except those that others hold."""
-        known = self.executions
-        runs = range(len(known.plan.runs))
-        for number in itertools.count():
-            left = [i for i in runs if number == 0 or (known.is_ready(i) and number < known.needed(i))]
-            if not left:
-                return
-            for i in left:
-                # Further executions of a run begin when the first one has converged.
-                if known.is_ready(i) and number < known.needed(i) and (number == 0 or known.is_known(i, 0)):
-                    yield from self._claimed(i, number)
-
-    def _claimed(self, run: int, number: int) -> Iterator[StudyTask]:
-        """Yield one execution of a run, if it is open and not held."""
-        known = self.executions
-        job = known.job(run)
-        if job is None or known.is_known(run, number):
-            return
-        claim = known.ledger.claim(known.execution_key(run, number))
-        if claim is not None:
-            done, total = known.count()
-            yield StudyTask(known.plan.runs[run].place.title, job, claim, done + 1, total)
-            known.read()
-
-    def _is_finished(self) -> bool:
-        known = self.executions
-        return all(
-            known.is_ready(i) and all(known.is_known(i, n) for n in range(known.needed(i)))
-            for i in range(len(known.plan.runs))
-        )
 
 
 class StudyRunner(Runner[StudyTask]):

@@ -69,9 +69,6 @@ class Executions:
         """Return whether all values that a run takes from other runs are known."""
         return run in self._jobs or all(self.is_ready(i) and self._first(i) is not None for _, i in self._sources(run))
 
-    def is_known(self, run: int, number: int) -> bool:
-        return self.execution_key(run, number) in self._records
-
     def records(self, run: int) -> list[CaseRecord]:
         """Return the records of a ready run, in the order of its executions."""
         found = self._prepared(run)
@@ -79,11 +76,6 @@ class Executions:
             return [found]
         keys = (self.execution_key(run, number) for number in range(self.repetitions(run) + 1))
         return [self._records[key] for key in keys if key in self._records]
-
-    def job(self, run: int) -> Job | None:
-        """Return the job of a ready run; ``None`` if it cannot begin."""
-        found = self._prepared(run)
-        return None if isinstance(found, CaseRecord) else found[0]
 
     def key(self, run: int) -> str:
         """Return the hash of a ready run's content, the same for equal runs; empty if the run cannot begin."""
@@ -125,6 +117,18 @@ class Executions:
                 keys = []
             found |= {key: Execution(key, run.place.title, group) for key in keys if key not in found}
         return found
+
+    def open_ones(self) -> list[tuple[int, int, Job]]:
+        """Return number, run and job of the executions that can begin, in this order.
+
+        Further executions of a run begin when the first one has converged.
+        """
+        found = []
+        for i in range(len(self.plan.runs)):
+            if self.is_ready(i) and not isinstance(prepared := self._prepared(i), CaseRecord):
+                left = [n for n in range(self.needed(i)) if self.execution_key(i, n) not in self._records]
+                found += [(n, i, prepared[0]) for n in (left[:1] if 0 in left else left)]
+        return sorted(found, key=lambda one: one[:2])
 
     def count(self) -> tuple[int, int]:
         """Return the numbers of executions that are finished, and that are finished or needed."""
