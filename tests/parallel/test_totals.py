@@ -72,7 +72,7 @@ def test_loads_that_cancel_have_no_resultant() -> None:
 @pytest.mark.parametrize(
     ("job", "text"),
     [
-        (block(0.12e-3), "the body is 120 um long: is mesh.unit (m) what its mesh is in?"),
+        (block(0.12e-3), "the body is 120 µm long: is mesh.unit (m) what its mesh is in?"),
         (block(120.0), "the body is 120 m long: is mesh.unit (m)"),
         (block(1.2), "Young's modulus of the stiffest part: are mesh.unit, density and moduli"),
         (block(0.1, effects=[GRAVITY | {"density": 1.05}]), "the mean density is 1.05 kg/m^3"),

@@ -616,7 +616,7 @@ def crossing() -> pyvista.PolyData:
     [
         (half, {}, "the surface is open: "),
         (crossing, {}, "the surface cuts itself"),
-        (pyvista.Sphere, {"size": "1 um", "unit": "m"}, "is too large for cells of 1 um"),
+        (pyvista.Sphere, {"size": "1 um", "unit": "m"}, "is too large for cells of 1 µm"),
         (pyvista.Sphere, {"unit": None}, "mesh.unit"),
         (pyvista.Sphere, {"labels": {"body": 1}}, "mesh.labels: is for segmented images only"),
     ],
