@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py.util.dtlib import from_numpy_dtype
+from petsc4py import PETSc
 
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.parallel.runtime import MPI
@@ -34,17 +39,36 @@ class Rows:
         return int(self.offsets[-1])
 
     def fetch[T: np.generic](self, values: npt.NDArray[T], wanted: npt.NDArray[np.integer]) -> npt.NDArray[T]:
-        """The rows ``wanted`` (w,), of any ranks, of an array of which this rank has the rows ``values``."""
-        route = _Route.to(self.comm, self.offsets, wanted)
-        return route.send_back(values[route.send(np.asarray(wanted, dtype=np.int64)[:, None])[:, 0] - self.first])
+        """The rows ``wanted`` (w,), of any ranks, of an array of which this rank has the rows ``values`` (n, c)."""
+        mine, found = np.ascontiguousarray(values), np.empty((len(wanted), values.shape[1]), dtype=values.dtype)
+        with self._forest(len(mine), wanted, mine) as (forest, row):
+            forest.bcastBegin(row, mine, found, MPI.REPLACE)
+            forest.bcastEnd(row, mine, found, MPI.REPLACE)
+        return found
 
     def deliver(self, values: Floats, rows: npt.NDArray[np.integer]) -> Floats:
         """Rows of this rank of an array whose ``rows`` (w,) have ``values`` (w, c), given by any rank; else NaN."""
-        route = _Route.to(self.comm, self.offsets, rows)
-        mine = route.send(np.asarray(rows, dtype=np.int64)[:, None])[:, 0] - self.first
-        result = np.full((int(self.offsets[self.comm.rank + 1]) - self.first, values.shape[1]), np.nan)
-        result[mine] = route.send(values)
+        given, count = np.ascontiguousarray(values), int(self.offsets[self.comm.rank + 1]) - self.first
+        result = np.full((count, values.shape[1]), np.nan)
+        with self._forest(count, rows, given) as (forest, row):
+            forest.reduceBegin(row, given, result, MPI.REPLACE)
+            forest.reduceEnd(row, given, result, MPI.REPLACE)
         return result
+
+    @contextmanager
+    def _forest(self, count: int, rows: npt.NDArray[np.integer], values: npt.NDArray[Any]) -> Iterator[tuple[Any, Any]]:
+        """Context with PETSc's star forest from ``rows`` (w,) to the ``count`` ones of each rank, and a row's type."""
+        owner = np.searchsorted(self.offsets, rows, side="right") - 1  # side="right": ranks may have no rows
+        forest: Any = PETSc.SF()  # whose type hints take no arrays
+        forest.create(self.comm)
+        place = np.stack([owner, rows - self.offsets[owner]], axis=1).astype(PETSc.IntType)
+        forest.setGraph(count, None, place)
+        row = from_numpy_dtype(values.dtype).Create_contiguous(values.shape[1]).Commit()
+        try:
+            yield forest, row
+        finally:
+            row.Free()
+            forest.destroy()
 
     def checksum(self, values: npt.NDArray[np.generic]) -> str:
         """Checksum (16 hex digits) of an array of which this rank has ``values``, independent of the distribution."""
@@ -62,41 +86,6 @@ class Rows:
 def even_range(total: int, size: int, rank: int) -> tuple[int, int]:
     """Range of the rows of one of ``size`` ranks, if all have equal numbers to within one."""
     return rank * total // size, (rank + 1) * total // size
-
-
-@dataclass(frozen=True)
-class _Route:
-    """Exchange of rows: their order by the rank that owns them, and the numbers sent to and received from each rank."""
-
-    comm: MPI.Intracomm
-    order: Ints
-    sent: Ints
-    received: Ints
-
-    @classmethod
-    def to(cls, comm: MPI.Intracomm, offsets: Ints, rows: npt.NDArray[np.integer]) -> _Route:
-        owner = np.searchsorted(offsets, rows, side="right") - 1  # side="right": ranks may have no rows
-        sent = np.bincount(owner, minlength=comm.size).astype(np.int64)
-        received = np.empty_like(sent)
-        comm.Alltoall(sent, received)
-        return cls(comm, np.argsort(owner, kind="stable"), sent, received)
-
-    def send[T: np.generic](self, values: npt.NDArray[T]) -> npt.NDArray[T]:
-        """Send a row of ``values`` (w, c) for each row; return those that this rank receives."""
-        return self._exchanged(values[self.order], self.sent, self.received)
-
-    def send_back[T: np.generic](self, answers: npt.NDArray[T]) -> npt.NDArray[T]:
-        """Send a row of ``answers`` for each row received; return those to this rank's rows, in their order."""
-        found = self._exchanged(answers, self.received, self.sent)
-        result = np.empty_like(found)
-        result[self.order] = found
-        return result
-
-    def _exchanged[T: np.generic](self, values: npt.NDArray[T], out: Ints, into: Ints) -> npt.NDArray[T]:
-        width = values.shape[1]
-        received = np.empty((int(into.sum()), width), dtype=values.dtype)
-        self.comm.Alltoallv([np.ascontiguousarray(values), out * width], [received, into * width])
-        return received
 
 
 def _mixed(numbers: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
