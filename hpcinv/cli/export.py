@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import length_unit, on_one_process
+from hpcinv.cli.mesh_input import length, length_unit, on_one_process
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import add_option
-from hpcinv.quantity.units import Dimension, parse_quantity, readable
+from hpcinv.quantity.units import readable
 
 if TYPE_CHECKING:
     from hpcinv.workshop.mould import Split
     from hpcinv.workshop.solid import Solid
-
-_LENGTH = Dimension(length=1)
 
 
 def add_export(commands: Any) -> None:
@@ -65,8 +63,8 @@ def add_export(commands: Any) -> None:
 
 def _export(options: argparse.Namespace) -> int:
     unit = length_unit(options.unit)
-    wall = _length("--wall", options.wall) / unit
-    tolerance = None if options.tolerance is None else _length("--tolerance", options.tolerance)
+    wall = length("--wall", options.wall) / unit
+    tolerance = None if options.tolerance is None else length("--tolerance", options.tolerance)
     if not (options.scale > 0 and math.isfinite(options.scale)):
         raise OutputError(f"--scale {options.scale:g}: must be above 0")
     plane = _plane(options, unit)
@@ -116,19 +114,6 @@ def _warn(options: argparse.Namespace, part: Solid, split: Split | None) -> None
         print(f"warning: {options.mould}: {text}; a soft part may still come out", file=sys.stderr)
 
 
-def _length(option: str, text: str, *, positive: bool = True) -> float:
-    """Return a length in m; ``OutputError`` if it is none, or has no unit."""
-    try:
-        value, dimension = parse_quantity(text)
-    except ValueError as error:
-        raise OutputError(f"{option} {text}: {error}") from None
-    if dimension != _LENGTH:
-        raise OutputError(f"{option} {text}: must be a length with a unit, such as '10 mm'")
-    if positive and not value > 0:
-        raise OutputError(f"{option} {text}: must be above 0")
-    return value
-
-
 def _plane(options: argparse.Namespace, unit: float) -> tuple[int, float | None] | None:
     """Return axis and position of the plane that splits the mould."""
     if options.split is None:
@@ -138,7 +123,7 @@ def _plane(options: argparse.Namespace, unit: float) -> tuple[int, float | None]
     name, equals, position = (part.strip() for part in options.split.partition("="))
     if name not in ("x", "y", "z"):
         raise OutputError(f"--split {options.split}: must be x, y or z, and may have a position, such as 'z=12 mm'")
-    return "xyz".index(name), _length("--split", position, positive=False) / unit if equals else None
+    return "xyz".index(name), length("--split", position, positive=False) / unit if equals else None
 
 
 def _halves(path: Path | None, split: Split | None) -> list[Path]:

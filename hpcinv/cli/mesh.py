@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import JOBS, mesh_spec, on_one_process
+from hpcinv.cli.options import positive
 from hpcinv.cli.show import add_picture, show
 from hpcinv.errors import JobError, OutputError
 from hpcinv.files.untrusted import add_option, is_asked, mesh_fault
@@ -63,7 +64,7 @@ def add_mesh(commands: Any) -> None:
     partition.add_argument("input", type=Path, help="a mesh, a generator of one, or a job, whose mesh is taken")
     partition.add_argument("output", type=Path, help="partitioned mesh to write or replace (.bp)")
     partition.add_argument(
-        "--parts", type=int, required=True, help="number of parts, best a multiple of the ranks that will read it"
+        "--parts", type=positive, required=True, help="number of parts, best a multiple of the ranks that will read it"
     )
     partition.add_argument(
         "--parameter", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the generator"
@@ -192,8 +193,6 @@ def _segments_of(text: str) -> tuple[str, list[int | str]]:
 def _partition(options: argparse.Namespace) -> int:
     if options.output.suffix != SUFFIX:
         raise OutputError(f"{options.output}: a partitioned mesh ends in {SUFFIX}", f"Name it *{SUFFIX}.")
-    if options.parts < 1:
-        raise OutputError(f"--parts {options.parts}: there must be one at least")
     spec, path = _asked_for(options)
     on_one_process("mesh")
     from hpcinv.mesh.body import read_source

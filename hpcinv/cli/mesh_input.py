@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from hpcinv.errors import OutputError
 from hpcinv.files.untrusted import is_asked
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.sections import LENGTH, MeshSpec
 from hpcinv.quantity.schema import job_error
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import LENGTH_UNITS, parse_quantity
@@ -38,6 +38,19 @@ def length_unit(symbol: str) -> float:
     if symbol not in LENGTH_UNITS:
         raise OutputError(f"--unit {symbol}: is no unit of length.{did_you_mean(symbol, LENGTH_UNITS)}")
     return parse_quantity(f"1 {symbol}")[0]
+
+
+def length(option: str, text: str, *, positive: bool = True) -> float:
+    """Return a length in m; ``OutputError`` if it is none, or has no unit."""
+    try:
+        value, dimension = parse_quantity(text)
+    except ValueError as error:
+        raise OutputError(f"{option} {text}: {error}") from None
+    if dimension != LENGTH:
+        raise OutputError(f"{option} {text}: must be a length with a unit, such as '10 mm'")
+    if positive and not value > 0:
+        raise OutputError(f"{option} {text}: must be above 0")
+    return value
 
 
 def on_one_process(command: str) -> None:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import label_of
+from hpcinv.cli.mesh_input import length, length_unit
 from hpcinv.errors import JobError, OutputError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.job.job import parse
 from hpcinv.job.sections import IMAGES, SURFACES
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.materials import laws
-from hpcinv.quantity.quantity import QUANTITIES
 from hpcinv.quantity.schema import NAME_OF_FILE
 
 if TYPE_CHECKING:  # validation loads no numpy
@@ -193,12 +193,12 @@ def _of_wall(options: argparse.Namespace) -> _Source:
     from hpcinv.mesh.export import save
     from hpcinv.mesh.imaging.hollow_wall import CAVITY, WALL, hollow_wall_mesh, wall_size
 
-    path, unit, example = options.image, _unit(options), f"{WALL}=1 --label {CAVITY}=2"
+    path, unit, example = options.image, length_unit(options.unit or "mm"), f"{WALL}=1 --label {CAVITY}=2"
     labels = _labels(options, example)
     if labels.keys() != {WALL, CAVITY}:
         raise JobError([f"--label: {_article(options.kind)} has two regions in an image: --label {example}"])
     size = options.size or _size_in_wall(*wall_size(path, labels, unit))
-    metres = _parsed("Size", size, f"--size {size}")
+    metres = length("--size", size)
     ends, inner, outer = _SURFACES[options.kind]
     meshed = hollow_wall_mesh(
         path, labels, metres, unit, ends, inner, outer, lambda text: print(f"{path}: {text}", flush=True)
@@ -224,7 +224,7 @@ def _of_image(options: argparse.Namespace) -> _Source:
 
     from hpcinv.mesh.imaging.label_image import read_labels
 
-    path, unit = options.image, _unit(options)
+    path, unit = options.image, length_unit(options.unit or "mm")
     labels = _labels(options, f"{options.kind}=1")
     image = read_labels(path, labels, unit)
     places = np.argwhere(image.voxels > 0)
@@ -245,7 +245,7 @@ def _of_surface(options: argparse.Namespace) -> _Source:
 
     from hpcinv.mesh.imaging.closed_surface import read_closed
 
-    path, unit = options.surface, _unit(options)
+    path, unit = options.surface, length_unit(options.unit)
     surface = read_closed(path)
     bounds = np.array(surface.bounds).reshape(3, 2).T * unit
     size = _size(options, abs(float(surface.volume)) * unit**3)
@@ -293,21 +293,9 @@ def _section(entries: list[str]) -> str:
 def _size(options: argparse.Namespace, volume: float) -> str:
     """The size of cells, as it stands in a job."""
     if options.size is not None:
-        _parsed("Size", options.size, f"--size {options.size}")
+        length("--size", options.size)
         return str(options.size)
     return f"{(volume / (_CELL * _CELLS)) ** (1 / 3) * 1e3:.2g} mm"
-
-
-def _unit(options: argparse.Namespace) -> float:
-    """The unit of an image or a surface in m; only images have one by default."""
-    return _parsed("Length", f"1 {options.unit or 'mm'}", f"--unit {options.unit}")
-
-
-def _parsed(quantity: str, text: str, option: str) -> float:
-    try:
-        return QUANTITIES[quantity].parse(text)
-    except ValueError as error:
-        raise JobError([f"{option}: {error}"]) from None
 
 
 def _relative(path: Path, options: argparse.Namespace) -> str:

@@ -111,7 +111,7 @@ _READABLE = {
     "N": ((1e-9, "nN"), (1e-6, "µN"), (1e-3, "mN"), (1.0, "N"), (1e3, "kN"), (1e6, "MN")),
     "Pa": ((1e-3, "mPa"), (1.0, "Pa"), (1e3, "kPa"), (1e6, "MPa"), (1e9, "GPa")),
 }
-LENGTH_UNITS = ("m", "mm", "um", "nm", "cm", "dm", "km", "in", "ft")
+LENGTH_UNITS = ("m", "mm", "um", "nm", "cm", "dm", "km", "in", "ft", "µm")
 
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _QUANTITY = re.compile(rf"\s*((?>{NUMBER}))\s*(.*?)\s*", re.DOTALL)

@@ -369,7 +369,6 @@ def test_the_command_takes_a_mesh_a_generator_or_a_job(
     capsys.readouterr()
     wrong = (
         ([meshes / "box.py", tmp_path / "a.bp", "--parts", 9999], "has 384 cells, too few for 9999 parts"),
-        ([meshes / "box.py", tmp_path / "a.bp", "--parts", 0], "there must be one at least"),
         ([meshes / "box.py", tmp_path / "a.msh", "--parts", 2], "a partitioned mesh ends in .bp"),
         ([meshes / "box.py", tmp_path / "a.bp", "--parts", 2, "--parameter=n=2"], "box.py has no such parameter"),
         ([job, tmp_path / "a.bp", "--parts", 2, "--unit=mm"], "says itself which"),
@@ -378,4 +377,7 @@ def test_the_command_takes_a_mesh_a_generator_or_a_job(
     for arguments, message in wrong:
         assert main(["mesh", "partition", *map(str, arguments)]) == 2
         assert message in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["mesh", "partition", str(meshes / "box.py"), str(tmp_path / "a.bp"), "--parts", "0"])
+    assert "--parts: must be 1 or more" in capsys.readouterr().err
     assert not (tmp_path / "a.bp").exists()

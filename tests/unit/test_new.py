@@ -163,7 +163,7 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
         ("liver --image no.nii.gz --label liver=5 job.yaml", "--image no.nii.gz: no such file"),
         ("liver --label liver=5 job.yaml", "--label: is for an image, and there is no --image"),
         ("part --surface it.stl job.yaml", "--unit: is needed with --surface"),
-        ("part --surface it.stl --unit kg job.yaml", "--unit kg: must be a length"),
+        ("part --surface it.stl --unit kg job.yaml", "--unit kg: is no unit of length"),
         ("part --surface it.stl --unit mm --size 3_kg job.yaml", "--size 3_kg: "),
         ("artery --surface it.stl --unit mm job.yaml", "--surface: of the wall of an artery, it does not tell"),
         ("artery --image scan.nii.gz job.yaml", "such as --label wall=1 --label cavity=2; in .* are 5, 7"),
