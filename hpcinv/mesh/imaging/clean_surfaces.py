@@ -14,16 +14,17 @@ import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_array
 
-from hpcinv.errors import SystemPartMissing
 from hpcinv.mesh.cells import sub_entities
 from hpcinv.mesh.imaging.boundary import Memberships, between_two, within
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of
+from hpcinv.mesh.imaging.packages import package
 from hpcinv.mesh.imaging.wall_sizes import WallSizes
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected, unique_rows, vertex_sets
 from hpcinv.parallel.signals import handlers_restored
 
+MMG = "images are meshed by MMG (mmgpy)"
 _ROUNDS = 4  # of smoothing
 _WITHIN = 0.08  # distance by which MMG may move surfaces, relative to the size of cells
 _FINEST = 0.4  # smallest edge of surfaces, relative to the size of cells
@@ -46,12 +47,7 @@ def cells_between_surfaces(
     Raises:
         SystemPartMissing: MMG is not installed.
     """
-    try:
-        import mmgpy
-    except ImportError:
-        raise SystemPartMissing(
-            "images are meshed by MMG (mmgpy), which is not installed", "Install it by: pip install simpleitk mmgpy"
-        ) from None
+    mmgpy = package("mmgpy", MMG)
     parts, label_of = _parts(_without_touching_edges(found))
     lattice = lattice_of(parts, spacing, parts > 0)
     facets, pairs = interfaces(lattice.cells, lattice.labels)

@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.imaging.label_image import Bools, LabelImage
+from hpcinv.mesh.imaging.specks import check_extent
 from hpcinv.mesh.io.surface_files import read_triangles
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import unique_rows
@@ -49,19 +50,9 @@ def fill(
     bounds = np.array([surface.bounds for surface in surfaces])
     low, high = bounds[:, ::2].min(axis=0), bounds[:, 1::2].max(axis=0)
     extent = (high - low) * unit
-    told = " x ".join(readable(float(length), "m") for length in extent)
     voxel = size / _VOXELS
     counts = np.ceil(extent / voxel).astype(int) + 2 * _MARGIN
-    if np.prod(counts, dtype=float) > _MOST:
-        raise MeshError(
-            f"{first}: the body of {told} is too large for cells of {readable(size, 'm')}",
-            "Make mesh.size larger. Is mesh.unit right?",
-        )
-    if extent.max() < size:
-        raise MeshError(
-            f"{first}: the body of {told} is smaller than cells of {readable(size, 'm')}",
-            "Make mesh.size smaller. Is mesh.unit right?",
-        )
+    check_extent(first, extent, size, fits=np.prod(counts, dtype=float) <= _MOST)
     # Walls have four voxels at least, if there is room for them: twice the volume by the area is their thickness.
     thickness = min(2 * abs(signed_volume(surface)) / max(surface.area, 1e-300) for surface in surfaces) * unit
     affordable = float(np.prod(extent + 2 * _MARGIN * voxel) / _MOST) ** (1 / 3)

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.errors import MeshError
+from hpcinv.mesh.imaging.packages import package
 from hpcinv.mesh.imaging.voxel_grid import VoxelGrid
 from hpcinv.mesh.source import Floats
 
@@ -24,12 +25,7 @@ def read_segmentation(path: Path) -> VoxelGrid:
         MeshError: it cannot be read, is another DICOM file, has slices at unequal distances, or segments that overlap.
         SystemPartMissing: pydicom is not installed.
     """
-    try:
-        import pydicom
-    except ImportError:
-        raise SystemPartMissing(
-            "DICOM segmentations are read by pydicom, which is not installed", "Install it by: pip install pydicom"
-        ) from None
+    pydicom = package("pydicom", "DICOM segmentations are read by pydicom", installing="pydicom")
     try:
         data = pydicom.dcmread(path)
         kind = str(data.get("SOPClassUID", ""))

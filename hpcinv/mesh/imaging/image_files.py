@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.errors import MeshError
 from hpcinv.mesh.imaging.dicom_segmentation import read_segmentation
 from hpcinv.mesh.imaging.headers import check_nifti
+from hpcinv.mesh.imaging.packages import package
 from hpcinv.mesh.imaging.voxel_grid import VoxelGrid
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.runtime import MPI
@@ -56,12 +57,7 @@ def _unpack(path: Path, to: Path) -> None:
 
 def _read_itk(path: Path, called: Path) -> VoxelGrid:
     """Read by SimpleITK; errors name ``called`` instead of ``path``."""
-    try:
-        import SimpleITK
-    except ImportError:
-        raise SystemPartMissing(
-            "images are read by SimpleITK, which is not installed", "Install it by: pip install simpleitk mmgpy"
-        ) from None
+    SimpleITK = package("SimpleITK", "images are read by SimpleITK")
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     if path.suffix in (".nii", ".gz"):
         check_nifti(path)

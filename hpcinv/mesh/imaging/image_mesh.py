@@ -8,21 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyvista
 from scipy import ndimage
 
-from hpcinv.errors import MeshError, SystemPartMissing
+from hpcinv.errors import MeshError
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
-from hpcinv.mesh.imaging.clean_surfaces import cells_between_surfaces
+from hpcinv.mesh.imaging.clean_surfaces import MMG, cells_between_surfaces
 from hpcinv.mesh.imaging.closed_surface import fill
 from hpcinv.mesh.imaging.curved_cells import SmoothBoundary, curved, mirrored
 from hpcinv.mesh.imaging.given_surface import GivenSurface
-from hpcinv.mesh.imaging.label_image import LabelImage, read_labels
+from hpcinv.mesh.imaging.label_image import Bools, LabelImage, read_labels
 from hpcinv.mesh.imaging.lattice import Lattice, interfaces, lattice_of, without_outside
 from hpcinv.mesh.imaging.mesh_report import report_mesh, report_sizes
-from hpcinv.mesh.imaging.specks import check_thickness, without_lost_parts, without_specks
+from hpcinv.mesh.imaging.packages import package
+from hpcinv.mesh.imaging.specks import check_extent, check_thickness, without_lost_parts, without_specks
 from hpcinv.mesh.imaging.surroundings import OUTSIDE, Names, surroundings
 from hpcinv.mesh.imaging.wall_sizes import WallSizes, wall_sizes
 from hpcinv.mesh.overlap import find_overlap
@@ -30,8 +30,6 @@ from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.surface import Surface
 from hpcinv.parallel.signals import handlers_restored
 from hpcinv.quantity.units import readable
-
-type Bools = npt.NDArray[np.bool_]
 
 CUT = "cut"
 _FINE = 0.5  # spacing of the lattice, relative to the size of cells
@@ -88,7 +86,9 @@ def image_mesh(path: Path, spec: MeshSpec, report: Callable[[str], None]) -> Mes
     """
     assert spec.size is not None
     image = read_labels(path, spec.labels, spec.metres, spec.orientation, spec.neighbours)
-    _check_extent(image, spec.size)
+    low, high = _box(image)
+    extent = (high - low) * image.spacing
+    check_extent(path, extent, spec.size, fits=float(np.prod(extent / spec.size)) <= _MOST_FIT)
     check_thickness(image, report)
     image = without_specks(image, spec.size, report)
     volumes = [image.volume(label) for label in range(1, len(spec.labels) + 1)]
@@ -224,24 +224,6 @@ def _cells(cubes: _Cubes, report: Callable[[str], None]) -> tuple[Lattice, Float
     return fitted, points, crossing, least
 
 
-def _check_extent(image: LabelImage, size: float) -> None:
-    """Check that the body is larger than a cell, and not so large that the unit must be wrong."""
-    low, high = _box(image)
-    extent = (high - low) * image.spacing
-    told = " x ".join(readable(float(length), "m") for length in extent)
-    if extent.max() < size:
-        raise MeshError(
-            f"{image.path}: the body of {told} is too small or thin for cells of {readable(size, 'm')}",
-            "Make mesh.size smaller. Is mesh.unit right?",
-        )
-    if (fit := float(np.prod(extent / size))) > _MOST_FIT:
-        raise MeshError(
-            f"{image.path}: the body of {told} is too large for cells of {readable(size, 'm')}, of which {fit:.2g} are"
-            " in a box around it",
-            "Make mesh.size larger. Is mesh.unit right?",
-        )
-
-
 def _fitted(lattice: Lattice, cubes: _Cubes, least: float, passes: int) -> tuple[Lattice, Floats]:
     """Cells of a good shape and size, and their nodes on smooth boundaries, where no cell is worse than ``least``."""
     points = smoothed(lattice, cubes.memberships, cubes.spacing, cubes.volumes, ROUGH)
@@ -296,12 +278,7 @@ def _middles(shape: tuple[int, ...], voxel: Floats, spacing: float) -> tuple[lis
 
 def _remeshed(lattice: Lattice, cubes: _Cubes) -> Lattice:
     """Improve and coarsen cells by MMG; boundaries stay within the tolerance."""
-    try:
-        import mmgpy
-    except ImportError:
-        raise SystemPartMissing(
-            "images are meshed by MMG (mmgpy), which is not installed", "Install it by: pip install simpleitk mmgpy"
-        ) from None
+    mmgpy = package("mmgpy", MMG)
     sizes = cubes.sizes
     scale = 1 / sizes.size  # MMG's tolerances are made for lengths of about 1
     mesh = mmgpy.MmgMesh3D()

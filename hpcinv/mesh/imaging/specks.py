@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
@@ -18,6 +19,28 @@ _ISLANDS = 0.05  # share of a label's volume up to which its islands may be left
 _THIN = 0.5  # share of a label's volume in walls of one voxel from which on it is refused
 _NOTED = 0.05  # and from which on it is reported
 _BLOCK = np.ones((2, 2, 2), dtype=bool)
+
+
+def check_extent(path: Path, extent: Floats, size: float, *, fits: bool) -> None:
+    """Check that a body is larger than a cell, and not so large that its unit must be wrong.
+
+    Args:
+        extent: of the body, (3,) m.
+        size: of cells (m).
+        fits: whether there is memory for a box around the body.
+    """
+    told = " x ".join(readable(float(length), "m") for length in extent)
+    if extent.max() < size:
+        raise MeshError(
+            f"{path}: the body of {told} is too small or thin for cells of {readable(size, 'm')}",
+            "Make mesh.size smaller. Is mesh.unit right?",
+        )
+    if not fits:
+        raise MeshError(
+            f"{path}: the body of {told} is too large for cells of {readable(size, 'm')}, of which"
+            f" {np.prod(extent / size):.2g} are in a box around it",
+            "Make mesh.size larger. Is mesh.unit right?",
+        )
 
 
 def check_thickness(image: LabelImage, report: Callable[[str], None]) -> None:
