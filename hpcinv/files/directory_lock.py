@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from hpcinv.errors import OutputError
-from hpcinv.parallel.processes import Identity, start_of
+from hpcinv.parallel.processes import Identity
 
 NAME = ".lock"
 
@@ -80,7 +80,7 @@ def _lock(descriptor: int, path: Path) -> None:
         raise _refusal(path, *_written(path)) from None
     except OSError:  # the file system has no locks
         holder, since = _written(path)
-        if holder is not None and _may_be_running(holder):
+        if holder is not None and Identity.of_this_process().runs(holder) is not False:
             raise _refusal(path, holder, since, only_told=True) from None
 
 
@@ -99,14 +99,6 @@ def _written(path: Path) -> tuple[Identity | None, str]:
         return Identity.from_json(content["holder"]), str(content["since"])
     except (OSError, ValueError, KeyError, TypeError):
         return None, ""
-
-
-def _may_be_running(other: Identity) -> bool:
-    """Return False if the process has certainly ended."""
-    me = Identity.of_this_process()
-    if other.machine and other.machine == me.machine and (started := start_of(other.pid)) is not None:
-        return started == other.started
-    return not (other.job and other.job == me.job and other.restart < me.restart)
 
 
 def _is_at(descriptor: int, path: Path) -> bool:

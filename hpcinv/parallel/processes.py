@@ -57,6 +57,13 @@ class Identity:
             raise ValueError("it has entries of another type")
         return cls(**values)
 
+    def runs(self, other: Identity) -> bool | None:
+        """Return whether another process runs; ``None`` if that is not known here, as of another machine."""
+        if other.machine and other.machine == self.machine and (started := start_of(other.pid)) is not None:
+            return started == other.started
+        is_requeued = other.job and other.job == self.job and other.restart < self.restart
+        return False if is_requeued else None
+
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from time import monotonic
 
 from hpcinv.batch.ledger.holder import heartbeat_of
-from hpcinv.parallel.processes import Identity, start_of
+from hpcinv.parallel.processes import Identity
 
 LEASE = 60.0
 """Seconds within which the heartbeat of a holder elsewhere must change; many times `holder.BEAT`."""
@@ -30,22 +30,14 @@ class Watch:
 
     def is_dead(self, other: Identity) -> bool:
         """Return whether a process is certainly dead, or its heartbeat has not changed within the lease."""
-        if (runs := self._runs_here(other)) is not None:
+        if (runs := self._me.runs(other)) is not None:
             return not runs
-        if other.job and other.job == self._me.job and other.restart < self._me.restart:
-            return True
         return self._is_unchanged(other.token, self._beat(other.token))
 
     def is_living(self, other: Identity) -> bool:
         """Return whether a process is certainly alive, or was at the last call of `is_dead`; never both."""
-        runs = self._runs_here(other)
+        runs = self._me.runs(other)
         return other.token in self._beating if runs is None else runs
-
-    def _runs_here(self, other: Identity) -> bool | None:
-        """Return whether a process of this machine runs; ``None`` if it is not known, or one of another machine."""
-        if not other.machine or other.machine != self._me.machine or (started := start_of(other.pid)) is None:
-            return None
-        return started == other.started
 
     def remove_heartbeat(self, dead: Identity) -> None:
         """Remove the heartbeat of a dead process; if it is alive after all, it writes the file again."""
