@@ -27,7 +27,6 @@ from hpcinv.parallel.memory_use import Memory, peak
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import WORK, Timings
 from hpcinv.results.solution import Solution
-from hpcinv.solver.newton import Solve
 from hpcinv.version import __version__
 
 
@@ -121,32 +120,12 @@ def _solution(solution: Solution, displacement: int) -> dict[str, Any]:
         "iterations": sum(s.position_residual is not None for s in solution.solves),
         "newton_iterations": sum(len(s.iterations) for s in solution.solves),
         "linear": solution.linear
-        and {
-            "configuration": solution.linear.configuration,
-            "why": solution.linear.why,
-            "iterations": sum(s.linear_iterations for s in solution.solves),
-            "fallback": solution.linear.fallback,
-            "note": solution.linear.note,
-        },
+        and asdict(solution.linear) | {"iterations": sum(s.linear_iterations for s in solution.solves)},
         "largest_displacement": solution.largest_displacement,
         "J": {"min": solution.J_range[0], "max": solution.J_range[1]},
         "strain_energy": solution.strain_energy,
         "contacts": [contact.as_data() for contact in solution.contacts],
-        "solves": [_solve(s) for s in solution.solves],
-    }
-
-
-def _solve(solve: Solve) -> dict[str, Any]:
-    names = ("correction", "state", "residual", "new_tangent")
-    return {
-        "strategy": solve.strategy,
-        "load": solve.load,
-        "outcome": solve.outcome.name,
-        "factorizations": solve.factorizations,
-        "signs": list(solve.signs),
-        "linear_iterations": solve.linear_iterations,
-        "position_residual": solve.position_residual,
-        "iterations": [{name: getattr(i, name) for name in names} for i in solve.iterations],
+        "solves": [asdict(s) | {"outcome": s.outcome.name} for s in solution.solves],
     }
 
 
