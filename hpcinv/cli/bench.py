@@ -213,7 +213,7 @@ def _figures(runs: Mapping[str, Sequence[MeasuredRun]]) -> dict[str, float]:
             found[f"{kind} seconds"] = median(of, lambda run: run.solver)
             found[f"{kind} bytes"] = median(of, lambda run: sum(run.memory))
             found[f"{kind} Newton iterations"] = of[0].count("newton_iterations")
-            found[f"{kind} Krylov iterations"] = of[0].krylov_iterations
+            found[f"{kind} Krylov iterations"] = of[0].count("linear.iterations")
     return found
 
 

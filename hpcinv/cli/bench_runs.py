@@ -21,6 +21,7 @@ import yaml
 
 from hpcinv.errors import OutputError, SolveError, SystemPartMissing
 from hpcinv.output.console import table_console, table_of_numbers
+from hpcinv.quantity.keys import look_up
 
 type JobData = Mapping[str, Any]
 
@@ -59,12 +60,8 @@ class MeasuredRun:
         return int(self.found["mesh"]["unknowns"])
 
     def count(self, name: str) -> int:
-        """Return ``factorizations`` or ``newton_iterations``, summed over solutions."""
-        return sum(solution[name] for solution in self.found["solutions"])
-
-    @property
-    def krylov_iterations(self) -> int:
-        return sum(solution["linear"]["iterations"] for solution in self.found["solutions"])
+        """Return ``factorizations``, ``newton_iterations`` or ``linear.iterations``, summed over solutions."""
+        return int(look_up(self.found, f"solutions[].{name}") or 0)
 
     @property
     def phases(self) -> dict[str, float]:
