@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Estimate, Line, Verdict
@@ -137,19 +136,16 @@ class RunReport(Observer):
                     result.write_fields(path / "fields")
             if result.solutions and self._job.output.has_surface:
                 with model.timings("output"):
-                    self._write_boundary(path / BOUNDARY, result)
+                    boundary = result.boundary()
+
+                    def write() -> None:
+                        if boundary is not None:
+                            write_boundary(path / BOUNDARY, boundary)
+
+                    on_root(store.comm, write)
             write_summary(path, found, store.comm, formats=self._job.output.summary)
             if self._job.output.report:
                 from hpcinv.reports.of_run import write_run_report  # loads VTK
 
                 on_root(store.comm, lambda: write_run_report(path, found))
         return replace(result, statistics=found)
-
-    def _write_boundary(self, path: Path, result: Result) -> None:
-        boundary = result.boundary()
-
-        def write() -> None:
-            assert boundary is not None  # on rank 0
-            write_boundary(path, boundary)
-
-        on_root(self._store.comm, write)

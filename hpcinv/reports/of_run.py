@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
@@ -21,6 +20,7 @@ from hpcinv.pictures.boundary import Boundary, read_boundary
 from hpcinv.pictures.snapshots import Snapshot, read_snapshots
 from hpcinv.reports.arrays import Arrays
 from hpcinv.reports.charts import convergence_chart, load_chart
+from hpcinv.reports.of_cases import as_url
 from hpcinv.reports.page import NAME, render, write_page
 from hpcinv.reports.scene import scene
 from hpcinv.reports.wording import meaning, words
@@ -114,7 +114,7 @@ def _picture(summary: Mapping[str, Any], boundary: Boundary) -> str:
     from hpcinv.pictures.result_picture import draw_result  # loads VTK
 
     with contextlib.suppress(SystemPartMissing):
-        return f"data:image/png;base64,{base64.b64encode(draw_result(summary, boundary).png).decode()}"
+        return as_url(draw_result(summary, boundary).png)
     return ""
 
 
