@@ -1,25 +1,22 @@
 """The section ``identify`` of a job: parameters that are sought, and observations of the body's states."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 from pydantic import Field, ValidationInfo, model_validator
 
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import applies, mesh_fault
-from hpcinv.job.sections import QuantityOfInterest, directory_of
+from hpcinv.job.sections import LENGTH, QuantityOfInterest, directory_of
 from hpcinv.job.sensitivities import Owner, Parameter, fault_of_tie, parameter
 from hpcinv.quantity.keys import JobKey
 from hpcinv.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, Size
-from hpcinv.quantity.schema import ListOf, Location, Name, Spec, Triple, raise_if_any, repeated, shown
+from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Spec, Triple, raise_if_any, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
-LENGTH = Dimension(length=1)
 MESHES = (".msh", ".xdmf", ".vtu")
 SURFACES = (".stl", ".ply", ".obj", ".vtp", ".csv")
-
-type Faults = Iterator[tuple[Location, str]]
 
 
 class Prior(Spec):

@@ -1,6 +1,6 @@
 """Rules between sections of a job; each returns faults with their places in the later section."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from hpcinv.effects import Direction, Effect
 from hpcinv.job.sections import AXES, QuantityOfInterest, Support
@@ -8,10 +8,8 @@ from hpcinv.job.settings import Discretisation
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import positive
-from hpcinv.quantity.schema import Location, raise_if_any, shown
+from hpcinv.quantity.schema import Faults, Location, raise_if_any, shown
 from hpcinv.quantity.suggestions import did_you_mean
-
-type Faults = Iterator[tuple[Location, str]]
 
 NEARLY_INCOMPRESSIBLE = 10.0  # bulk-to-shear ratio above which the displacement form locks
 
@@ -67,11 +65,8 @@ def unsuited_effects(
     for i, effect in enumerate(effects):
         if set(needed) - effect.directions:
             yield (i,), f"is not possible {where}, only with {', '.join(sorted(effect.directions))}"
-    for i, effect in enumerate(effects):
-        for place, text in effect.faults(first):
-            yield (i, *place), text
-    for i, effect in enumerate(effects):
-        for place, text in (*unknown_families(effect, fibres), *unknown_case(effect.case, cases)):
+        own, unknown = effect.faults(first), unknown_families(effect, fibres)
+        for place, text in (*own, *unknown, *unknown_case(effect.case, cases)):
             yield (i, *place), text
 
 

@@ -168,6 +168,8 @@ class MeshFile(Spec):
 
     @model_validator(mode="after")
     def _check_unit(self, info: ValidationInfo) -> Self:
+        if self.is_surface and "unit" not in self.model_fields_set:
+            raise Problems((("unit",), "is needed: files of surfaces do not have one"))
         if "unit" in self.model_fields_set and self.is_partitioned:
             raise Problems((("unit",), "is not valid with a partitioned mesh, which is in metres"))
         if "unit" not in self.model_fields_set or not is_generator(Path(self.file)):
@@ -205,8 +207,6 @@ class ExpectedShape(MeshFile):
             raise Problems((("labels",), "is for segmented images only, and 'file' is none"))
         if self.align and self.has_nodes:
             raise Problems((("align",), "is for surfaces and images only: nodes are compared where they are"))
-        if self.is_surface and "unit" not in self.model_fields_set:
-            raise Problems((("unit",), "is needed: files of surfaces do not have one"))
         return self
 
 
@@ -306,8 +306,6 @@ class MeshSpec(MeshFile):
         raise_if_any(self._faults_of_labels())
         if self.is_image and not self.labels:
             raise Problems((("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"))
-        if self.is_surface and "unit" not in self.model_fields_set:
-            raise Problems((("unit",), "is needed: files of surfaces do not have one"))
         is_meshed = self.is_image or self.is_surface
         if is_meshed and self.size is None:
             raise Problems((("size",), "is needed: the largest length of edges, as 5 mm"))

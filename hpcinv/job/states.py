@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from hpcinv.effects import AnyEffect
 from hpcinv.job.sections import AXES, Support
 from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.schema import ListOf, Location, Name, Problems, Spec, repeated
+from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Problems, Spec, repeated
 from hpcinv.quantity.spatial_fields import ByFormula, entries
 from hpcinv.quantity.suggestions import did_you_mean
 
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 REST = "rest"
 """Name of the rest shape where no state is it."""
-
-type Faults = Iterator[tuple[Location, str]]
 
 
 class State(Spec):

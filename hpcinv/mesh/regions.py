@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.mesh.boundary_shells import LocalIndices as LocalIndices
+from hpcinv.mesh.boundary_shells import Mesh as Mesh
 from hpcinv.mesh.boundary_shells import cavities, outer_facets
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
@@ -18,8 +20,6 @@ from hpcinv.quantity.suggestions import did_you_mean
 
 BOUNDARY = "boundary"
 _OF_FACETS = {"nx", "ny", "nz", "cavity"}
-type LocalIndices = npt.NDArray[np.int32]
-type Mesh = dolfinx.mesh.Mesh[np.float64]
 
 
 @dataclass(frozen=True)

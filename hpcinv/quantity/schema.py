@@ -27,6 +27,8 @@ from hpcinv.quantity.docstrings import describe, meanings
 from hpcinv.quantity.suggestions import did_you_mean
 
 type Location = tuple[int | str, ...]
+type Faults = Iterator[tuple[Location, str]]
+"""faults of a part of a job, with their places in it"""
 
 T = TypeVar("T")
 ListOf = Annotated[tuple[T, ...], Field(strict=False)]  # YAML lists become tuples
