@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple
 
-from pydantic import Field, PlainValidator, field_validator, model_validator
+from pydantic import Field, PlainValidator, ValidationInfo, field_validator
 
 from hpcinv.batch.sampling import Distribution, Method, read_distribution, unit_points
 from hpcinv.quantity.keys import JobKey, parse_key
-from hpcinv.quantity.schema import ListOf, Location, Name, Spec, raise_if_any
+from hpcinv.quantity.schema import Faults, ListOf, Name, Spec, raise_if_any
 
 LISTS = ("grid", "zip")
 SAMPLES: tuple[Method, ...] = ("random", "latin_hypercube", "sobol")
@@ -34,11 +34,9 @@ class Branch(Spec):
         raise_if_any(faults_between(axes))
         return axes
 
-    @model_validator(mode="after")
-    def _sets_each_key_once(self) -> Self:
-        inside = [(i, key) for i, axis in enumerate(self.axes) for key in axis.keys]
-        raise_if_any((("axes", i), f"{key} is also in 'set'") for i, key in inside if key in self.set)
-        return self
+    def contradictions(self, info: ValidationInfo) -> Faults:
+        for i, axis in enumerate(self.axes):
+            yield from ((("axes", i), f"{key} is also in 'set'") for key in axis.keys if key in self.set)
 
     @property
     def keys(self) -> frozenset[str]:
@@ -100,12 +98,7 @@ class Axis(Spec):
                 return len(next(iter((self.zip or {}).values())))
         return self.count or 0
 
-    @model_validator(mode="after")
-    def _is_of_one_kind(self) -> Self:
-        raise_if_any(self._problems())
-        return self
-
-    def _problems(self) -> Iterator[tuple[Location, str]]:
+    def contradictions(self, info: ValidationInfo) -> Faults:
         given = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
             found = " and ".join(given) or "none of them"
@@ -130,7 +123,7 @@ class Axis(Spec):
                 yield ("branches", label), f"'{self.name}' is also the name of these branches; give them another 'name'"
 
 
-def faults_between(axes: Iterable[Axis]) -> Iterator[tuple[Location, str]]:
+def faults_between(axes: Iterable[Axis]) -> Faults:
     """Yield the keys and names that occur on more than one of the axes, which are combined with each other."""
     taken: set[str] = set()
     for i, axis in enumerate(axes):

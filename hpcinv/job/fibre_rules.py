@@ -1,11 +1,11 @@
 """Rules by which fibres follow the wall of a ventricle or a tube, as they stand in the section 'fibres' of a job."""
 
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo
 
 from hpcinv.quantity.quantity import Quantity
-from hpcinv.quantity.schema import Location, OneOf, Spec, Triple, raise_if_any
+from hpcinv.quantity.schema import Faults, OneOf, Spec, Triple
 
 _REMEDY = "a plain number is in radians; write degrees as '60 deg'"
 Angle = Annotated[float, Quantity("", at_least=-1.5707963267948968, at_most=1.5707963267948968, remedy=_REMEDY)]
@@ -37,19 +37,12 @@ class FibreRule(Spec):
         names = ("endo", "rv", "epi", "base", "apex", "inner", "outer", "inlet", "outlet")
         return {name: region for name in names if (region := getattr(self, name, None)) is not None}
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        raise_if_any(self._problems())
-        return self
-
-    def _problems(self) -> list[tuple[Location, str]]:
+    def contradictions(self, info: ValidationInfo) -> Faults:
         found = dict[str, str]()
-        problems: list[tuple[Location, str]] = []
         for field, region in self.surfaces.items():
             if region in found:
-                problems.append(((field,), f"'{region}' is already the region of '{found[region]}'"))
+                yield (field,), f"'{region}' is already the region of '{found[region]}'"
             found.setdefault(region, field)
-        return problems
 
 
 class VentricleRule(FibreRule):
@@ -102,16 +95,15 @@ class TubeRule(FibreRule):
     axis: Triple[Annotated[float, Quantity("")]] | None = None
     """direction of a straight tube, in place of 'inlet' and 'outlet'"""
 
-    def _problems(self) -> list[tuple[Location, str]]:
-        problems = super()._problems()
+    def contradictions(self, info: ValidationInfo) -> Faults:
+        yield from super().contradictions(info)
         ends = [name for name in ("inlet", "outlet") if getattr(self, name) is not None]
         if self.axis is not None and ends:
-            problems.append((("axis",), f"is not valid with '{ends[0]}': the direction of a tube is one or the other"))
+            yield ("axis",), f"is not valid with '{ends[0]}': the direction of a tube is one or the other"
         if self.axis is None and len(ends) < 2:
-            problems.append(((), "needs 'inlet' and 'outlet' (regions at the ends of the tube), or an 'axis'"))
+            yield (), "needs 'inlet' and 'outlet' (regions at the ends of the tube), or an 'axis'"
         if self.axis is not None and not any(self.axis):
-            problems.append((("axis",), "must not be zero"))
-        return problems
+            yield ("axis",), "must not be zero"
 
 
 AnyRule = Annotated[FibreRule, OneOf("kind")]

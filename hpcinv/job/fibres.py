@@ -1,9 +1,9 @@
 """The section 'fibres' of a job: named families of fibres for laws and effects."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
-from pydantic import model_validator
+from pydantic import ValidationInfo
 
 from hpcinv.effects.base import Configuration
 from hpcinv.job.fibre_rules import AnyRule
@@ -11,7 +11,7 @@ from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.expressions import Expression, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import AnyQuantity
-from hpcinv.quantity.schema import Location, Name, Triple, raise_if_any
+from hpcinv.quantity.schema import Faults, Location, Name, Triple
 from hpcinv.quantity.spatial_fields import POSITIONS, ByData, ByFormula, ByRule
 from hpcinv.quantity.units import Dimension
 
@@ -48,20 +48,17 @@ class FibreFamily(Ingredient):
     def numbers(self) -> dict[Location, Number | str]:
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
-    @model_validator(mode="after")
-    def _check_direction(self) -> Self:
-        raise_if_any(self._problems())
-        return self
-
-    def _problems(self) -> list[tuple[Location, str]]:
+    def contradictions(self, info: ValidationInfo) -> Faults:
         if sum(given is not None for given in (self.direction, self.data, self.rule)) != 1:
             ways = "'direction' (three formulas), 'data' (an array of the mesh file) and 'rule' (for a kind of wall)"
-            return [((), f"needs exactly one of {ways}")]
-        if self.direction is None:
-            return [(("constants",), "are not valid without 'direction'")] if self.constants else []
-        problems = faults_with_constants("direction", self.direction, self.constants, POSITIONS, None)
-        if problems or any(f.names & POSITIONS.keys() for f in self.direction):
-            return problems
-        if all(float(f.evaluate(**{n: self.constants[n] for n in f.names})) == 0 for f in self.direction):
-            return [(("direction",), "must not be zero")]
-        return []
+            yield (), f"needs exactly one of {ways}"
+        elif self.direction is None:
+            if self.constants:
+                yield ("constants",), "are not valid without 'direction'"
+        elif problems := faults_with_constants("direction", self.direction, self.constants, POSITIONS, None):
+            yield from problems
+        elif not any(
+            f.names & POSITIONS.keys() or float(f.evaluate(**{n: self.constants[n] for n in f.names}))
+            for f in self.direction
+        ):
+            yield ("direction",), "must not be zero"

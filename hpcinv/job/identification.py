@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import Field, ValidationInfo
 
 from hpcinv.files.names import is_file
 from hpcinv.files.untrusted import applies, mesh_fault
@@ -11,7 +11,7 @@ from hpcinv.job.sections import LENGTH, QuantityOfInterest, directory_of
 from hpcinv.job.sensitivities import Owner, Parameter, fault_of_tie, parameter
 from hpcinv.quantity.keys import JobKey
 from hpcinv.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, Size
-from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Spec, Triple, raise_if_any, repeated, shown
+from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Spec, Triple, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
@@ -85,12 +85,7 @@ class Observation(Spec):
         """Path of its file, relative to that of the job."""
         return self.mesh or self.surface or (self.landmarks if isinstance(self.landmarks, str) else None)
 
-    @model_validator(mode="after")
-    def _check_fields(self, info: ValidationInfo) -> "Observation":
-        raise_if_any(self._problems(info))
-        return self
-
-    def _problems(self, info: ValidationInfo) -> Faults:
+    def contradictions(self, info: ValidationInfo) -> Faults:
         kinds = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(kinds) != 1:
             yield (), f"needs exactly one of {', '.join(KINDS)}" + (f", not {' and '.join(kinds)}" if kinds else "")

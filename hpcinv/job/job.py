@@ -6,9 +6,9 @@ import pickle
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
 from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.effects.contact import Contact
@@ -40,6 +40,7 @@ from hpcinv.quantity.keys import JobKey, assigned
 from hpcinv.quantity.plugins import fault_of_plugin, load_file, load_installed
 from hpcinv.quantity.quantity import AnyQuantity
 from hpcinv.quantity.schema import (
+    Faults,
     FileName,
     ListOf,
     Location,
@@ -559,18 +560,16 @@ class Job(Spec):
         raise_if_any(problems)
         return tuple(quantity for _, quantity in numbered)
 
-    @model_validator(mode="after")
-    def _check_analysis(self) -> Self:
+    def contradictions(self, info: ValidationInfo) -> Faults:
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
-                raise Problems(((key,), "is not valid with 'states', one of which is the given one; remove it"))
+                yield (key,), "is not valid with 'states', one of which is the given one; remove it"
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")
         text = f"must be '{mesh}' for a rule, which is evaluated on the mesh of the job, the {shape} body"
         rules = ((name, family) for name, family in self.fibres.items() if family.rule is not None)
-        raise_if_any((("fibres", name, "given_on"), text) for name, family in rules if family.given_on != mesh)
-        return self
+        yield from ((("fibres", name, "given_on"), text) for name, family in rules if family.given_on != mesh)
 
 
 def _by_state(quantity: QuantityOfInterest, loaded: Sequence[str]) -> list[QuantityOfInterest]:

@@ -1,6 +1,6 @@
 """Sections of a job file that describe the body: mesh, supports, and quantities of interest."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -21,7 +21,7 @@ from hpcinv.job.mesh_header import HEADER, SUFFIX
 from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.quantity.parameter_paths import Number, with_scalar
 from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Size
-from hpcinv.quantity.schema import ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
+from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Problems, Spec, Triple, raise_if_any, shown
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
@@ -166,23 +166,19 @@ class MeshFile(Spec):
         raise_if_any(problems)
         return values
 
-    @model_validator(mode="after")
-    def _check_unit(self, info: ValidationInfo) -> Self:
-        if self.is_surface and "unit" not in self.model_fields_set:
-            raise Problems((("unit",), "is needed: files of surfaces do not have one"))
-        if "unit" in self.model_fields_set and self.is_partitioned:
-            raise Problems((("unit",), "is not valid with a partitioned mesh, which is in metres"))
-        if "unit" not in self.model_fields_set or not is_generator(Path(self.file)):
-            return self
-        if Path(self.file).suffix == ".geo":
-            raise Problems(
-                (("unit",), "is not valid with a .geo script, which does not define which parameters are lengths")
-            )
-        try:
-            in_unit(directory_of(info) / self.file, self.parameters, self.unit)
-        except ValueError as error:
-            raise Problems((("unit",), str(error))) from None
-        return self
+    def contradictions(self, info: ValidationInfo) -> Faults:
+        if "unit" not in self.model_fields_set:
+            if self.is_surface:
+                yield ("unit",), "is needed: files of surfaces do not have one"
+        elif self.is_partitioned:
+            yield ("unit",), "is not valid with a partitioned mesh, which is in metres"
+        elif Path(self.file).suffix == ".geo":
+            yield ("unit",), "is not valid with a .geo script, which does not define which parameters are lengths"
+        elif is_generator(Path(self.file)):
+            try:
+                in_unit(directory_of(info) / self.file, self.parameters, self.unit)
+            except ValueError as error:
+                yield ("unit",), str(error)
 
 
 class ExpectedShape(MeshFile):
@@ -201,13 +197,12 @@ class ExpectedShape(MeshFile):
         """True for a mesh."""
         return not self.is_image and not self.is_surface
 
-    @model_validator(mode="after")
-    def _check_source(self) -> Self:
+    def contradictions(self, info: ValidationInfo) -> Faults:
+        yield from super().contradictions(info)
         if self.labels and not self.is_image:
-            raise Problems((("labels",), "is for segmented images only, and 'file' is none"))
+            yield ("labels",), "is for segmented images only, and 'file' is none"
         if self.align and self.has_nodes:
-            raise Problems((("align",), "is for surfaces and images only: nodes are compared where they are"))
-        return self
+            yield ("align",), "is for surfaces and images only: nodes are compared where they are"
 
 
 class SurfaceError(Spec):
@@ -289,33 +284,26 @@ class MeshSpec(MeshFile):
                     raise Problems(((name,), str(error))) from None
         return surfaces
 
-    @model_validator(mode="after")
-    def _check_geometry_degree(self) -> Self:
+    def contradictions(self, info: ValidationInfo) -> Faults:
+        yield from super().contradictions(info)
         if self.geometry_degree is not None and self.is_partitioned:
             text = "is that of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
-            raise Problems((("geometry_degree",), text))
-        return self
-
-    @model_validator(mode="after")
-    def _check_source(self) -> Self:
-        if self.labels and not self.is_image:
-            raise Problems((("labels",), "is for segmented images only, and 'file' is none"))
-        for key in ("orientation", "neighbours"):
-            if key in self.model_fields_set and not self.is_image:
-                raise Problems(((key,), "is for segmented images only, and 'file' is none"))
-        raise_if_any(self._faults_of_labels())
+            yield ("geometry_degree",), text
+        for key in ("labels", "orientation", "neighbours"):
+            if key in self.model_fields_set and getattr(self, key) and not self.is_image:
+                yield (key,), "is for segmented images only, and 'file' is none"
+        yield from self._faults_of_labels()
         if self.is_image and not self.labels:
-            raise Problems((("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"))
+            yield ("labels",), "is needed: the numbers of the voxels of each region, as {liver: 5}"
         is_meshed = self.is_image or self.is_surface
         if is_meshed and self.size is None:
-            raise Problems((("size",), "is needed: the largest length of edges, as 5 mm"))
+            yield ("size",), "is needed: the largest length of edges, as 5 mm"
         if self.size is not None and not is_meshed:
-            raise Problems((("size",), "is for images and surfaces only; give a generator's among its 'parameters'"))
+            yield ("size",), "is for images and surfaces only; give a generator's among its 'parameters'"
         if self.grade is not None and not is_meshed:
-            raise Problems((("grade",), "is for images and surfaces only"))
-        return self
+            yield ("grade",), "is for images and surfaces only"
 
-    def _faults_of_labels(self) -> Iterator[tuple[Location, str]]:
+    def _faults_of_labels(self) -> Faults:
         names: dict[int | str, str] = {}
         for key, labels in (("labels", self.labels), ("neighbours", self.neighbours)):
             for name, numbers in labels.items():
@@ -349,11 +337,6 @@ class Support(Spec):
             return frozenset(self.fix or ())
         return frozenset(a for a, formula in zip(AXES, self.displacement, strict=True) if formula is not None)
 
-    @model_validator(mode="after")
-    def _check_fields(self) -> Self:
-        raise_if_any(self._problems())
-        return self
-
     def numbers(self) -> dict[Location, Number | str]:
         """The constants of the formulas by place."""
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
@@ -362,16 +345,18 @@ class Support(Spec):
         """A copy with another constant (SI) at one of the places of `numbers`."""
         return self.model_copy(update={"constants": with_scalar(self.constants, place[1:], number)})
 
-    def _problems(self) -> list[tuple[Location, str]]:
+    def contradictions(self, info: ValidationInfo) -> Faults:
         if (self.fix is None) == (self.displacement is None):
-            return [((), "needs exactly one of 'fix' (fixed components) and 'displacement' (three formulas)")]
-        if not self.held:
-            return [((), "prescribes no component; remove it or name some of x, y, z")]
-        if self.displacement is None and self.case is not None:
-            return [(("case",), "is not valid without 'displacement': what is fixed is fixed in every load case")]
-        if self.displacement is None:
-            return [(("constants",), "are not valid without 'displacement'")] if self.constants else []
-        return faults_with_constants("displacement", self.displacement, self.constants, COORDINATES, LENGTH)
+            yield (), "needs exactly one of 'fix' (fixed components) and 'displacement' (three formulas)"
+        elif not self.held:
+            yield (), "prescribes no component; remove it or name some of x, y, z"
+        elif self.displacement is not None:
+            yield from faults_with_constants("displacement", self.displacement, self.constants, COORDINATES, LENGTH)
+        else:
+            if self.case is not None:
+                yield ("case",), "is not valid without 'displacement': what is fixed is fixed in every load case"
+            if self.constants:
+                yield ("constants",), "are not valid without 'displacement'"
 
 
 class QuantityOfInterest(Spec):
@@ -459,42 +444,32 @@ class QuantityOfInterest(Spec):
         """True if it is reduced over the volume or area of a region, rather than over its nodes."""
         return self.on is not None and (self.over is not None or bool(self.fields))
 
-    @model_validator(mode="after")
-    def _check_fields(self) -> Self:
-        raise_if_any(self._problems_of_reaction() if self.is_reaction else self._problems())
-        return self
+    def contradictions(self, info: ValidationInfo) -> Faults:
+        if self.about is not None and not self.is_moment:
+            yield ("about",), "is valid only with 'of: reaction_moment'"
+        yield from self._faults_of_reaction() if self.is_reaction else self._faults_of_formula()
 
-    def _problems_of_reaction(self) -> list[tuple[Location, str]]:
-        problems: list[tuple[Location, str]] = []
+    def _faults_of_reaction(self) -> Faults:
         if self.on is None:
-            problems.append(
-                (("on",), f"is needed for a reaction: the region of {'a contact' if self.is_contact else 'a support'}")
-            )
+            yield ("on",), f"is needed for a reaction: the region of {'a contact' if self.is_contact else 'a support'}"
         for field in ("at", "reduce", "over"):
             if getattr(self, field) is not None:
-                problems.append(((field,), "is not valid with a reaction, which is a sum over the region of a support"))
-        if self.about is not None and not self.is_moment:
-            problems.append((("about",), "is valid only with 'of: reaction_moment'"))
-        return problems
+                yield (field,), "is not valid with a reaction, which is a sum over the region of a support"
 
-    def _problems(self) -> list[tuple[Location, str]]:
-        problems: list[tuple[Location, str]] = []
+    def _faults_of_formula(self) -> Faults:
         if (self.at is None) == (self.on is None):
-            problems.append(((), "needs exactly one of 'at' (a point) and 'on' (a region)"))
+            yield (), "needs exactly one of 'at' (a point) and 'on' (a region)"
         elif self.on is not None and self.reduce is None:
-            problems.append((("reduce",), "is needed on a region: max, min, mean, max_abs, rms or integral"))
+            yield ("reduce",), "is needed on a region: max, min, mean, max_abs, rms or integral"
         elif self.at is not None and self.reduce is not None:
-            problems.append((("reduce",), "is not valid at a point"))
+            yield ("reduce",), "is not valid at a point"
         if self.over is None and self.on is not None and self.reduce == "integral":
-            problems.append((("over",), "is needed for an integral: over the 'reference' or the 'current' body"))
+            yield ("over",), "is needed for an integral: over the 'reference' or the 'current' body"
         elif self.over is not None and (self.on is None or self.reduce in ("max", "min", "max_abs")):
-            problems.append((("over",), "is valid only with an integral, a mean or rms on a region"))
+            yield ("over",), "is valid only with an integral, a mean or rms on a region"
         if self.at is not None and self.needs_surface:
-            problems.append((("of",), "has the normal of a surface: name a region of the boundary with 'on', not 'at'"))
+            yield ("of",), "has the normal of a surface: name a region of the boundary with 'on', not 'at'"
         if self.is_displacement and self.on is not None:
-            problems.append((("of",), "is a vector; use a formula on a region, such as norm(ux, uy, uz)"))
+            yield ("of",), "is a vector; use a formula on a region, such as norm(ux, uy, uz)"
         elif not self.is_displacement:
-            problems += faults([(("of",), self.of)], POSITIONS | FIELDS, None)
-        if self.about is not None:
-            problems.append((("about",), "is valid only with 'of: reaction_moment'"))
-        return problems
+            yield from faults([(("of",), self.of)], POSITIONS | FIELDS, None)

@@ -1,7 +1,7 @@
 """Sections of a job file for the solution methods, checks and output."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -17,7 +17,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.files.untrusted import applies, option_fault
-from hpcinv.quantity.schema import ListOf, Problems, Spec, raise_if_any, shown
+from hpcinv.quantity.schema import Faults, ListOf, Spec, raise_if_any, shown
 
 
 class Discretisation(Spec):
@@ -32,18 +32,16 @@ class Discretisation(Spec):
     quadrature: Annotated[int, Field(ge=1, le=20)] | None = None
     """degree of the quadrature; by default it follows from the other degrees"""
 
-    @model_validator(mode="after")
-    def _check_pair(self) -> Self:
+    def contradictions(self, info: ValidationInfo) -> Faults:
         if self.formulation == "displacement" and self.pressure is not None:
-            raise Problems((("pressure",), "is not valid in the displacement form, which has no pressure"))
-        if self.formulation == "mixed" and self.displacement == 1:
-            raise Problems(
-                (("displacement",), "must be 2 or more in the mixed form: there is no stable pressure for 1")
+            yield ("pressure",), "is not valid in the displacement form, which has no pressure"
+        elif self.formulation == "mixed" and self.displacement == 1:
+            yield ("displacement",), "must be 2 or more in the mixed form: there is no stable pressure for 1"
+        elif self.pressure is not None and self.pressure >= self.displacement:
+            yield (
+                ("pressure",),
+                f"must be below the displacement's degree {self.displacement}: other pairs are unstable",
             )
-        if self.pressure is not None and self.pressure >= self.displacement:
-            text = f"must be below the displacement's degree {self.displacement}: other pairs are unstable"
-            raise Problems((("pressure",), text))
-        return self
 
 
 def _petsc_value(value: object) -> str | int | float | bool | None:
@@ -113,16 +111,13 @@ class Solver(Spec):
             raise_if_any(((key,), fault) for key, value in petsc.items() if (fault := option_fault(key, value)))
         return petsc
 
-    @model_validator(mode="after")
-    def _check_options(self) -> Self:
-        raise_if_any(
-            ((key,), f"is not valid with 'strategy: {self.strategy}'; remove it, or choose 'strategy: {uses[0]}'")
-            for key, uses in sorted(_USES.items())
-            if key in self.model_fields_set and self.strategy not in uses
-        )
+    def contradictions(self, info: ValidationInfo) -> Faults:
+        for key, uses in sorted(_USES.items()):
+            if key in self.model_fields_set and self.strategy not in uses:
+                text = f"is not valid with 'strategy: {self.strategy}'"
+                yield (key,), f"{text}; remove it, or choose 'strategy: {uses[0]}'"
         if self.minimum_step > self.initial_step:
-            raise Problems((("minimum_step",), f"must not exceed initial_step, which is {self.initial_step:g}"))
-        return self
+            yield ("minimum_step",), f"must not exceed initial_step, which is {self.initial_step:g}"
 
 
 class FixedPoint(Spec):

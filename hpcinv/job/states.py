@@ -2,19 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from graphlib import CycleError, TopologicalSorter
-from typing import TYPE_CHECKING
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo
 
 from hpcinv.effects import AnyEffect
 from hpcinv.job.sections import AXES, Support
 from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Problems, Spec, repeated
+from hpcinv.quantity.schema import Faults, ListOf, Location, Name, Spec, repeated
 from hpcinv.quantity.spatial_fields import ByFormula, entries
 from hpcinv.quantity.suggestions import did_you_mean
-
-if TYPE_CHECKING:
-    from typing import Self
 
 REST = "rest"
 """Name of the rest shape where no state is it."""
@@ -39,13 +35,11 @@ class State(Spec):
         """True for the body without loads and supports."""
         return not self.effects and self.supports is None
 
-    @model_validator(mode="after")
-    def _check_start(self) -> "Self":
+    def contradictions(self, info: ValidationInfo) -> Faults:
         if self.start is not None and self.is_rest:
-            raise Problems((("start",), "is not valid for the rest shape, a state without effects and supports"))
-        if self.start is not None and self.given:
-            raise Problems((("start",), "is not valid for the given state, from which the rest shape is found"))
-        return self
+            yield ("start",), "is not valid for the rest shape, a state without effects and supports"
+        elif self.start is not None and self.given:
+            yield ("start",), "is not valid for the given state, from which the rest shape is found"
 
 
 def faults_of_states(states: Sequence[State]) -> Faults:

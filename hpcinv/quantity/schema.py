@@ -17,6 +17,7 @@ from pydantic import (
     GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
     ValidationError,
+    ValidationInfo,
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
@@ -95,18 +96,24 @@ class Spec(BaseModel):
         describe(handler.resolve_ref_schema(found), cls)
         return found
 
+    def contradictions(self, info: ValidationInfo) -> Faults:
+        """Yield faults between fields that are valid by themselves."""
+        yield from ()
+
     @model_validator(mode="wrap")
     @classmethod
-    def _reword_errors(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        """Reword errors here, where the keys of the part and their descriptions are known."""
+    def _validate(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
+        """Reword errors here, where the keys of the part and their descriptions are known; find contradictions."""
         try:
-            return handler(data)
+            found = handler(data)
         except ValidationError as error:
             lines: list[InitErrorDetails] = [
                 {"type": PydanticCustomError(_PLAIN, "{text}", {"text": text}), "loc": location, "input": None}
                 for location, text in problems_in(error, cls)
             ]
             raise ValidationError.from_exception_data(cls.__name__, lines) from None
+        raise_if_any(found.contradictions(info))
+        return found
 
 
 class OneOf:

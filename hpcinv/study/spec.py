@@ -1,7 +1,7 @@
 """Study file: refinement series of runs, measured quantities, references, and published numbers."""
 
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
@@ -10,7 +10,7 @@ from hpcinv.batch.axes import Axis
 from hpcinv.files.untrusted import FileBeside
 from hpcinv.quantity.keys import JobKey, SummaryKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, Quantity
-from hpcinv.quantity.schema import FileName, ListOf, Location, Name, Spec, raise_if_any, repeated, shown
+from hpcinv.quantity.schema import Faults, FileName, ListOf, Location, Name, Spec, raise_if_any, repeated, shown
 from hpcinv.quantity.suggestions import did_you_mean
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
@@ -63,26 +63,20 @@ class RefinementSeries(Spec):
     def steps(self) -> int:
         return len(next(iter(self.vary.values()), (None,)))
 
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        problems: list[tuple[Location, str]] = []
+    def contradictions(self, info: ValidationInfo) -> Faults:
         lengths = {key: len(values) for key, values in self.vary.items()}
         if len(set_of := sorted(set(lengths.values()))) > 1 or set_of == [0]:
             counts = ", ".join(f"{key} {n}" for key, n in lengths.items())
-            problems.append(
-                (("vary",), f"needs the same number of values of each key, and at least one, not: {counts}")
-            )
+            yield ("vary",), f"needs the same number of values of each key, and at least one, not: {counts}"
         elif self.labels is not None and len(self.labels) != self.steps:
-            problems.append((("labels",), f"must be as many as there are runs, {self.steps}, not {len(self.labels)}"))
+            yield ("labels",), f"must be as many as there are runs, {self.steps}, not {len(self.labels)}"
         parts = {"set": self.set, "vary": self.vary, "take": self.take}
         for i, (name, keys) in enumerate(parts.items()):
             earlier = {key: n for n in list(parts)[:i] for key in parts[n]}
-            problems += [((name, key), f"is also in '{earlier[key]}'") for key in keys if key in earlier]
-        raise_if_any(problems)
-        return self
+            yield from (((name, key), f"is also in '{earlier[key]}'") for key in keys if key in earlier)
 
 
-def faults_between(listed: tuple[RefinementSeries, ...]) -> Iterator[tuple[Location, str]]:
+def faults_between(listed: tuple[RefinementSeries, ...]) -> Faults:
     """Yield the contradictions between series, each of which is valid."""
     if not listed:
         raise ValueError("must hold at least one series")
