@@ -7,11 +7,11 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import Field, PlainValidator, ValidationInfo, field_validator
+from pydantic import Field, PlainValidator, ValidationInfo
 
 from hpcinv.batch.sampling import Distribution, Method, read_distribution, unit_points
 from hpcinv.quantity.keys import JobKey, parse_key
-from hpcinv.quantity.schema import Faults, ListOf, Name, Spec, raise_if_any
+from hpcinv.quantity.schema import Faults, ListOf, Name, Spec
 
 LISTS = ("grid", "zip")
 SAMPLES: tuple[Method, ...] = ("random", "latin_hypercube", "sobol")
@@ -28,13 +28,8 @@ class Branch(Spec):
     axes: ListOf[Axis] = ()
     """axes of this branch alone"""
 
-    @field_validator("axes")
-    @classmethod
-    def _are_apart(cls, axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
-        raise_if_any(faults_between(axes))
-        return axes
-
     def contradictions(self, info: ValidationInfo) -> Faults:
+        yield from ((("axes", *place), text) for place, text in faults_between(self.axes))
         for i, axis in enumerate(self.axes):
             yield from ((("axes", i), f"{key} is also in 'set'") for key in axis.keys if key in self.set)
 

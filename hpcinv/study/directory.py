@@ -8,7 +8,8 @@ from hpcinv.errors import OutputError
 from hpcinv.files.atomic import output_errors, publish, replace
 from hpcinv.files.names import check_output
 
-_MARK, _STORE = "study.json", "store"
+STORE = "store"
+_MARK = "study.json"
 
 
 class StudyDirectory:
@@ -61,7 +62,3 @@ def _mark(path: Path) -> dict[str, object]:
         content = json.loads((path / _MARK).read_text())
         return content if isinstance(content, dict) else {}
     return {}
-
-
-def store_in(directory: Path) -> Path:
-    return directory / _STORE

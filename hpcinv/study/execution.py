@@ -18,7 +18,7 @@ from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.jit import NOT_FOUND
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.problem_cache import collect_garbage
-from hpcinv.study.directory import store_in
+from hpcinv.study.directory import STORE
 from hpcinv.study.executions import RETRY, Executions
 from hpcinv.study.plan import StudyPlan
 
@@ -77,7 +77,7 @@ class StudyRunner(Runner[StudyTask]):
 
 def study_batch(plan: StudyPlan, directory: Path) -> Batch:
     """Return the executions of the runs of a study in a directory."""
-    return Batch(store_in(directory), plan.study.limit, RETRY, partial(_schedule, plan), StudyRunner)
+    return Batch(directory / STORE, plan.study.limit, RETRY, partial(_schedule, plan), StudyRunner)
 
 
 def _schedule(plan: StudyPlan, ledger: Ledger, _begin: float, ranks: int) -> StudySchedule:

@@ -18,7 +18,7 @@ from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import Job
 from hpcinv.quantity.keys import look_up
-from hpcinv.study.directory import check_content, ranks_in, store_in
+from hpcinv.study.directory import STORE, check_content, ranks_in
 from hpcinv.study.plan import StudyPlan
 
 RETRY = "study --retry-failed"
@@ -42,7 +42,7 @@ def executions_in(plan: StudyPlan, directory: Path, ranks: int | None = None) ->
         OutputError: the directory holds anything else than this study.
     """
     check_content(directory, plan.study.study)
-    return Executions(plan, ledger_of(store_in(directory)), ranks or ranks_in(directory))
+    return Executions(plan, ledger_of(directory / STORE), ranks or ranks_in(directory))
 
 
 class Executions:

@@ -17,7 +17,7 @@ from hpcinv.__main__ import main
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.study.directory import StudyDirectory, store_in
+from hpcinv.study.directory import STORE, StudyDirectory
 from hpcinv.study.execution import StudySchedule, StudyTask
 from hpcinv.study.executions import Executions
 from hpcinv.study.page import write_study_report
@@ -143,7 +143,7 @@ def study_page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     """The report of a study whose records are made up: the second run has failed, errors fall by 4 from run to run."""
     directory = tmp_path_factory.mktemp("study")
     plan = study_plan(directory, repeat=1)
-    store = store_in(StudyDirectory(directory / "out", plan.study.study).path)
+    store = StudyDirectory(directory / "out", plan.study.study).path / STORE
     with Holder(store) as holder:
         schedule = StudySchedule(Executions(plan, Ledger(store, holder), 1))
         for number in range(5):

@@ -37,7 +37,7 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.study.convergence import fitted_order, orders, richardson
 from hpcinv.study.diagram import work_precision
-from hpcinv.study.directory import StudyDirectory, store_in
+from hpcinv.study.directory import STORE, StudyDirectory
 from hpcinv.study.execution import StudyRunner, StudySchedule, StudyTask
 from hpcinv.study.executions import Executions
 from hpcinv.study.findings import accuracy, front
@@ -118,7 +118,7 @@ def begin() -> Iterator[Begin]:
     with ExitStack() as held:
 
         def schedule(plan: StudyPlan, directory: Path, ranks: int = 1) -> StudySchedule:
-            store = store_in(StudyDirectory(directory / "out", plan.study.study).path)
+            store = StudyDirectory(directory / "out", plan.study.study).path / STORE
             return StudySchedule(Executions(plan, Ledger(store, held.enter_context(Holder(store))), ranks))
 
         yield schedule

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hpcinv.batch.ledger.store import as_output_error, records_in
+from hpcinv.batch.ledger.store import RECORDS, as_output_error
 
 _NAME = re.compile(
     r"\.?\w+\.(?P<kind>claim|crashed|released|record|reopened)-(?P<round>\d+)(-(?P<claim>\d+))?(\.json)?(?P<partial>\.\w+\.partial)?"
@@ -66,7 +66,7 @@ class Histories:
     """Histories of the cases in a store, read from its files at each call."""
 
     def __init__(self, store: Path) -> None:
-        self._directory = records_in(store)
+        self._directory = store / RECORDS
 
     def file(self, key: str, name: str) -> Path:
         return self._directory / key[:2] / f"{key}.{name}"

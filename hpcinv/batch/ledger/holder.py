@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from hpcinv.batch.ledger.store import as_output_error, heartbeats_in, open_store
+from hpcinv.batch.ledger.store import HEARTBEATS, as_output_error, open_store
 from hpcinv.files.atomic import create
 from hpcinv.parallel.processes import Identity
 
@@ -54,7 +54,7 @@ class Holder:
 
     def __init__(self, store: Path, *, beat: float = BEAT) -> None:
         self.identity = Identity.of_this_process()
-        self.heartbeat = heartbeat_of(self.identity.token, store)
+        self.heartbeat = store / HEARTBEATS / self.identity.token
         self._store, self._beat = store, beat
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -94,7 +94,3 @@ def _signals_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def heartbeat_of(token: str, store: Path) -> Path:
-    return heartbeats_in(store) / token

@@ -39,7 +39,7 @@ from hpcinv.batch.ledger.history import Histories, History
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.liveness import LEASE, Watch
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.ledger.store import as_output_error, runs_in
+from hpcinv.batch.ledger.store import RUNS, as_output_error
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import create, make_directory, publish
 from hpcinv.parallel.processes import Identity
@@ -117,7 +117,7 @@ class Ledger:
 
     def directory(self, key: str) -> Path:
         """Return the directory of the runs of a case; that of one claim is ``claim.run``."""
-        return runs_in(self.path) / key[:2] / key
+        return self.path / RUNS / key[:2] / key
 
     def record(self, key: str) -> CaseRecord | None:
         """Return the record of a case; ``None`` if it is not finished. A damaged record opens its case again."""

@@ -9,7 +9,7 @@
 from pathlib import Path
 from time import monotonic
 
-from hpcinv.batch.ledger.holder import heartbeat_of
+from hpcinv.batch.ledger.store import HEARTBEATS
 from hpcinv.parallel.processes import Identity
 
 LEASE = 60.0
@@ -24,7 +24,7 @@ class Watch:
     """
 
     def __init__(self, store: Path, me: Identity, lease: float) -> None:
-        self._store, self._me, self._lease = store, me, lease
+        self._heartbeats, self._me, self._lease = store / HEARTBEATS, me, lease
         self._seen: dict[str, tuple[bytes | None, float]] = {}
         self._beating: set[str] = set()  # tokens whose heartbeat has changed
 
@@ -41,7 +41,7 @@ class Watch:
 
     def remove_heartbeat(self, dead: Identity) -> None:
         """Remove the heartbeat of a dead process; if it is alive after all, it writes the file again."""
-        heartbeat_of(dead.token, self._store).unlink(missing_ok=True)
+        (self._heartbeats / dead.token).unlink(missing_ok=True)
 
     def is_abandoned(self, claim: str) -> bool:
         """Return `is_dead` of the unknown holder of a damaged claim."""
@@ -61,6 +61,6 @@ class Watch:
 
     def _beat(self, token: str) -> bytes | None:
         try:
-            return heartbeat_of(token, self._store).read_bytes()
+            return (self._heartbeats / token).read_bytes()
         except FileNotFoundError:
             return None

@@ -10,6 +10,8 @@ from hpcinv.errors import OutputError
 from hpcinv.files.atomic import make_directory, publish
 from hpcinv.files.names import check_output
 
+RECORDS, HEARTBEATS, RUNS = "ledger", "holders", "cases"
+"""directories in a store"""
 _FORMAT = "hpcinv store 1"
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENOTCONN}
@@ -52,17 +54,5 @@ def open_store(path: Path) -> None:
             found = "unknown"
         if found != _FORMAT:
             raise OutputError(f"{mark}: the format is {found}, not {_FORMAT}", "Choose another 'store'.")
-        for directory in (records_in(path), heartbeats_in(path)):
-            make_directory(directory)
-
-
-def records_in(store: Path) -> Path:
-    return store / "ledger"
-
-
-def heartbeats_in(store: Path) -> Path:
-    return store / "holders"
-
-
-def runs_in(store: Path) -> Path:
-    return store / "cases"
+        for directory in (RECORDS, HEARTBEATS):
+            make_directory(path / directory)
