@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import length_unit, on_one_process
 from hpcinv.errors import OutputError
-from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.atomic import write_output
 from hpcinv.files.untrusted import add_option
 from hpcinv.quantity.units import readable
 
 if TYPE_CHECKING:
     import pyvista
+
+_ADVICE = "Is the directory there, and writable?"
 
 
 def add_compare(commands: Any) -> None:
@@ -94,15 +96,10 @@ def _compare(options: argparse.Namespace) -> int:
         print(f"  from the other's surface: mean {mean} (outside positive), rms {rms}, 95 % {most}, largest {largest}")
     print(f"overlap (Dice): {found.dice:.4f}")
     if options.json is not None:
-        _write(options.json, json.dumps(found.as_data(), indent=1))
+        write_output(options.json, json.dumps(found.as_data(), indent=1).encode(), _ADVICE)
     if options.to is not None:
-        _write(options.to, _vtp(found.surface))
+        write_output(options.to, _vtp(found.surface).encode(), _ADVICE)
     return 0
-
-
-def _write(path: Path, text: str) -> None:
-    with output_errors(path, "Is the directory there, and writable?"):
-        replace(path, text.encode())
 
 
 def _vtp(surface: pyvista.PolyData) -> str:

@@ -179,14 +179,12 @@ def _show_ranking(outcomes: list[CheckedFit]) -> None:
 def _write(options: argparse.Namespace, outcomes: list[CheckedFit], best: CheckedFit) -> None:
     import yaml
 
-    from hpcinv.files.atomic import output_errors, replace
+    from hpcinv.files.atomic import write_output
     from hpcinv.files.json_data import json_data
 
     if options.material is not None:
-        with output_errors(options.material):
-            replace(options.material, best.as_yaml().encode())
+        write_output(options.material, best.as_yaml().encode())
     if options.output is not None:
         data = json_data({"best": best.label, "laws": [outcome.as_data() for outcome in outcomes]})
         text = json.dumps(data, indent=1) if options.output.suffix == ".json" else yaml.safe_dump(data, sort_keys=False)
-        with output_errors(options.output):
-            replace(options.output, text.encode())
+        write_output(options.output, text.encode())

@@ -16,7 +16,7 @@ from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import label_of
 from hpcinv.cli.mesh_input import length, length_unit
 from hpcinv.errors import JobError, OutputError
-from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.atomic import output_errors, replace, write_output
 from hpcinv.job.job import parse
 from hpcinv.job.sections import IMAGES, SURFACES
 from hpcinv.job.yaml_reader import read_text
@@ -120,8 +120,7 @@ def _new(options: argparse.Namespace) -> int:
             with output_errors(source.beside):
                 source.write(source.beside)
         parse(read_text(text, str(output)), output)  # before it is written, but beside its mesh
-        with output_errors(output):
-            replace(output, text.encode())
+        write_output(output, text.encode())
     except Exception:
         if source.beside is not None and not existing:
             source.beside.unlink(missing_ok=True)

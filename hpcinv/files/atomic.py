@@ -72,6 +72,12 @@ def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
     _flush_directory(path.parent)
 
 
+def write_output(path: Path, content: bytes, advice: str = "") -> None:
+    """Write a file as `replace` does; raises ``OutputError`` if that fails."""
+    with output_errors(path, advice):
+        replace(path, content)
+
+
 def make_directory(path: Path) -> None:
     """Make a directory, if it does not exist, in an existing one; durable."""
     if not path.is_dir():

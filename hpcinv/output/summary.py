@@ -17,7 +17,7 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.atomic import write_output
 from hpcinv.files.json_data import json_data
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
@@ -166,9 +166,8 @@ def write_summary(
 
     def on_rank_0() -> None:
         for form in formats:
-            path = directory / f"summary.{form}"
-            with output_errors(path, "Is the directory there, and space?"):
-                replace(path, CONTENTS[form](statistics))
+            content = CONTENTS[form](statistics)
+            write_output(directory / f"summary.{form}", content, "Is the directory there, and space?")
 
     on_root(comm, on_rank_0)
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import OutputError
-from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.atomic import write_output
 from hpcinv.quantity.units import readable
 
 if TYPE_CHECKING:  # importing the mesh takes seconds
@@ -120,8 +120,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write compressed NumPy arrays (.npz), completely or not at all; raises ``OutputError`` if that fails."""
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays)
-    with output_errors(path, "Is there space left?"):
-        replace(path, stream.getvalue())
+    write_output(path, stream.getvalue(), "Is there space left?")
 
 
 def read_boundary(path: Path) -> Boundary:

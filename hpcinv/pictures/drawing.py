@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from hpcinv.errors import OutputError, SystemPartMissing
-from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.atomic import write_output
 
 if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats, Ints
@@ -38,8 +38,7 @@ class Picture:
 
     def save(self, path: Path) -> None:
         """Write the picture to a file; raises ``OutputError`` if it cannot be written."""
-        with output_errors(path):
-            replace(path, self.png)
+        write_output(path, self.png)
 
     def _repr_png_(self) -> bytes:
         return self.png

@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from hpcinv.errors import OutputError
-from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.atomic import write_output
 from hpcinv.version import __version__
 
 NAME = "report.html"
@@ -31,8 +31,7 @@ def write_page(path: Path, page: bytes) -> None:
     """Write a page, completely or not at all; raises ``OutputError`` if that fails."""
     if path.suffix.lower() not in (".html", ".htm"):
         raise OutputError(f"{path}: reports are HTML files", f"Name it {path.with_suffix('.html').name}.")
-    with output_errors(path, "Does the directory exist, and is there space?"):
-        replace(path, page)
+    write_output(path, page, "Does the directory exist, and is there space?")
 
 
 @cache
