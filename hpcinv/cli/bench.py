@@ -74,7 +74,8 @@ def _bench(options: argparse.Namespace) -> int:
         raise OutputError(f"--out {options.out}: no such directory")
     from hpcinv.cli.bench_runs import Bench
 
-    counts = sorted(set(options.ranks or _up_to_the_cores()))
+    up_to_the_cores = [2**k for k in range(len(os.sched_getaffinity(0)).bit_length())]
+    counts = sorted(set(options.ranks or up_to_the_cores))
     found: dict[str, Any] = {"machine": {"processor": platform.processor() or platform.machine()}}
     with tempfile.TemporaryDirectory(prefix="hpcinv-bench-") as directory:
         bench = Bench(Path(directory), lambda text: print(text, file=sys.stderr, flush=True))
@@ -93,10 +94,6 @@ def _bench(options: argparse.Namespace) -> int:
                 with output_errors(options.out):
                     options.out.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
     return 0
-
-
-def _up_to_the_cores() -> list[int]:
-    return [2**k for k in range(len(os.sched_getaffinity(0)).bit_length())]
 
 
 def bodies(bench: Bench) -> Bodies:

@@ -121,7 +121,7 @@ def _add_scans(actions: Any) -> None:
     surface.add_argument("input", type=Path, help="surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
     _add_meshing(surface)
     surface.add_argument("--unit", required=True, help="length unit of the surface, as mesh.unit of a job")
-    surface.set_defaults(command=_from_surface)
+    surface.set_defaults(command=lambda options: _meshed(options, SURFACES, "surface", {}))
 
 
 def _add_meshing(action: argparse.ArgumentParser) -> None:
@@ -146,10 +146,6 @@ def _from_image(options: argparse.Namespace) -> int:
         for name, numbers in map(parsed, texts):  # a region may be given in several options
             regions[name] = [*regions.get(name, []), *numbers]
     return _meshed(options, IMAGES, "image", given)
-
-
-def _from_surface(options: argparse.Namespace) -> int:
-    return _meshed(options, SURFACES, "surface", {})
 
 
 def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, given: dict[str, Any]) -> int:

@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -78,17 +78,16 @@ def asked_for(options: argparse.Namespace) -> Iterator[None]:
         os.environ[VARIABLE] = "1"
     try:
         if is_asked():
-            _check_working_directory([path for value in vars(options).values() for path in _paths(value)])
+            values = [
+                one for value in vars(options).values() for one in (value if isinstance(value, list) else [value])
+            ]
+            _check_working_directory([value for value in values if isinstance(value, Path)])
         yield
     finally:
         if before is None:
             os.environ.pop(VARIABLE, None)
         else:
             os.environ[VARIABLE] = before
-
-
-def _paths(value: object) -> Iterable[Path]:
-    return [path for path in (value if isinstance(value, list) else [value]) if isinstance(path, Path)]
 
 
 def _check_working_directory(files: list[Path]) -> None:

@@ -11,11 +11,8 @@ _REMEDY = "a plain number is in radians; write degrees as '60 deg'"
 Angle = Annotated[float, Quantity("", at_least=-1.5707963267948968, at_most=1.5707963267948968, remedy=_REMEDY)]
 
 
-def _pair(given: Any) -> Any:
-    return given if isinstance(given, list | tuple) else (given, given)
-
-
-Angles = Annotated[tuple[Angle, Angle], Field(strict=False), BeforeValidator(_pair)]
+_PAIR = BeforeValidator(lambda given: given if isinstance(given, list | tuple) else (given, given))
+Angles = Annotated[tuple[Angle, Angle], Field(strict=False), _PAIR]
 """Angles at the inner and at the outer surface of a wall; one angle stands for both."""
 Share = Literal["fibre", "sheet", "normal"]
 

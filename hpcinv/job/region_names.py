@@ -33,10 +33,6 @@ class Groups:
     thin: frozenset[str] = frozenset()
     patterns: tuple[str, ...] = ()
 
-    def may_have(self, name: str) -> bool:
-        """Return whether the mesh has, or may have, a group of this name."""
-        return name in self.names or any(re.fullmatch(pattern, name) for pattern in self.patterns)
-
 
 def unknown_regions(
     path: Path, defined: Iterable[str], named: Iterable[tuple[Location, str]]
@@ -55,7 +51,7 @@ def unknown_regions(
         return
     known = {*defined, _BOUNDARY, *groups.names}
     for where, name in named:
-        if name in known or groups.may_have(name):
+        if name in known or any(re.fullmatch(pattern, name) for pattern in groups.patterns):
             continue
         hint = did_you_mean(name, known)
         if name in groups.thin:

@@ -50,7 +50,7 @@ def save(path: Path, source: MeshSource, points: Floats) -> None:
     """
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
-        SAVERS[path.suffix](partial, source, source.in_file_unit(points))
+        SAVERS[path.suffix](partial, source, points / (source.unit or 1.0))
         partial.replace(path)
     except Exception as exc:  # gmsh and VTK raise nothing narrower
         partial.unlink(missing_ok=True)

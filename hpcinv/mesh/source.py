@@ -141,10 +141,6 @@ class MeshSource:
         surface = self.surface and dataclasses.replace(self.surface, nodes=self.surface.nodes * unit)
         return dataclasses.replace(self, points=self.points * unit, surface=surface, unit=unit)
 
-    def in_file_unit(self, points: Floats) -> Floats:
-        """Coordinates in the length unit of the file, from ``points`` (n, 3) in metres."""
-        return points if self.unit in (None, 1.0) else points / self.unit
-
     def without_unused_nodes(self) -> MeshSource:
         """The same mesh without nodes of no cell (such as centres of arcs); the others keep order and tags."""
         used = np.zeros(len(self.points), dtype=bool)

@@ -120,10 +120,6 @@ type Evaluation = Callable[[LocalIndices, LocalIndices], Floats]
 """values (f, m) of local facets (f,) and of the cells (f,) that they belong to"""
 
 
-def _nothing(facets: LocalIndices, _cells: LocalIndices) -> Floats:
-    return np.zeros((len(facets), 0))
-
-
 def surface_of(source: MeshSource, cells: Ints | None = None) -> Surface:
     """Return the boundary of a whole mesh on one process, or of some of its cells."""
     kind, degree = source.kind, source.degree
@@ -139,7 +135,7 @@ def surface_of(source: MeshSource, cells: Ints | None = None) -> Surface:
     return Surface(FACET_KIND[kind], degree, tags, source.points[tags], turned[which] == (determinants > 0))
 
 
-def gather_surface(body: Body, nodes: Floats, evaluate: Evaluation = _nothing) -> Surface | None:
+def gather_surface(body: Body, nodes: Floats, evaluate: Evaluation | None = None) -> Surface | None:
     """Gather on rank 0 the boundary of a body with its local geometry nodes at ``nodes`` (n, 3) m; collective."""
     mesh, kind, degree = body.mesh, body.source.kind, body.source.degree
     topology, geometry = mesh.topology, mesh.geometry
@@ -159,7 +155,9 @@ def gather_surface(body: Body, nodes: Floats, evaluate: Evaluation = _nothing) -
     outward = turned[which] == (determinants > 0)  # normals are reversed in a mesh that is left-handed throughout
     order = np.stack([np.asarray(topology.original_cell_index)[cells], which], axis=1)
     tags = geometry.input_global_indices[local].astype(np.int64)
-    gathered = mesh.comm.gather((order, tags, nodes[local], outward, evaluate(facets, local_cells)))
+    gathered = mesh.comm.gather(
+        (order, tags, nodes[local], outward, evaluate(facets, local_cells) if evaluate else np.zeros((len(facets), 0)))
+    )
     if gathered is None:
         return None
     order, tags, points, outward, values = map(np.concatenate, zip(*gathered, strict=True))

@@ -45,7 +45,7 @@ def _environment() -> Environment:
     )
     environment.globals["static"] = _static
     environment.filters["number"] = number
-    environment.filters["megabytes"] = _megabytes
+    environment.filters["megabytes"] = lambda size: f"{size / 1e6:,.0f} MB"
     environment.filters["script"] = _script
     return environment
 
@@ -60,10 +60,6 @@ def _script(data: Mapping[str, Any]) -> Markup:
     """JSON that cannot end the element in which it stands."""
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c"))
-
-
-def _megabytes(size: float) -> str:
-    return f"{size / 1e6:,.0f} MB"
 
 
 def number(value: Any, unit: str = "") -> str:

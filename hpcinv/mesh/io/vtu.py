@@ -76,17 +76,15 @@ def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
         done = run_isolated("vtu", path)
     complaints = [match[1] for match in _COMPLAINT.finditer(done.stderr.decode(errors="replace"))]
     if done.returncode or complaints:
-        reason = complaints[0] if complaints else f"it crashed ({_ending(done.returncode)})"
+        code = done.returncode
+        ending = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        reason = complaints[0] if complaints else f"it crashed ({ending})"
         raise MeshError(f"{path}: VTK cannot read it: {reason}", "Is it a complete .vtu file?")
     with np.load(io.BytesIO(done.stdout)) as found:
         return dict(found)
 
 
 _COMPLAINT = re.compile(r"ERR\|\s*(?:\w+ \(0x[0-9a-f]+\): )?(.*?)\s*(?:\x1b\[0m)?$", re.MULTILINE)
-
-
-def _ending(code: int) -> str:
-    return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
 def _tags(path: Path, name: str, values: npt.NDArray[Any] | None, count: int) -> Ints:
