@@ -35,8 +35,12 @@ def conduct(
             used.
         Interrupted: on every rank: a signal was received, and cases are left.
     """
-    groups = groups_of(world, ranks_per_case)
-    number = world.rank // ranks_per_case
+    if world.size % ranks_per_case:
+        raise OutputError(
+            f"--ranks-per-case {ranks_per_case}: {world.size} ranks cannot be divided into groups of that size",
+            f"Start a multiple of {ranks_per_case} ranks.",
+        )
+    groups, number = world.size // ranks_per_case, world.rank // ranks_per_case
     group = cast(MPI.Intracomm, world.Split(number))
     error: HpcinvError | None = None
     try:
@@ -58,13 +62,3 @@ def conduct(
     wait_for_all(world)
     group.Free()
     agree(world, error)
-
-
-def groups_of(world: MPI.Intracomm, ranks_per_case: int) -> int:
-    """Return the number of groups; raises ``OutputError`` if the ranks cannot be divided into groups of that size."""
-    if world.size % ranks_per_case:
-        raise OutputError(
-            f"--ranks-per-case {ranks_per_case}: {world.size} ranks cannot be divided into groups of that size",
-            f"Start a multiple of {ranks_per_case} ranks.",
-        )
-    return world.size // ranks_per_case

@@ -70,7 +70,8 @@ def supervise(
         Interrupted: on every rank of the group: a signal was received, and cases are left.
         OutputError, SystemPartMissing: on the first rank: the store cannot be used, or no process can be started.
     """
-    processors = sorted(set().union(*group.allgather(_processors())))
+    mine = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set[int]()
+    processors = sorted(set[int]().union(*group.allgather(mine)))
     if group.rank != 0:
         _wait_for_first(group, stop)
         return
@@ -220,10 +221,6 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 def _mpiexec() -> str | None:
     """Return the path of mpiexec: that of this Python's MPI is in the same directory."""
     return shutil.which("mpiexec", path=str(Path(sys.executable).parent)) or shutil.which("mpiexec")
-
-
-def _processors() -> list[int]:
-    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
 
 
 def _environment() -> dict[str, str]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hpcinv.files.json_data import json_data
 from hpcinv.reports.arrays import Arrays
 from hpcinv.reports.page import render
 
@@ -60,7 +61,8 @@ def cases_page(cases: Cases) -> bytes:
         unit, values = cases.units.get(name, ""), cases.columns[name]
         text = any(isinstance(v, str) for v in values if v is not None)
         columns.append({"name": name, "unit": unit, "text": text, "label": f"{name} ({unit})" if unit else name})
-    rows = [[_plain(v) for v in row] for row in zip(*(cases.columns[name] for name in names), strict=True)]
+    table = zip(*(cases.columns[name] for name in names), strict=True)
+    rows = [[str(v).lower() if isinstance(v, bool) else json_data(v) for v in row] for row in table]
     axes = [names.index(name) for name in [*cases.parameters, *cases.results] if name in names][:_AXES]
     bad, doubtful = cases.outcome.count("bad"), cases.outcome.count("doubtful")
     numbers = [name for name in cases.results if name in names] or names[-1:]
@@ -88,11 +90,3 @@ def cases_page(cases: Cases) -> bytes:
 def as_url(png: bytes) -> str:
     """Return a PNG as address of its data."""
     return f"data:image/png;base64,{base64.b64encode(png).decode()}"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if value is None or isinstance(value, int | str):
-        return value
-    return float(value) if float(value) == float(value) and abs(float(value)) != float("inf") else None
