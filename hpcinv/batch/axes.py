@@ -28,7 +28,7 @@ class Branch(Spec):
     axes: ListOf[Axis] = ()
     """axes of this branch alone"""
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         yield from ((("axes", *place), text) for place, text in faults_between(self.axes))
         for i, axis in enumerate(self.axes):
             yield from ((("axes", i), f"{key} is also in 'set'") for key in axis.keys if key in self.set)
@@ -93,7 +93,7 @@ class Axis(Spec):
                 return len(next(iter((self.zip or {}).values())))
         return self.count or 0
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         given = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
             found = " and ".join(given) or "none of them"

@@ -34,7 +34,7 @@ class FibreRule(Spec):
         names = ("endo", "rv", "epi", "base", "apex", "inner", "outer", "inlet", "outlet")
         return {name: region for name in names if (region := getattr(self, name, None)) is not None}
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         found = dict[str, str]()
         for field, region in self.surfaces.items():
             if region in found:
@@ -92,8 +92,8 @@ class TubeRule(FibreRule):
     axis: Triple[Annotated[float, Quantity("")]] | None = None
     """direction of a straight tube, in place of 'inlet' and 'outlet'"""
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
-        yield from super().contradictions(info)
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        yield from super()._contradictions(info)
         ends = [name for name in ("inlet", "outlet") if getattr(self, name) is not None]
         if self.axis is not None and ends:
             yield ("axis",), f"is not valid with '{ends[0]}': the direction of a tube is one or the other"

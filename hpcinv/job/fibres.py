@@ -48,7 +48,7 @@ class FibreFamily(Ingredient):
     def numbers(self) -> dict[Location, Number | str]:
         return {("constants", name): Number(value, None) for name, value in self.constants.items()}
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if sum(given is not None for given in (self.direction, self.data, self.rule)) != 1:
             ways = "'direction' (three formulas), 'data' (an array of the mesh file) and 'rule' (for a kind of wall)"
             yield (), f"needs exactly one of {ways}"

@@ -85,7 +85,7 @@ class Observation(Spec):
         """Path of its file, relative to that of the job."""
         return self.mesh or self.surface or (self.landmarks if isinstance(self.landmarks, str) else None)
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         kinds = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(kinds) != 1:
             yield (), f"needs exactly one of {', '.join(KINDS)}" + (f", not {' and '.join(kinds)}" if kinds else "")

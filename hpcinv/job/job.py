@@ -560,7 +560,7 @@ class Job(Spec):
         raise_if_any(problems)
         return tuple(quantity for _, quantity in numbered)
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
                 yield (key,), "is not valid with 'states', one of which is the given one; remove it"

@@ -166,7 +166,7 @@ class MeshFile(Spec):
         raise_if_any(problems)
         return values
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if "unit" not in self.model_fields_set:
             if self.is_surface:
                 yield ("unit",), "is needed: files of surfaces do not have one"
@@ -197,8 +197,8 @@ class ExpectedShape(MeshFile):
         """True for a mesh."""
         return not self.is_image and not self.is_surface
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
-        yield from super().contradictions(info)
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        yield from super()._contradictions(info)
         if self.labels and not self.is_image:
             yield ("labels",), "is for segmented images only, and 'file' is none"
         if self.align and self.has_nodes:
@@ -284,8 +284,8 @@ class MeshSpec(MeshFile):
                     raise Problems(((name,), str(error))) from None
         return surfaces
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
-        yield from super().contradictions(info)
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        yield from super()._contradictions(info)
         if self.geometry_degree is not None and self.is_partitioned:
             text = "is that of the partitioned mesh; pass it to 'hpcinv mesh partition' as --geometry-degree"
             yield ("geometry_degree",), text
@@ -345,7 +345,7 @@ class Support(Spec):
         """A copy with another constant (SI) at one of the places of `numbers`."""
         return self.model_copy(update={"constants": with_scalar(self.constants, place[1:], number)})
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if (self.fix is None) == (self.displacement is None):
             yield (), "needs exactly one of 'fix' (fixed components) and 'displacement' (three formulas)"
         elif not self.held:
@@ -444,7 +444,7 @@ class QuantityOfInterest(Spec):
         """True if it is reduced over the volume or area of a region, rather than over its nodes."""
         return self.on is not None and (self.over is not None or bool(self.fields))
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.about is not None and not self.is_moment:
             yield ("about",), "is valid only with 'of: reaction_moment'"
         yield from self._faults_of_reaction() if self.is_reaction else self._faults_of_formula()

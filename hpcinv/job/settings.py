@@ -32,7 +32,7 @@ class Discretisation(Spec):
     quadrature: Annotated[int, Field(ge=1, le=20)] | None = None
     """degree of the quadrature; by default it follows from the other degrees"""
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.formulation == "displacement" and self.pressure is not None:
             yield ("pressure",), "is not valid in the displacement form, which has no pressure"
         elif self.formulation == "mixed" and self.displacement == 1:
@@ -111,7 +111,7 @@ class Solver(Spec):
             raise_if_any(((key,), fault) for key, value in petsc.items() if (fault := option_fault(key, value)))
         return petsc
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         for key, uses in sorted(_USES.items()):
             if key in self.model_fields_set and self.strategy not in uses:
                 text = f"is not valid with 'strategy: {self.strategy}'"

@@ -35,7 +35,7 @@ class State(Spec):
         """True for the body without loads and supports."""
         return not self.effects and self.supports is None
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.start is not None and self.is_rest:
             yield ("start",), "is not valid for the rest shape, a state without effects and supports"
         elif self.start is not None and self.given:

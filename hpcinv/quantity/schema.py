@@ -96,7 +96,7 @@ class Spec(BaseModel):
         describe(handler.resolve_ref_schema(found), cls)
         return found
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         """Yield faults between fields that are valid by themselves."""
         yield from ()
 
@@ -112,7 +112,7 @@ class Spec(BaseModel):
                 for location, text in problems_in(error, cls)
             ]
             raise ValidationError.from_exception_data(cls.__name__, lines) from None
-        raise_if_any(found.contradictions(info))
+        raise_if_any(found._contradictions(info))
         return found
 
 

@@ -63,7 +63,7 @@ class RefinementSeries(Spec):
     def steps(self) -> int:
         return len(next(iter(self.vary.values()), (None,)))
 
-    def contradictions(self, info: ValidationInfo) -> Faults:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         lengths = {key: len(values) for key, values in self.vary.items()}
         if len(set_of := sorted(set(lengths.values()))) > 1 or set_of == [0]:
             counts = ", ".join(f"{key} {n}" for key, n in lengths.items())
