@@ -7,8 +7,8 @@ the largest distance of either surface from the other one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,52 +32,8 @@ if TYPE_CHECKING:
 _SIDES = 4  # parts of each side of a curved facet
 
 
-@dataclass(frozen=True)
-class ExpectedNodes:
-    """Local geometry nodes (n, 3) m that a run should find."""
-
-    nodes: Floats
-
-    def distance(self, body: Body, solution: Solution) -> dict[str, float]:
-        """Return the distance of the recovered shape; collective."""
-        return distance(body, solution, self.nodes)
-
-
-@dataclass(frozen=True)
-class ExpectedSurface:
-    """Closed surface (m) that a run should find, on rank 0; ``None`` on others."""
-
-    surface: pyvista.PolyData | None
-    align: bool
-
-    def distance(self, body: Body, solution: Solution) -> dict[str, float]:
-        """Return the distance of the recovered surface; collective."""
-        comm, found = body.mesh.comm, gather_surface(body, solution.other_nodes)
-
-        def on_rank_0() -> dict[str, float]:
-            import pyvista  # takes a second
-
-            from hpcinv.results.surface_comparison import compare
-
-            assert found is not None
-            assert self.surface is not None
-            cut = found.cut(1 if found.degree == 1 else _SIDES, np.arange(len(found.nodes)))
-            one = pyvista.PolyData.from_regular_faces(cut.points, cut.corners)
-            compared = compare(one, self.surface, (one, self.surface) if self.align else None)
-            largest = max(compared.one.largest, compared.other.largest)
-            return {
-                "max": largest,
-                "rms": compared.one.rms,
-                "relative": largest / float(np.linalg.norm(np.ptp(cut.points, axis=0))),
-                "mean": compared.one.mean,
-                "quantile_95": compared.one.quantile_95,
-                "dice": compared.dice,
-            }
-
-        return on_root(comm, on_rank_0)
-
-
-type Expected = ExpectedNodes | ExpectedSurface
+type Expected = Callable[[Body, Solution], dict[str, float]]
+"""distance of a recovered shape from the one that a run should find; collective"""
 
 
 def read_expected(job: Job, body: Body) -> Expected | None:
@@ -91,11 +47,12 @@ def read_expected(job: Job, body: Body) -> Expected | None:
     if expected is None:
         return None
     if not expected.has_nodes:
-        return ExpectedSurface(_read_surface(job, expected, body.mesh.comm), expected.align)
+        return partial(_surface_distance, _read_surface(job, expected, body.mesh.comm), expected.align)
     # Straight or curved as the body is, whatever the file is; it was checked to exist when the job was read.
     values = {name: value for name, value in dict(expected).items() if name in MeshSpec.model_fields}
     spec = MeshSpec.model_construct(**(values | {"labels": {}, "geometry_degree": body.source.degree}))
-    return ExpectedNodes(at_local_nodes(body, read_same_cells(spec, job, body, "expected_shape").points))
+    nodes = at_local_nodes(body, read_same_cells(spec, job, body, "expected_shape").points)
+    return partial(distance, expected=nodes)
 
 
 def _read_surface(job: Job, expected: ExpectedShape, comm: MPI.Intracomm) -> pyvista.PolyData | None:
@@ -141,7 +98,7 @@ def differences(body: Body, solutions: Sequence[Solution], expected: Expected | 
     """Return the distance of the first solution's shape from the ``expected`` one, and a round trip's closure error."""
     found = {}
     if expected is not None:
-        found["expected_shape"] = expected.distance(body, solutions[0])
+        found["expected_shape"] = expected(body, solutions[0])
     if len(solutions) == 2 and not solutions[0].state:
         found["round_trip"] = closure(*solutions)
     return found
@@ -150,6 +107,35 @@ def differences(body: Body, solutions: Sequence[Solution], expected: Expected | 
 def distance(body: Body, solution: Solution, expected: Floats) -> dict[str, float]:
     """Return the distance of the computed shape from ``expected`` local nodes (n, 3) m; collective."""
     return _size(body.mesh, solution.other_nodes - expected, expected)
+
+
+def _surface_distance(
+    surface: pyvista.PolyData | None, align: bool, body: Body, solution: Solution
+) -> dict[str, float]:
+    """Return the distance of the recovered surface from a closed one (m), which is on rank 0; collective."""
+    comm, found = body.mesh.comm, gather_surface(body, solution.other_nodes)
+
+    def on_rank_0() -> dict[str, float]:
+        import pyvista  # takes a second
+
+        from hpcinv.results.surface_comparison import compare
+
+        assert found is not None
+        assert surface is not None
+        cut = found.cut(1 if found.degree == 1 else _SIDES, np.arange(len(found.nodes)))
+        one = pyvista.PolyData.from_regular_faces(cut.points, cut.corners)
+        compared = compare(one, surface, (one, surface) if align else None)
+        largest = max(compared.one.largest, compared.other.largest)
+        return {
+            "max": largest,
+            "rms": compared.one.rms,
+            "relative": largest / float(np.linalg.norm(np.ptp(cut.points, axis=0))),
+            "mean": compared.one.mean,
+            "quantile_95": compared.one.quantile_95,
+            "dice": compared.dice,
+        }
+
+    return on_root(comm, on_rank_0)
 
 
 def closure(there: Solution, back: Solution) -> dict[str, float]:
