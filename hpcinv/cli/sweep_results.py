@@ -152,12 +152,12 @@ def _plot(options: argparse.Namespace) -> int:
 
     from hpcinv.sweep.plot import plot
 
-    diagram = plot(plan, results(plan, ledger_of(plan.store)), options.quantity, options.over)
-    for form, content in diagram.files.items():
+    files, left_out = plot(plan, results(plan, ledger_of(plan.store)), options.quantity, options.over)
+    for form, content in files.items():
         path = stem.with_name(f"{stem.name}.{form}")
         _write(path, content)
         print(path)
-    for text in diagram.left_out:
+    for text in left_out:
         print(f"left out: {text}")
     return 0
 

@@ -4,7 +4,6 @@ import math
 import statistics
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from hpcinv.batch.diagram import Scale, Series, draw_lines, draw_maps, draw_outcomes
@@ -26,16 +25,10 @@ MOST_LINES = 7
 """largest number of lines with different colours; beyond it lines share the colour of their first parameter"""
 
 
-@dataclass(frozen=True)
-class Diagram:
-    """A diagram of a sweep."""
-
-    files: Mapping[str, bytes]
-    left_out: tuple[str, ...]
-
-
-def plot(plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, over: Sequence[str]) -> Diagram:
-    """Return the diagram of a quantity over one or two parameters.
+def plot(
+    plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, over: Sequence[str]
+) -> tuple[dict[str, bytes], list[str]]:
+    """Return the diagram of a quantity over one or two parameters as files by format, and what it leaves out.
 
     Args:
         quantity: a column of the table, or ``failures``.
@@ -75,7 +68,7 @@ def plot(plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, over
     title = "\n".join(
         [f"{plan.sweep.sweep}: {quantity}", *(textwrap.fill(f"left out: {text}", 90) for text in left_out)]
     )
-    return Diagram(_drawn(title, quantity, series, scales, _label(quantity, known_units)), tuple(left_out))
+    return _drawn(title, quantity, series, scales, _label(quantity, known_units)), left_out
 
 
 def _left_out(plan: SweepPlan, table: Columns, quantity: str, over: Sequence[str]) -> Iterator[str]:

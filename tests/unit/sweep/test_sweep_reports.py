@@ -328,7 +328,7 @@ def test_laws_are_lines_over_one_parameter_and_failed_cases_crosses(tmp_path: Pa
     found = plan(tmp_path, {"branches": laws, "name": "law"}, {"grid": {DENSITY: [1, 2, 3, 4]}})
     records = {case.key: good(quantities={"top": case.parameters[DENSITY]}) for case in found.cases[:7]}
     records[found.cases[2].key] = bad()  # the last is open
-    files = plot(found, records, "top", [DENSITY]).files
+    files, _ = plot(found, records, "top", [DENSITY])
     assert groups(files) == ["failed", "series-0", "series-1"]
     assert [drawn(files, name) for name in groups(files)] == [1, 3, 3]
     text = files["svg"].decode()
@@ -342,10 +342,10 @@ def test_samples_are_points_over_two_parameters(tmp_path: Path) -> None:
         case.key: bad() if case.parameters[MU] < 1e4 else good(quantities={"top": case.parameters[DENSITY]})
         for case in found.cases
     }
-    files = plot(found, records, "top", [MU, DENSITY]).files
+    files, _ = plot(found, records, "top", [MU, DENSITY])
     assert groups(files) == ["failed-0", "series-0"]
     assert [drawn(files, name) for name in groups(files)] == [16, 16]  # half of them are in each decade
-    files = plot(found, records, "failures", [MU, DENSITY]).files
+    files, _ = plot(found, records, "failures", [MU, DENSITY])
     assert groups(files) == ["outcome-0", "outcome-1"]
     assert [drawn(files, name) for name in groups(files)] == [16, 16]
     assert f">{NO_EQUILIBRIUM} (16)<" in files["svg"].decode()
@@ -372,10 +372,10 @@ def test_a_diagram_tells_which_cases_it_leaves_out(
         commit(case, good())
     told = ["1 of 5 cases, not finished (neo-Hooke)", f"2 of 5 cases, without {MU} (Yeoh)"]
     told.append("1 of 5 cases, without top (neo-Hooke)")
-    diagram = plot(found, results(found, ledger_of(found.store)), "top", [MU])
-    assert list(diagram.left_out) == told
-    assert drawn(diagram.files, "series-0") == 1
-    assert all(f"left out: {text}" in diagram.files["svg"].decode() for text in told)
+    files, left_out = plot(found, results(found, ledger_of(found.store)), "top", [MU])
+    assert left_out == told
+    assert drawn(files, "series-0") == 1
+    assert all(f"left out: {text}" in files["svg"].decode() for text in told)
     assert main(["sweep", "plot", str(found.path), "top", "--over", MU, "--output", str(tmp_path / "top")]) == 0
     assert capsys.readouterr().out.splitlines()[2:] == [f"left out: {text}" for text in told]
 
@@ -388,7 +388,7 @@ def test_an_axis_with_a_zero_is_not_logarithmic(tmp_path: Path) -> None:
     }
     found = plan(tmp_path, {"branches": branches})
     records = {case.key: good() for case in found.cases}
-    files = plot(found, records, "top", [DENSITY]).files
+    files, _ = plot(found, records, "top", [DENSITY])
     assert sum(drawn(files, name) for name in groups(files)) == 5
 
 
