@@ -34,11 +34,6 @@ class Arrays:
         zeros, ones = [0.0] * columns.shape[1], [float(LEVELS)] * columns.shape[1]
         return self._append(columns, low=zeros, span=ones)
 
-    @property
-    def size(self) -> int:
-        """Bytes of the text so far."""
-        return sum(4 * -(-len(part) // 3) for part in self._parts)
-
     def texts(self) -> list[str]:
         """Return the content of each array as text."""
         return [base64.b64encode(part).decode() for part in self._parts]
