@@ -128,3 +128,17 @@ def test_a_solver_of_the_users_own_is_left_alone(comm: MPI.Intracomm) -> None:
     chosen = Chooser(model(box((1, 1, 1)), comm).unknowns, 2).choose(own)
     assert chosen.is_own
     assert chosen.other is None
+
+
+def test_a_hierarchy_is_kept_where_four_of_them_fit_in_memory(comm: MPI.Intracomm) -> None:
+    chooser = model(box((2, 2, 2)), comm).chooser
+    for share, kept in ((1.01, True), (0.99, False)):
+        chooser.room = share * 4 * chooser.forecast.multigrid
+        assert chooser.can_keep_multigrid is kept
+
+
+@pytest.mark.parametrize(("length", "slender"), [(4.0, False), (40.0, True)])
+def test_slender_bodies_have_factors_of_their_own_kind(length: float, slender: bool, comm: MPI.Intracomm) -> None:
+    body = model(box((2, 2, 20), lz=length), comm)
+    choice = body.chooser.choose(body.job.solver)
+    assert (choice.minimum_fill, choice.nearly_symmetric) == (slender, not slender)
