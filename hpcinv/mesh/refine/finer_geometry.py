@@ -35,9 +35,10 @@ SAME = (
 )
 NO_CAD = "nothing is known of the true surface but this mesh"
 EDGE = 0.0025  # smallest ratio of eigenvalues of the sum of n⊗n at an edge: about 0.1 rad between normals
-FLAT = 1e-4  # smallest determinant of a cell, relative to its size, below which it counts as inverted
-FEW = 0.01  # share of the cells that may keep their geometry
-INVERTED = "cells with a geometry of degree {} would be inverted"
+# Share of its least determinant that each cell of this degree must keep. Cubic displacements cannot turn cells of
+# degree 4 without strain, which matters where these differ much from cells of degree 2.
+KEPT = {1: 0.0, 2: 0.5}
+INVERTED = "cells with a geometry of degree {} would be inverted, or nearly so"
 OTHER_CELLS = "its generator or file gives other cells"
 
 
@@ -75,8 +76,8 @@ def of_surface(source: MeshSource) -> FinerGeometry:
     """Geometry of the CAD model that a generator meshed, for its mesh or a refinement of that; not collective.
 
     Cells of degree 1 become cells of degree 2, and cells of degree 2 become cells of degree 4, whose nodes inside the
-    body are where the given cells have them. A few cells, which the true surface would invert, stay as they are. The
-    cells of a refined mesh are others; their geometry is the true one only if all faces of the body are flat.
+    body are where the given cells have them. The cells of a refined mesh are others; their geometry is the true one
+    only if all faces of the body are flat.
     """
     surface, kind = source.surface, source.kind
     if surface is None:
@@ -93,7 +94,7 @@ def of_surface(source: MeshSource) -> FinerGeometry:
     if not covered or moved > SAME * _sizes(corners).min():
         return FinerGeometry(OTHER_CELLS)
     given = _of_degree(source, surface.degree)
-    return _admissible(given, _on_surface(given, surface, table, facets))
+    return _admissible(given, _on_surface(given, surface, table, facets), KEPT[source.degree])
 
 
 def _rows(tags: Ints, wanted: Ints) -> Ints:
@@ -181,17 +182,12 @@ def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets
     return moved
 
 
-def _admissible(given: MeshSource, points: Floats) -> FinerGeometry:
-    """Geometry of cells whose nodes are moved to ``points``, but not the nodes of a few that might be inverted."""
+def _admissible(given: MeshSource, points: Floats, least: float) -> FinerGeometry:
+    """Geometry of cells whose nodes are moved to ``points``, if each keeps more of its least determinant."""
     is_moved = (points != given.points).any(axis=1)
     near = dataclasses.replace(given, cells=given.cells[is_moved[given.cells].any(axis=1)])
-    least, kept = np.minimum(FLAT, 0.5 * _least(near)), np.zeros(len(near.cells), dtype=bool)
-    while (bad := _least(dataclasses.replace(near, points=points)) < least).any():
-        kept |= bad
-        if np.count_nonzero(kept) > FEW * len(given.cells):
-            return FinerGeometry(INVERTED.format(given.degree))
-        points = points.copy()
-        points[near.cells[bad]] = given.points[near.cells[bad]]
+    if (_least(dataclasses.replace(near, points=points)) <= least * _least(near)).any():
+        return FinerGeometry(INVERTED.format(given.degree))
     return FinerGeometry(source=dataclasses.replace(given, points=points))
 
 
