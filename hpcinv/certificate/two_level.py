@@ -46,9 +46,8 @@ MANY = 5e9
 """Operations of a factorization in the finer spaces from which iterations are worth their error: it takes seconds."""
 _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
-# What is left of the correction when it is found, by the last change and the contraction of the residual: as a share of
-# its norm, and of its largest value.
-_LEFT, _LEFT_ANYWHERE = 0.2, 0.3
+_RESIDUAL = 0.05  # relative, at which the correction may be found
+_CHANGE = 0.15  # of the displacement in one cycle, relative; each cycle about halves its error, or better
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
@@ -161,8 +160,8 @@ class _FinerProblem:
     def _solution(self) -> Singles | None:
         """Return ``K⁻¹ R`` at the owned unknowns; ``None`` if the iterations do not converge."""
         r = self._residual.astype(np.float32)  # which is enough for an estimate
-        x, last, before = np.zeros_like(r), np.zeros_like(r), self._length(r)
-        if before == 0.0:
+        x, last, start = np.zeros_like(r), np.zeros_like(r), self._length(r)
+        if start == 0.0:
             return x
         u = self._unknowns.owned_displacement_dofs
         directions, products = (np.empty((_CYCLES * (_SMOOTHING + 1), len(r)), r.dtype) for _ in range(2))
@@ -171,12 +170,12 @@ class _FinerProblem:
             direction = r / self._diagonal if is_smoothing else self._coarse.solve(r)
             if not is_smoothing:
                 found, residual = x + direction, self._length(r)
-                contraction = residual / before
-                if not math.isfinite(contraction):
+                change, size = self._length((found - last)[u]), self._length(found[u])
+                if not np.isfinite(size + residual):
                     return None
-                if residual == 0.0 or (k > _SMOOTHING and self._is_found((found - last)[u], found[u], contraction)):
+                if residual <= _RESIDUAL * start and change <= _CHANGE * size:
                     return found
-                last, before = found, residual
+                last = found
             product = self._times(direction)
             parts = self._sum(products[:k] @ product)  # products of K and earlier directions, orthonormal
             direction -= parts @ directions[:k]
@@ -187,12 +186,6 @@ class _FinerProblem:
             x += part * directions[k]
             r -= part * products[k]
         return None
-
-    def _is_found(self, change: Singles, found: Singles, contraction: float) -> bool:
-        """Return whether a displacement is known, after its last change, well enough."""
-        more = contraction / (1 - contraction) if contraction < 1 else math.inf
-        whole = more * self._length(change) <= _LEFT * self._length(found)
-        return whole and more * self._largest(change) <= _LEFT_ANYWHERE * self._largest(found)
 
     def _times(self, x: Singles) -> Singles:
         """Return ``K x``."""
@@ -217,9 +210,6 @@ class _FinerProblem:
 
     def _sum(self, a: Any) -> Any:
         return self._comm.allreduce(a, op=MPI.SUM)
-
-    def _largest(self, a: Singles) -> float:
-        return float(self._comm.allreduce(float(np.abs(a).max(initial=0.0)), op=MPI.MAX))
 
     def _length(self, a: Singles) -> float:
         return math.sqrt(self._sum(float(a @ a)))
