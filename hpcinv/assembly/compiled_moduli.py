@@ -50,12 +50,18 @@ class CompiledModuli:
     expression: KernelExpression
 
 
-def compiled_moduli(form: Any, unknowns: Unknowns, jit_options: Mapping[str, Any]) -> list[CompiledModuli]:
-    """Return the moduli of a residual or of a `Term`, of a record or derived; collective; errors as of `moduli_of`."""
+def compiled_moduli(
+    form: Any, unknowns: Unknowns, jit_options: Mapping[str, Any], degree: int | None = None
+) -> list[CompiledModuli]:
+    """Return the moduli of a residual or of a `Term`, of a record or derived; collective; errors as of `moduli_of`.
+
+    Args:
+        degree: quadrature degree at whose points they are evaluated, if it is not that of the form.
+    """
     whole = ufl.replace(form.form, dict(form.factors)) if isinstance(form, Term) else form
     mesh, functions, constants = unknowns.mesh, whole.coefficients(), whole.constants()
-    degree, parts = volume_parts(whole, unknowns)
-    points, weights = basix.make_quadrature(mesh.basix_cell(), degree)
+    of_form, parts = volume_parts(whole, unknowns)
+    points, weights = basix.make_quadrature(mesh.basix_cell(), of_form if degree is None else degree)
     differentiated = None if isinstance(form, Term) else functions.index(unknowns.state)
     name, directory = _name(whole.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
     record = mesh.comm.bcast(read_record(name, directory) if mesh.comm.rank == 0 else None)

@@ -80,9 +80,11 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
 def _volume_product(model: Model, finer: Model, direction: Direction) -> TangentProduct | None:
     """Return the product by the moduli at the solution, ``None`` if the residual has none; collective."""
     residual, given = model.scene(direction).residual, model.unknowns
+    # In curved cells moduli on the reference cell vary too much to be extended from the points of the solve.
+    degree = None if model.body.source.degree == 1 else finer.quadrature_degree
     try:
         with finer.timings("compile"):
-            moduli = compiled_moduli(residual, given, JIT_OPTIONS)
+            moduli = compiled_moduli(residual, given, JIT_OPTIONS, degree)
     except UnsupportedForm:
         return None
     with finer.timings("tangent"):
