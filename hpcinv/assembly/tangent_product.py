@@ -1,10 +1,10 @@
 """Products of the volume part of a tangent with vectors, without its matrix.
 
-The moduli are evaluated once, at quadrature points of the residual or of the vectors; from the former they are
-extended to the latter by polynomials. A product then takes the gradients of the vector at the points, the duals of these by the moduli, and the
-integrals of the duals times the basis functions: two products of matrices in BLAS and one sum over the points, in
-single precision. The spaces of the vectors may have another degree than those of the state at which the moduli are
-evaluated, and their mesh another geometry, with the same cells on the same ranks.
+The moduli are evaluated once, at quadrature points of the residual or of the vectors; from the former they are extended
+to the latter by polynomials. A product then takes the gradients of the vector at the points, the duals of these by the
+moduli, and the integrals of the duals times the basis functions: two products of matrices in BLAS and one sum over the
+points, in single precision. The spaces of the vectors may have another degree than those of the state at which the
+moduli are evaluated, and their mesh another geometry, with the same cells on the same ranks.
 """
 
 from collections.abc import Sequence
