@@ -4,14 +4,15 @@
 are unknown before these run, and unnamed groups in MSH files have names such as ``surface-3``.
 """
 
+import contextlib
 import mmap
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from html import unescape
 from pathlib import Path
+from xml.parsers import expat
 
 from hpcinv.errors import MeshError
 from hpcinv.job.mesh_header import SUFFIX, read_header
@@ -19,7 +20,7 @@ from hpcinv.quantity.schema import Location
 from hpcinv.quantity.suggestions import did_you_mean
 
 _BOUNDARY = "boundary"
-_IN_VTU = re.compile(rb"""<DataArray\s[^>]*\bName\s*=\s*(["'])region:(.*?)\1""", re.DOTALL)
+_VTU = "region:"
 _LARGEST_XML = 8 * 2**20
 _NAMED = re.compile(rb"\$PhysicalNames\r?\n(.*?)\$EndPhysicalNames", re.DOTALL)
 _NAME = re.compile(rb'^\s*(\d+)\s+-?\d+\s+"(.*)"\s*$', re.MULTILINE)
@@ -87,16 +88,31 @@ def _of_msh(path: Path) -> Groups | None:
     return Groups(frozenset(names[False]), frozenset(names[True] - names[False]), (r"(?:surface|volume)-\d+",))
 
 
+class _HeaderEnd(Exception):
+    pass
+
+
 def _of_vtu(path: Path) -> Groups | None:
     """Groups by the names of cell arrays, which are declared before any appended data."""
     if path.stat().st_size > 100 * _LARGEST_XML:
         return None
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        end = content.find(b"<AppendedData")  # what follows may not be XML
-        if end < 0 and (end := content.rfind(b"</VTKFile")) < 0:
-            return None  # incomplete
-        names = [found[2].decode(errors="replace") for found in _IN_VTU.finditer(content, 0, end)]
-    return Groups(frozenset(map(unescape, names)))
+    names, is_whole = set[str](), [False]
+
+    def begins(tag: str, attributes: dict[str, str]) -> None:
+        if tag == "AppendedData":  # what follows may not be XML
+            is_whole[0] = True
+            raise _HeaderEnd
+        if tag == "DataArray" and attributes.get("Name", "").startswith(_VTU):
+            names.add(attributes["Name"].removeprefix(_VTU))
+
+    def ends(tag: str) -> None:
+        is_whole[0] = is_whole[0] or tag == "VTKFile"
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = begins, ends
+    with contextlib.suppress(_HeaderEnd, expat.ExpatError), path.open("rb") as file:
+        parser.ParseFile(file)
+    return Groups(frozenset(names)) if is_whole[0] else None
 
 
 def _of_xdmf(path: Path) -> Groups | None:

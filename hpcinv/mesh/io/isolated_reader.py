@@ -1,16 +1,18 @@
 """Program that reads one mesh file with a library that crashes, or prints messages, if the file is damaged.
 
-``python isolated_reader.py vtu PATH`` writes the arrays of a VTU file to standard output, as NumPy's .npz.
-``python isolated_reader.py msh PATH`` lets gmsh read a file and writes nothing. It imports nothing from the package,
-whose mesh modules load MPI, and VTK, whose import takes as long as gmsh's, for VTU files only.
+``python isolated_reader.py vtu PATH`` writes the arrays of a VTU file to standard output: a line of JSON with the
+names, types and shapes of arrays, then their bytes in this order. ``python isolated_reader.py msh PATH`` lets gmsh read
+a file and writes nothing. It imports nothing from the package, whose mesh modules load MPI, and VTK, whose import takes
+as long as gmsh's, for VTU files only.
 """
 
 import contextlib
-import re
+import json
 import resource
 import sys
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
 import numpy as np
 
@@ -42,7 +44,7 @@ def read_msh(path: str) -> None:
 
 
 def read_vtu(path: str) -> None:
-    """Write the arrays of the file to standard output, and as ``names`` those of the types of cells in it."""
+    """Write the arrays of the file to standard output, with names of the types of cells in it."""
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
@@ -55,6 +57,7 @@ def read_vtu(path: str) -> None:
     reader.Update()
     grid = reader.GetOutput()
     arrays: dict[str, np.ndarray] = {}
+    names: dict[int, str] = {}
     if grid is not None and grid.GetNumberOfCells() and grid.GetCells() is not None:
         cells = grid.GetCells()
         arrays["points"] = vtk_to_numpy(grid.GetPoints().GetData())
@@ -64,23 +67,39 @@ def read_vtu(path: str) -> None:
         arrays |= dict(data_of(grid.GetPointData(), "nodes"))
         arrays |= dict(data_of(grid.GetCellData(), "cells"))
         arrays |= dict(data_of(grid.GetFieldData(), "field"))
-        arrays["names"] = np.array([name_of(number) for number in np.unique(arrays["types"]).tolist()])
-    np.savez(sys.stdout.buffer, allow_pickle=False, **arrays)
+        names = {number: name_of(number) for number in np.unique(arrays["types"]).tolist()}
+    arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    shapes = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
+    sys.stdout.buffer.write(json.dumps({"names": names, "arrays": shapes}).encode() + b"\n")
+    for array in arrays.values():
+        if array.size:
+            sys.stdout.buffer.write(array.data.cast("B"))
 
 
-_COUNT = re.compile(rb"""\b(NumberOf(?:Points|Cells|Components|Tuples))\s*=\s*["']\s*(.*?)\s*["']""", re.DOTALL)
+class _HeaderRead(Exception):
+    pass
 
 
 def fault_of_header(path: Path) -> str | None:
     """Impossible array size in the XML header, if there is one: VTK allocates memory for it before it reads data."""
-    content = path.read_bytes()
-    end = content.find(b"<AppendedData")
-    is_compressed = re.search(rb"<VTKFile\s[^>]*\bcompressor\s*=", content)
-    most = len(content) * (MOST_COMPRESSED if is_compressed else 1)  # each value takes at least one byte
-    for name, text in (found.groups() for found in _COUNT.finditer(content, 0, end if end >= 0 else len(content))):
-        if not text.isdigit() or int(text[:20]) > most:
-            return f"{name.decode()} is {text[:40].decode(errors='replace')} in a file of {len(content)} bytes"
-    return None
+    size, faults = path.stat().st_size, list[str]()
+    most = [size]  # each value takes at least one byte
+
+    def begins(tag: str, attributes: dict[str, str]) -> None:
+        if tag == "VTKFile" and "compressor" in attributes:
+            most[0] = size * MOST_COMPRESSED
+        elif tag == "AppendedData":  # what follows may not be XML
+            raise _HeaderRead
+        for name in ("NumberOfPoints", "NumberOfCells", "NumberOfComponents", "NumberOfTuples"):
+            text = attributes.get(name, "0").strip()
+            if not text.isdecimal() or int(text[:20]) > most[0]:
+                faults.append(f"{name} is {text[:40]} in a file of {size} bytes")
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = begins
+    with contextlib.suppress(_HeaderRead, expat.ExpatError), path.open("rb") as file:  # VTK reports invalid XML
+        parser.ParseFile(file)
+    return faults[0] if faults else None
 
 
 def data_of(attributes: Any, on: str) -> Any:

@@ -1,6 +1,7 @@
 """VTU files: cells, facets of groups as surface cells, an integer array for each region, and data arrays."""
 
-import io
+import json
+import math
 import re
 import signal
 from collections.abc import Iterator, Mapping
@@ -39,11 +40,11 @@ def read_vtu(path: Path) -> MeshSource:
     Raises:
         MeshError: the file cannot be read, or is not a mesh.
     """
-    arrays = _read(path)
+    names, arrays = _read(path)
     if "types" not in arrays:
         raise MeshError(f"{path}: has no unstructured grid with cells", "Save the mesh as VTU (unstructured grid).")
     types, points = arrays["types"], np.asarray(arrays["points"], dtype=np.float64)
-    kind = _solid_kind(path, dict(zip(np.unique(types).tolist(), arrays["names"].tolist(), strict=True)))
+    kind = _solid_kind(path, names)
     rows = {dim: np.flatnonzero(np.isin(types, VTK_TYPES[k])) for dim, k in ((3, kind), (2, FACET_KIND[kind]))}
     cells = _connectivity(path, arrays, kind, rows[3])
     degree = degree_of(path, kind, cells.shape[1])
@@ -70,8 +71,9 @@ def read_vtu(path: Path) -> MeshSource:
     return MeshSource(path, kind, degree, points, node_tags, cells, cell_tags, facets, named, data=data, unit=unit)
 
 
-def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
-    """Arrays of a file: ``points``, …, ``names`` of its types of cells, and data, ``nodes:NAME`` or ``cells:NAME``."""
+def _read(path: Path) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
+    """Names of the cell types in a file by their number, and its arrays: ``points``, …, and data ``nodes:NAME`` or
+    ``cells:NAME``."""
     with path.open("rb"):  # raises OSError if the file cannot be opened
         done = run_isolated("vtu", path)
     complaints = [match[1] for match in _COMPLAINT.finditer(done.stderr.decode(errors="replace"))]
@@ -80,8 +82,15 @@ def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
         ending = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         reason = complaints[0] if complaints else f"it crashed ({ending})"
         raise MeshError(f"{path}: VTK cannot read it: {reason}", "Is it a complete .vtu file?")
-    with np.load(io.BytesIO(done.stdout)) as found:
-        return dict(found)
+    head, _, content = done.stdout.partition(b"\n")
+    listed = json.loads(head)
+    arrays, start = {}, 0
+    for name, code, shape in listed["arrays"]:
+        dtype = np.dtype(code)
+        count = math.prod(shape)
+        arrays[name] = np.frombuffer(content, dtype, count, start).reshape(shape)
+        start += count * dtype.itemsize
+    return {int(number): name for number, name in listed["names"].items()}, arrays
 
 
 _COMPLAINT = re.compile(r"ERR\|\s*(?:\w+ \(0x[0-9a-f]+\): )?(.*?)\s*(?:\x1b\[0m)?$", re.MULTILINE)
