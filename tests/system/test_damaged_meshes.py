@@ -89,6 +89,17 @@ def test_a_damaged_vtu_file_is_told(
     assert capfd.readouterr() == ("", "")  # nothing of VTK's own
 
 
+def test_sizes_in_other_encodings_are_seen(tmp_path: Path) -> None:
+    text = VTU.format(**IN_VTU | {"points": 4_000_000_000}).replace("?>", ' encoding="UTF-16"?>')
+    assert "NumberOfPoints is 4000000000" in refused(tmp_path / "a.vtu", text.encode("utf-16"))
+
+
+def test_a_header_that_ends_in_blanks_is_refused_at_once(tmp_path: Path) -> None:
+    """Patterns with a cubic number of matches took minutes."""
+    text = VTU.format(**IN_VTU).partition('"4"')[0] + '"' + 20_000 * " "
+    assert "VTK cannot read it" in refused(tmp_path / "a.vtu", text)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
