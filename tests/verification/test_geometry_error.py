@@ -229,6 +229,16 @@ def test_nodes_lie_on_the_surface_of_the_model(
     assert found[curved].max() < 1e-7 * size  # of edges on a plane too: those of the model lie on both
 
 
+def test_facets_of_a_part_of_the_surface_tell_nothing() -> None:
+    """As where a generator has removed some: those that are left may be flat."""
+    block = made("box", 1)
+    surface = block.surface
+    assert surface is not None
+    for left in (len(surface.nodes) - 1, 0):
+        part = dataclasses.replace(surface, vertices=surface.vertices[:left], nodes=surface.nodes[:left])
+        assert of_surface(dataclasses.replace(block, surface=part)).unknown == NO_CAD
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_cells_that_the_true_surface_would_invert_have_none(degree: int) -> None:
     given = made("thick_sphere", degree)

@@ -13,6 +13,7 @@ import numpy as np
 from hpcinv.mesh.cells import FACET_KIND, scalar_element
 from hpcinv.mesh.io.gmsh_model import ElementType
 from hpcinv.mesh.source import CadSurface, Floats, Ints
+from hpcinv.mesh.topology import find_rows
 
 _STEPS = 8
 _NEAR = 0.1  # distance from the first guess, relative to the facet, beyond which another one is tried
@@ -65,9 +66,7 @@ def _facets(gmsh: Any, entity: int, element: ElementType) -> tuple[Ints, Floats]
 
 def _rows(tags: Any, wanted: Ints) -> Ints:
     """Row of each of the ``wanted`` tags in ``tags``."""
-    row = np.empty(int(tags.max()) + 1, np.int64)
-    row[tags.astype(np.int64)] = np.arange(len(tags))
-    return row[wanted]
+    return find_rows(wanted.reshape(-1, 1), tags.astype(np.int64)[:, None]).reshape(wanted.shape)
 
 
 def _closest(gmsh: Any, entity: int, shapes: Floats, straight: Floats, given: Floats, parameters: Floats) -> Floats:

@@ -27,7 +27,7 @@ from hpcinv.mesh.cells import (
 from hpcinv.mesh.checks import CHUNK, determinants
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import CadSurface, Floats, Ints, MeshSource
-from hpcinv.mesh.topology import FacetTable
+from hpcinv.mesh.topology import FacetTable, find_rows, unique_rows, vertex_sets
 from hpcinv.parallel.runtime import MPI
 
 SAME = (
@@ -80,12 +80,12 @@ def of_surface(source: MeshSource) -> FinerGeometry:
     only if all faces of the body are flat.
     """
     surface, kind = source.surface, source.kind
-    if surface is None:
+    if surface is None or not _is_closed(kind, surface):
         return FinerGeometry(NO_CAD)
     if _is_flat(kind, surface):
         return FinerGeometry()
     table = FacetTable.of(kind, source.cells[:, : vertex_count(kind)])
-    vertices = _rows(source.node_tags, surface.vertices)
+    vertices = find_rows(surface.vertices.reshape(-1, 1), source.node_tags[:, None]).reshape(surface.vertices.shape)
     facets = np.where((vertices < 0).any(axis=1), -1, table.find(vertices))
     of_cells = facets >= 0
     corners = source.points[vertices[of_cells]]
@@ -93,15 +93,14 @@ def of_surface(source: MeshSource) -> FinerGeometry:
     covered = np.isin(np.flatnonzero(table.sharing == 1), facets).all()
     if not covered or moved > SAME * _sizes(corners).min():
         return FinerGeometry(OTHER_CELLS)
-    given = _of_degree(source, surface.degree)
+    given = _of_higher_degree(source, surface.degree)
     return _admissible(given, _on_surface(given, surface, table, facets), KEPT[source.degree])
 
 
-def _rows(tags: Ints, wanted: Ints) -> Ints:
-    """Row of each of the ``wanted`` tags in ``tags``, -1 for others."""
-    row = np.full(max(int(tags.max()), int(wanted.max())) + 1, -1, dtype=np.int64)
-    row[tags] = np.arange(len(tags))
-    return row[wanted]
+def _is_closed(kind: str, surface: CadSurface) -> bool:
+    """Return whether each edge of the facets of a surface has two of them: the mesh of an open one lacks facets."""
+    edges = vertex_sets(surface.vertices, sub_entities(FACET_KIND[kind], 1))
+    return len(edges) > 0 and int(np.bincount(unique_rows(edges)[1]).min()) > 1
 
 
 def _is_flat(kind: str, surface: CadSurface) -> bool:
@@ -112,7 +111,7 @@ def _is_flat(kind: str, surface: CadSurface) -> bool:
     return bool((np.linalg.norm(offsets, axis=2).max(axis=1) <= SAME * _sizes(surface.nodes)).all())
 
 
-def _of_degree(source: MeshSource, degree: int) -> MeshSource:
+def _of_higher_degree(source: MeshSource, degree: int) -> MeshSource:
     """The same cells with a geometry of a higher ``degree``; facets and data are lost."""
     kind, vertices = source.kind, np.unique(source.cells[:, : vertex_count(source.kind)])
     corners = np.searchsorted(vertices, source.cells[:, : vertex_count(kind)])
@@ -120,10 +119,8 @@ def _of_degree(source: MeshSource, degree: int) -> MeshSource:
     numbered = fem.functionspace(mesh, ("Lagrange", degree)).dofmap.list
     cells = np.empty(numbered.shape, dtype=np.int64)
     cells[mesh.topology.original_cell_index] = numbered
-    points, shapes = (
-        np.empty((int(cells.max()) + 1, 3)),
-        _shapes(kind, source.degree, scalar_element(kind, degree).points),
-    )
+    points = np.empty((int(cells.max()) + 1, 3))
+    shapes = _shapes(kind, source.degree, scalar_element(kind, degree).points)
     for part in _chunks(np.arange(len(cells))):
         points[cells[part]] = shapes @ source.points[source.cells[part]]
     return dataclasses.replace(
