@@ -60,6 +60,10 @@ CASES = {
     "forward": standing(analysis="forward"),
     "linear elements": standing(discretisation={"displacement": 1}),
     "incompressible": standing(material=RUBBER | {"c1": "3 kPa", "c2": "2 kPa"}),
+    "factors in single precision": standing(solver={"linear": "direct", "petsc": {"pc_precision": "single"}}),
+    "kept factors": sphere(
+        hexahedra=False, geometry=2, solver={"linear": "direct", "petsc": {"pc_precision": "single"}}
+    ),
     "multigrid": standing(solver={"linear": "iterative"}),
     "prescribed motion": pushed(),
     "follower load": sphere(hexahedra=False, geometry=2, analysis="forward"),
@@ -80,7 +84,8 @@ def test_the_iterations_find_the_correction(name: str, comm: MPI.Intracomm, monk
 
 @pytest.mark.parallel([2, 3])
 @pytest.mark.parametrize(
-    "name", ["sphere of straight tetrahedra", "cubic tetrahedra", "multigrid", "prescribed motion"]
+    "name",
+    ["sphere of straight tetrahedra", "cubic tetrahedra", "kept factors", "multigrid", "prescribed motion"],
 )
 def test_they_find_it_on_more_ranks(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     compare(name, comm, monkeypatch)

@@ -190,10 +190,13 @@ def test_inertia_counts_signs_of_eigenvalues(options: dict[str, bool], comm: MPI
 
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("least", [1e-10, -1e-10])
-def test_rounded_factors_do_not_change_the_sign_of_a_small_eigenvalue(least: float, comm: MPI.Intracomm) -> None:
+@pytest.mark.parametrize("low_rank", [False, True])
+def test_rounded_factors_do_not_change_the_sign_of_a_small_eigenvalue(
+    low_rank: bool, least: float, comm: MPI.Intracomm
+) -> None:
     directions, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(30, 30)))
     values = np.concatenate([[least], np.linspace(1.0, 2.0, 29)])
-    factors = factorize_symmetric(filled(directions * values @ directions.T, comm), rounded=True)
+    factors = factorize_symmetric(filled(directions * values @ directions.T, comm), rounded=True, low_rank=low_rank)
     assert factors is not None
     assert factors.inertia.negative == (least < 0)
 
