@@ -19,9 +19,9 @@ from hpcinv.assembly.compiled_moduli import CompiledModuli
 from hpcinv.assembly.element_matrices import directions_of, tabulated
 from hpcinv.assembly.moduli import Slot
 from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
 
-type Floats = npt.NDArray[np.float64]
 type Singles = npt.NDArray[np.float32]
 
 _CHUNK = 2**15  # quadrature points at a time, whose gradients fit in the cache of a core

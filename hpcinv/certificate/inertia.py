@@ -86,9 +86,9 @@ def factorize_symmetric(
     asymmetry = asymmetry_of(matrix)
     if not math.isfinite(asymmetry):
         return None
-    operator = (
-        matrix if asymmetry == 0.0 else PETSc.Mat().createPython(matrix.getSizes(), _SymmetricPart(matrix), matrix.comm)
-    )
+    operator = matrix
+    if asymmetry:
+        operator = PETSc.Mat().createPython(matrix.getSizes(), _SymmetricPart(matrix), matrix.comm)
     pc = next((one for one in kept if _has_inertia_of(one, operator)), None)
     if operator is not matrix:
         operator.destroy()
