@@ -1,6 +1,6 @@
 """Factorization by MUMPS: L D Lᵀ of a symmetric tangent, L U of others.
 
-Forward tangents of loads with a potential are symmetric, tangents of inverse problems mostly are not. It is tested by
+Forward tangents of loads with a potential are symmetric, tangents of inverse problems mostly are not. Each is tested by
 two products with a random vector, whose cost is negligible beside a factorization.
 """
 
