@@ -6,8 +6,9 @@ one changes K as little as the shape of cells. What surface integrals add, and a
 applied by differences of the residual. The preconditioner changes between two levels: in most
 iterations it is a diagonal, for what the finer spaces add, and then the factors of the solve, or its multigrid, for
 what the spaces of the solution can represent. GCR finds the combination of all directions so far with the least
-residual, whatever the preconditioner of each was. A last correction by the factors does not have to be multiplied by K.
-The number of iterations hardly depends on the number of unknowns.
+residual, whatever the preconditioner of each was, in the norm of the inverse diagonal: as errors in energy, residuals
+of displacements and pressures then compare on all meshes. A last correction by the factors does not have to be
+multiplied by K. The number of iterations hardly depends on the number of unknowns.
 
 Source: Eisenstat, Elman & Schultz, SIAM J. Numer. Anal. 20, 345–357 (1983), doi:10.1137/0720023; Elman, Silvester &
 Wathen, *Finite Elements and Fast Iterative Solvers* (2014), ch. 2 and 4, doi:10.1093/acprof:oso/9780199678792.001.0001.
@@ -27,7 +28,7 @@ from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.csr_tangent import surface_tangent
 from hpcinv.assembly.moduli import UnsupportedForm
 from hpcinv.assembly.tangent_product import TangentProduct
-from hpcinv.certificate.stiffness_diagonal import stiffness_diagonal
+from hpcinv.certificate.tangent_scale import tangent_scale
 from hpcinv.certificate.transfer import Transfer
 from hpcinv.effects import Direction
 from hpcinv.mesh.source import Floats
@@ -36,7 +37,6 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
-from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.problem import Model
 
@@ -46,8 +46,8 @@ MANY = 5e9
 """Operations of a factorization in the finer spaces from which iterations are worth their error: it takes seconds."""
 _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
-_RESIDUAL = 0.05  # relative, at which the correction may be found
-_CHANGE = 0.15  # of the displacement in one cycle, relative; each cycle about halves its error, or better
+_RESIDUAL = 0.1  # relative, at which the correction may be found
+_CHANGE = 0.3  # of the displacement in one cycle, relative, at which its error is about a tenth; at most half of this
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
@@ -140,13 +140,10 @@ class _FinerProblem:
         for condition in self._conditions:
             prescribed[condition.dof_indices()[0]] = True
         self._prescribed = prescribed[: len(self._residual)]
-        self._unknowns.set_displacement(stiffness_diagonal(scene))
-        self._diagonal = np.array(state.array[: len(self._residual)], dtype=np.float32)
-        state.array[:] = self._at
+        self._scale = tangent_scale(scene).astype(np.float32)
+        self._signs = np.ones_like(self._scale)
         if self._unknowns.p is not None:
-            configuration = Iterative(scene)
-            self._diagonal[self._unknowns.owned_pressure_dofs] = -configuration.pressure_scale()
-            configuration.destroy()
+            self._signs[self._unknowns.owned_pressure_dofs] = -1.0
 
     def solve(self) -> bool:
         """Add the solution to the state, if the iterations converge; return whether they did."""
@@ -161,7 +158,7 @@ class _FinerProblem:
 
     def _solution(self) -> Singles | None:
         """Return ``K⁻¹ R`` at the owned unknowns; ``None`` if the iterations do not converge."""
-        r = self._residual.astype(np.float32)  # which is enough for an estimate
+        r = self._scale * self._residual.astype(np.float32)  # which is enough for an estimate
         x, last, start = np.zeros_like(r), np.zeros_like(r), self._length(r)
         if start == 0.0:
             return x
@@ -169,7 +166,7 @@ class _FinerProblem:
         directions, products = (np.empty((_CYCLES * (_SMOOTHING + 1), len(r)), r.dtype) for _ in range(2))
         for k in range(len(directions)):
             is_smoothing = k % (_SMOOTHING + 1) < _SMOOTHING
-            direction = r / self._diagonal if is_smoothing else self._coarse.solve(r)
+            direction = self._scale * self._signs * r if is_smoothing else self._coarse.solve(r / self._scale)
             if not is_smoothing:
                 found, residual = x + direction, self._length(r)
                 change, size = self._length((found - last)[u]), self._length(found[u])
@@ -178,7 +175,7 @@ class _FinerProblem:
                 if residual <= _RESIDUAL * start and change <= _CHANGE * size:
                     return found
                 last = found
-            product = self._times(direction)
+            product = self._scale * self._times(direction)
             parts = self._sum(products[:k] @ product)  # products of K and earlier directions, orthonormal
             direction -= parts @ directions[:k]
             product -= parts @ products[:k]

@@ -93,6 +93,7 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
     job = job.plan[0].job
     model = Model(job, body, Timings())
+    model.check_supports()
     direction = job.directions[0]
 
     def variant(*effects: Any) -> Scene:

@@ -73,12 +73,7 @@ class Model:
                 else like.unknowns
             )
             self.supports = Supports(job, body, self.unknowns)
-            check_agreement(job, body, self.supports)
-            # Springs are part of the scene: with them the check needs its equations.
-            self._is_held = not any(effect.holds for effect in job.effects)
-            if self._is_held:
-                check_held(body, self.supports)
-            check_not_enclosed(job, body)
+        self._are_supports_checked = False
         self.quadrature_degree = job.discretisation.quadrature or default_quadrature(
             body.source.kind, job.discretisation.displacement
         )
@@ -95,10 +90,32 @@ class Model:
             self.scales = self._scales()
             self.supports.update_parameters(job)
             check_agreement(job, self.body, self.supports)
-            self._is_held = not any(effect.holds for effect in job.effects)
+            self._are_supports_checked &= not self._has_springs
             for scene in self._scenes.values():
                 scene.update_parameters(job, self.scales)
                 scene.contacts.reset()
+
+    def check_supports(self, system: System | None = None) -> None:
+        """Check that supports agree, hold the body and leave it its volume; collective.
+
+        Args:
+            system: equations of a scene, without which it is left open whether springs hold the body.
+
+        Raises:
+            MeshError: on all ranks, if they do not.
+        """
+        with self.timings("set-up"):
+            check_agreement(self.job, self.body, self.supports)
+            if not self._has_springs:
+                check_held(self.body, self.supports)
+            elif system is not None:
+                check_held(self.body, self.supports, system)
+            check_not_enclosed(self.job, self.body)
+        self._are_supports_checked = system is not None or not self._has_springs
+
+    @property
+    def _has_springs(self) -> bool:
+        return any(effect.holds for effect in self.job.effects)
 
     @cached_property
     def chooser(self) -> Chooser:
@@ -182,13 +199,12 @@ class Model:
         equilibrium.linear.options.restore()
         scene.contacts.locate()
         equilibrium.system.timings, equilibrium.observer = self.timings, observer
-        if not self._is_held:
+        if not self._are_supports_checked:
             try:
-                check_held(self.body, self.supports, equilibrium.system)
+                self.check_supports(equilibrium.system)
             except MeshError:
                 equilibrium.destroy()
                 raise
-            self._is_held = True
         return equilibrium
 
     def release(self, equilibrium: Equilibrium) -> None:

@@ -94,6 +94,7 @@ class Workspace:
                 if key not in self._models:
                     like = next(iter(self._models.values()), None)
                     self._models[key] = Model(solve.job, body, timings, like)
+                    self._models[key].check_supports()
                 elif not any(solve.job is one for one in done):
                     self._models[key].update_parameters(solve.job, timings)
                 done.append(solve.job)
