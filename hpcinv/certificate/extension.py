@@ -9,7 +9,7 @@ from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats, Ints
 
-_ROUNDING = 1e-12  # offset of a node in reference coordinates, up to which it counts as in place
+_ROUNDING = 1e-12  # offset of a node, relative to the size of its cell, up to which it counts as in place
 
 
 def extend(given: fem.Function, finer: fem.Function) -> None:
@@ -34,11 +34,11 @@ def extend(given: fem.Function, finer: fem.Function) -> None:
     for cells in np.array_split(owned, 1 + len(owned) // CHUNK):
         nodes = _nodes(space.mesh, cells)
         offset = _at(points, target.mesh, _nodes(target.mesh, cells)) - _at(points, space.mesh, nodes)
-        jacobian = jacobians(*_kind(space.mesh), nodes, points)
-        shift = np.linalg.solve(jacobian, offset[..., None])[..., 0]  # in reference coordinates
-        moved = np.abs(shift).max(axis=(1, 2), initial=0.0) > _ROUNDING
+        moved = np.abs(offset).max(axis=(1, 2)) > _ROUNDING * np.ptp(nodes, axis=1).max(axis=1)
+        jacobian = jacobians(*_kind(space.mesh), nodes[moved], points)
+        shift = np.linalg.solve(jacobian, offset[moved, :, :, None])[..., 0]  # in reference coordinates
         u, dofs = values[space.dofmap.list[cells[moved]]], target.dofmap.list[cells[moved]]
-        change = np.einsum("apn,cni,cpa->cpi", slopes, u, shift[moved], optimize=True)
+        change = np.einsum("apn,cni,cpa->cpi", slopes, u, shift, optimize=True)
         np.add.at(added.array.reshape(-1, size), dofs, change)
         np.add.at(counts.array, dofs, 1.0)
     for vector in (added, counts):

@@ -56,7 +56,7 @@ _MEMORY = 6  # steps that Anderson's acceleration uses
 _ACCURACY = 1e-6  # of the way back near the solution, relative to the displacement: a thousandth of `WARN`
 _KNOWN, _ROUGHLY_KNOWN = 0.1, 0.25  # share of its value to which the line is known, by factors or by multigrid
 _ROUND_OFF = 1e-9  # size of a step, relative to the displacement, at which the ratio of steps means nothing
-_GROWTH = 100.0  # of a step over the first one, at which the corrections are given up
+_GROWTH = 1.0  # of a step over the first one, from which the corrections are given up: they do not contract
 
 
 def round_trip(

@@ -15,6 +15,8 @@ Wathen, *Finite Elements and Fast Iterative Solvers* (2014), ch. 2 and 4, doi:10
 """
 
 import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
@@ -24,13 +26,15 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.assembly.compiled_moduli import compiled_moduli
+from hpcinv.assembly.compiled_moduli import CompiledModuli, compiled_moduli
 from hpcinv.assembly.csr_tangent import surface_tangent
 from hpcinv.assembly.moduli import UnsupportedForm
 from hpcinv.assembly.tangent_product import TangentProduct
 from hpcinv.certificate.tangent_scale import tangent_scale
 from hpcinv.certificate.transfer import Transfer
 from hpcinv.effects import Direction
+from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
@@ -48,6 +52,7 @@ _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
 _RESIDUAL = 0.1  # relative, at which the correction may be found
 _CHANGE = 0.3  # of the displacement in one cycle, relative, at which its error is about a tenth; at most half of this
+_STRAIGHT = 1e-3  # offset of a node from the straight cell, relative to its size, which changes moduli by as little
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
@@ -79,16 +84,35 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
 
 def _volume_product(model: Model, finer: Model, direction: Direction) -> TangentProduct | None:
     """Return the product by the moduli at the solution, ``None`` if the residual has none; collective."""
-    residual, given = model.scene(direction).residual, model.unknowns
-    # In curved cells moduli on the reference cell vary too much to be extended from the points of the solve.
-    degree = None if model.body.source.degree == 1 else finer.quadrature_degree
+    residual, given, degree = model.scene(direction).residual, model.unknowns, finer.quadrature_degree
     try:
         with finer.timings("compile"):
-            moduli = compiled_moduli(residual, given, JIT_OPTIONS, degree)
+            moduli = compiled_moduli(residual, given, JIT_OPTIONS)
+            # In curved cells moduli on the reference cell vary too much to be extended from the points of the solve.
+            curved = _curved_cells(model.body.mesh)
+            if given.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
+                at_all_points = compiled_moduli(residual, given, JIT_OPTIONS, degree)
+                moduli = [*_within(moduli, ~curved), *_within(at_all_points, curved)]
     except UnsupportedForm:
         return None
     with finer.timings("tangent"):
-        return TangentProduct(moduli, given, finer.unknowns, finer.quadrature_degree)
+        return TangentProduct(moduli, given, finer.unknowns, degree)
+
+
+def _curved_cells(mesh: Mesh) -> npt.NDArray[np.bool_]:
+    """Return for each owned cell whether its nodes are off their places in the straight cell."""
+    kind, degree = mesh.basix_cell().name, mesh.ufl_domain().ufl_coordinate_element().degree
+    nodes = mesh.geometry.x[mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local]]
+    shapes = scalar_element(kind, 1).tabulate(0, scalar_element(kind, degree).points)[0, :, :, 0]
+    offsets = np.abs(nodes - shapes @ nodes[:, : shapes.shape[1]])
+    return np.asarray(offsets.max(axis=(1, 2)) > _STRAIGHT * np.ptp(nodes, axis=1).max(axis=1))
+
+
+def _within(moduli: Sequence[CompiledModuli], of: npt.NDArray[np.bool_]) -> Iterator[CompiledModuli]:
+    """Yield the moduli of those cells that are among the owned cells ``of``."""
+    for one in moduli:
+        cells = np.arange(len(of), dtype=np.int32) if one.cells is None else one.cells
+        yield replace(one, cells=cells[of[cells]])
 
 
 class _Coarse:
