@@ -19,6 +19,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -207,6 +208,8 @@ def _compile_objects(
     visualise: bool = False,
 ) -> str:
     """Compile a kernel in a private directory and publish it, unless another process has done so."""
+    if _leaves_compilation.get():
+        raise _Missing
     directory = Path(directory)
     with locked(directory, name):
         if _find(name, directory) is not None:
@@ -227,25 +230,34 @@ def _compile_objects(
 _jit_here: Callable[..., Any] = dolfinx.jit.ffcx_jit.__wrapped__
 
 
+class _Missing(Exception):
+    """Raised where a kernel is not there and rank 0 compiles it."""
+
+
+_leaves_compilation = ContextVar("_leaves_compilation", default=False)
+
+
 def _jit(comm: MPI.Intracomm, *arguments: Any, **further: Any) -> Any:
-    """Compile on rank 0 and load on all ranks, as DOLFINx does, but let the processors of waiting ranks free."""
-    compiled: Any = None
-    fault = ""
-    if comm.rank == 0:
+    """Load on all ranks what rank 0 compiles where it is not there, and let processors of waiting ranks free."""
+
+    def attempt(*, leaves_compilation: bool) -> tuple[Any, str]:
+        token = _leaves_compilation.set(leaves_compilation)
         try:
-            compiled = _jit_here(*arguments, **further)
+            return _jit_here(*arguments, **further), ""
+        except _Missing:
+            return None, ""
         except Exception as error:  # anything that FFCx, CFFI or the compiler raises
-            fault = str(error) or type(error).__name__
+            return None, str(error) or type(error).__name__
+        finally:
+            _leaves_compilation.reset(token)
+
+    compiled, fault = attempt(leaves_compilation=comm.rank != 0)
     wait_for_all(comm)
-    if fault := comm.bcast(fault):
-        raise RuntimeError(f"Failed JIT compilation of form: {fault}")
-    fault = ""
-    if comm.rank != 0:
-        try:
-            compiled = _jit_here(*arguments, **further)
-        except Exception as error:
-            fault = f"rank {comm.rank}: {error}"
-    if faults := [one for one in comm.allgather(fault) if one]:
+    if of_root := comm.bcast(fault):
+        raise RuntimeError(f"Failed JIT compilation of form: {of_root}")
+    if comm.rank != 0 and compiled is None:
+        compiled, fault = attempt(leaves_compilation=False)
+    if faults := [f"rank {rank}: {one}" for rank, one in enumerate(comm.allgather(fault)) if one]:
         raise RuntimeError(f"JIT cache load failed on {faults[0]}")
     return compiled
 
