@@ -37,7 +37,7 @@ _ROUNDED: Mapping[str, Value] = {"pc_precision": "single"}
 _LOW_RANK: Mapping[str, Value] = {"mat_mumps_icntl_35": 2, "mat_mumps_cntl_7": 1e-4}
 _MINIMUM_FILL: Mapping[str, Value] = {"mat_mumps_icntl_7": 2}
 _ITERATIONS = 30  # of GMRES, by which rounded and kept factors are tested
-_SOLVED = 1e-8  # relative residual there
+_SOLVED = 1e-5  # relative preconditioned residual there
 _LEAST = 0.1  # real part of an eigenvalue there
 _ASYMMETRY = 1e-12  # relative, of products with a vector, by rounding errors
 
@@ -184,7 +184,9 @@ def _has_inertia_of(pc: PETSc.PC, matrix: PETSc.Mat) -> bool:
     """Return whether factors M of a matrix K, both symmetric, have its inertia; collective.
 
     Between them, ``M + t (K - M)`` is singular for some t if ``M⁻¹K`` has a real eigenvalue that is not positive, and
-    only then can a sign change. GMRES for a random vector shows the eigenvalues that are far from 1.
+    only then can a sign change. GMRES for ``M⁻¹ b`` with a random b shows the eigenvalues that are far from 1, first of
+    all those of soft motions, which are the largest part of it: unless one shows that is not positive, the polynomial
+    of GMRES, which is 1 at 0 with positive roots, leaves all of that part in the residual.
     """
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setType(PETSc.KSP.Type.GMRES)

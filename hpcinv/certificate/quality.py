@@ -25,6 +25,7 @@ import basix
 import numpy as np
 
 from hpcinv.mesh.cells import jacobians, scalar_element
+from hpcinv.mesh.checks import det
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
@@ -64,7 +65,7 @@ def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int
 def mean_ratio(nodes: Floats) -> Floats:
     """Return the quality of tetrahedra with nodes (cells, nodes, 3), corners first."""
     v = nodes[:, :4]
-    six_volumes = np.linalg.det(v[:, 1:] - v[:, :1])
+    six_volumes = det(v[:, 1:] - v[:, :1])
     squares = sum(((v[:, i] - v[:, j]) ** 2).sum(axis=1) for i, j in combinations(range(4), 2))
     return np.asarray(12 * np.sign(six_volumes) * (np.abs(six_volumes) / 2) ** (2 / 3) / squares)
 
@@ -75,14 +76,14 @@ def scaled_jacobian(nodes: Floats) -> Floats:
     at = np.concatenate([corners, corners.mean(axis=0, keepdims=True)])
     gradients = jacobians("hexahedron", 1, nodes[:, : len(corners)], at)
     lengths = np.linalg.norm(gradients, axis=2).prod(axis=2)
-    determinants = np.linalg.det(gradients)
+    determinants = det(gradients)
     shapes: Floats = np.divide(determinants, lengths, out=np.zeros_like(lengths), where=lengths > 0)
     return np.asarray(shapes.min(axis=1))
 
 
 def curvature(kind: str, degree: int, nodes: Floats, at: Floats) -> Floats:
     """Return least over largest Jacobian determinant of cells (cells, nodes, 3) at reference points (n, 3)."""
-    determinants = np.linalg.det(jacobians(kind, degree, nodes, at))
+    determinants = det(jacobians(kind, degree, nodes, at))
     least, largest = determinants.min(axis=1), np.abs(determinants).max(axis=1)
     ratios: Floats = np.divide(least, largest, out=np.zeros_like(least), where=largest > 0)
     return ratios
@@ -97,7 +98,7 @@ def _worst(measure: str, of: Callable[[Floats], Floats], body: Body, given: Floa
         cells = dofmap[start : start + _CHUNK]
         # In a mesh that is left-handed throughout, the mirror images of the cells are judged.
         middle = jacobians(kind, body.source.degree, given[cells], corners.mean(axis=0, keepdims=True))
-        mirror = np.where(np.linalg.det(middle[:, 0]) < 0, -1.0, 1.0)[:, None, None] ** np.array([1, 0, 0])
+        mirror = np.where(det(middle[:, 0]) < 0, -1.0, 1.0)[:, None, None] ** np.array([1, 0, 0])
         values = of(moved[cells] * mirror)
         worst = int(values.argmin())
         middle = moved[cells[worst, : len(corners)]].mean(axis=0)
