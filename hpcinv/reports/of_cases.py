@@ -1,7 +1,5 @@
 """Report of many runs: a table, a map of the cases, parallel coordinates, diagrams and shapes."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Pages from templates: one file that needs no other, and no network."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ Source of the alignment: Besl & McKay, "A method for registration of 3-D shapes"
 the overlap: Dice, "Measures of the amount of ecologic association between species" (1945), doi:10.2307/1932409.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Report of a study: work-precision diagrams, and a table of its runs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from hpcinv.errors import OutputError

@@ -1,7 +1,5 @@
 """Sobol indices of the quantities of a finished sweep, and what they cost before it is run."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Report of a sweep, from its store."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Mapping

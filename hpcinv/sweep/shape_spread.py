@@ -1,7 +1,5 @@
 """How a shape varies over the cases of a sweep: standard deviation and dominating parameter at each node."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

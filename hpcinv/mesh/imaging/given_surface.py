@@ -1,7 +1,5 @@
 """A given surface of triangles as the boundary on which nodes lie."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyvista
 import vtk
