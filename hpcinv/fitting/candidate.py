@@ -12,8 +12,8 @@ import yaml
 from pydantic import ValidationError
 
 from hpcinv.errors import JobError
-from hpcinv.fitting.taylor import Floats
 from hpcinv.materials import MaterialLaw, laws
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.keys import assigned, parse_key
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import quantity_of

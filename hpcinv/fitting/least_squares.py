@@ -14,8 +14,8 @@ from hpcinv.fitting.candidate import Candidate
 from hpcinv.fitting.homogeneous import Response
 from hpcinv.fitting.linearised import Linearised, correlation_of
 from hpcinv.fitting.measurements import Test
-from hpcinv.fitting.taylor import Floats
 from hpcinv.materials import MaterialLaw
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.schema import problems_in
 
 _DRAWS, _STARTS, _FINALISTS = 100, 8, 2  # random starting values; the best of them, and of these, are refined

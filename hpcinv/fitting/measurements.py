@@ -17,7 +17,7 @@ import numpy as np
 
 from hpcinv.errors import JobError
 from hpcinv.fitting.homogeneous import MODES, Mode
-from hpcinv.fitting.taylor import Floats
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.suggestions import did_you_mean

@@ -12,7 +12,7 @@ from hpcinv.files.atomic import output_errors, replace
 from hpcinv.fitting.homogeneous import Mode
 from hpcinv.fitting.measurements import Test
 from hpcinv.fitting.report import CheckedFit
-from hpcinv.fitting.taylor import Floats
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.units import readable
 
 FORMATS = (".png", ".pdf", ".svg")

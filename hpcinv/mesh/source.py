@@ -11,8 +11,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-type Ints = npt.NDArray[np.int64]
-type Floats = npt.NDArray[np.float64]
+from hpcinv.quantity.arrays import Floats as Floats
+from hpcinv.quantity.arrays import Ints as Ints
+
 type Place = Literal["nodes", "cells"]
 
 COMPONENTS = (1, 3, 9)  # of scalars, vectors and tensors (row by row)

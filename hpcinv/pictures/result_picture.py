@@ -1,10 +1,8 @@
 """Picture of a result: the given body beside the one that was found, coloured by a field."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +10,8 @@ from hpcinv.errors import OutputError
 from hpcinv.pictures.boundary import Boundary, BoundaryResult
 from hpcinv.pictures.colours import Colour
 from hpcinv.pictures.drawing import DrawnBody, Picture, View, directions, figure
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Floats
 
 
 @dataclass(frozen=True)
