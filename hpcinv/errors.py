@@ -26,12 +26,12 @@ class JobError(HpcinvError):
 
     exit_code = 2
 
-    def __init__(self, problems: list[str]) -> None:
+    def __init__(self, *problems: str) -> None:
         super().__init__("\n".join(problems))
         self.problems = problems
 
-    def __reduce__(self) -> tuple[type[JobError], tuple[list[str]]]:
-        return type(self), (self.problems,)
+    def __reduce__(self) -> tuple[type[JobError], tuple[str, ...]]:
+        return type(self), self.problems
 
 
 class MeshError(HpcinvError):

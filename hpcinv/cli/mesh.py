@@ -177,7 +177,7 @@ def label_of(text: str) -> tuple[str, list[int]]:
     try:
         return name, [int(number) for number in numbers.split(",")] if equals else []
     except ValueError:
-        raise JobError([f"--label {text}: is written NAME=NUMBER, or NAME=NUMBER,NUMBER"]) from None
+        raise JobError(f"--label {text}: is written NAME=NUMBER, or NAME=NUMBER,NUMBER") from None
 
 
 def _segments_of(text: str) -> tuple[str, list[int | str]]:
@@ -213,7 +213,7 @@ def _gather(options: argparse.Namespace) -> int:
     if options.input.suffix != SUFFIX:
         raise OutputError(f"{options.input}: is no partitioned mesh ({SUFFIX})")
     if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
-        raise JobError([f"{options.input}: {fault}"])
+        raise JobError(f"{options.input}: {fault}")
     on_one_process("mesh")
     from hpcinv.mesh.export import SAVERS, save
     from hpcinv.mesh.readers import FILES
@@ -236,7 +236,7 @@ def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
     }
     if options.input.suffix in JOBS:
         if any(given.values()):
-            raise JobError([f"{options.input}: says itself which parameters, unit and degree its mesh has"])
+            raise JobError(f"{options.input}: says itself which parameters, unit and degree its mesh has")
         job = load(options.input)
         return job.mesh, job.resolve(job.mesh.file)
     return mesh_spec(options.input, given), options.input
@@ -246,5 +246,5 @@ def _parameter(text: str) -> tuple[str, Any]:
     """Parse ``nx=8`` as in a job file."""
     name, equals, value = text.partition("=")
     if not equals:
-        raise JobError([f"--parameter {text}: is written NAME=VALUE"])
+        raise JobError(f"--parameter {text}: is written NAME=VALUE")
     return name, read_text(value, f"--parameter {name}")

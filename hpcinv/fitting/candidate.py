@@ -120,14 +120,12 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
     name = str(given.get("law"))
     law = laws().get(name)
     if law is None:
-        raise JobError([f"{place}: unknown law '{name}'.{did_you_mean(name, laws())}"])
+        raise JobError(f"{place}: unknown law '{name}'.{did_you_mean(name, laws())}")
     if law.model_validate(law.example).families:
         isotropic = [n for n, kind in laws().items() if not kind.model_validate(kind.example).families]
         raise JobError(
-            [
-                f"{place}: this law has fibres, whose direction in the specimens these tests do not state; "
-                f"isotropic laws are {', '.join(isotropic)}"
-            ]
+            f"{place}: this law has fibres, whose direction in the specimens these tests do not state; "
+            f"isotropic laws are {', '.join(isotropic)}"
         )
     is_whole = len(given) > 1
     data = _with_terms(given if is_whole else law.example, law, terms, place)
@@ -143,15 +141,15 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
         remedy = []
         if not is_stated and any(where[:1] == (bulk,) for where, _ in problems_in(error)):
             remedy = [f"{place}: give --compressible to fit {bulk}, or its value with --fix {bulk}=…"]
-        raise JobError([*job_error(place, error, law).problems, *remedy]) from None
+        raise JobError(*job_error(place, error, law).problems, *remedy) from None
     except ValueError as error:
-        raise JobError([f"{place}: --fix: {error}"]) from None
+        raise JobError(f"{place}: --fix: {error}") from None
     kept = {parse_key(_key(key, data)) for key in fixed}
     if bulk is not None and not compressible:
         kept.add((bulk,))
     parameters = tuple(_parameters(found, kept))
     if not parameters:
-        raise JobError([f"{place}: all of its parameters are fixed"])
+        raise JobError(f"{place}: all of its parameters are fixed")
     return Candidate(name if is_whole else text, found, data, parameters)
 
 
@@ -164,7 +162,7 @@ def _given(text: str) -> tuple[dict[str, Any], int | None]:
     try:
         found = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise JobError([f"--law {text}: is not a mapping: {' '.join(str(error).split())}"]) from None
+        raise JobError(f"--law {text}: is not a mapping: {' '.join(str(error).split())}") from None
     return found, None
 
 
@@ -174,9 +172,9 @@ def _with_terms(data: Mapping[str, Any], law: type[MaterialLaw], terms: int | No
     if terms is None:
         return dict(data)
     if not lists:
-        raise JobError([f"{place}: this law has no number of terms; write {law.example['law']}"])
+        raise JobError(f"{place}: this law has no number of terms; write {law.example['law']}")
     if not 1 <= terms <= _MOST_TERMS:
-        raise JobError([f"{place}: the number of terms must be from 1 to {_MOST_TERMS}"])
+        raise JobError(f"{place}: the number of terms must be from 1 to {_MOST_TERMS}")
     return {name: [*value, *value[-1:] * terms][:terms] if name in lists else value for name, value in data.items()}
 
 

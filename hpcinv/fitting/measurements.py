@@ -169,7 +169,7 @@ class _Reader:
         if more := len(self._problems) - _MOST_PROBLEMS:
             self._problems[_MOST_PROBLEMS:] = [f"{self._path}: and {more} more problems like these"] if more > 0 else []
         if self._problems:
-            raise JobError(self._problems)
+            raise JobError(*self._problems)
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield line number and entries of each row that is not empty; statements are kept."""
@@ -356,19 +356,17 @@ def with_deviations(tests: list[Test], given: list[str]) -> list[Test]:
             if dimension not in (_PURE, _STRESS) or not value > 0:
                 raise ValueError(f"must be a stress or a part of the stress above 0, not '{text}'")
         except ValueError as error:
-            raise JobError([f"--sd: {error}"]) from None
+            raise JobError(f"--sd: {error}") from None
         absolute, relative = (absolute, value) if dimension == _PURE else (value, relative)
     if not given:
         without = [test.name for test in tests if test.deviation is None]
         if without and len(without) < len(tests):
-            raise JobError(
-                [f"{without[0]}: has no column 'standard deviation', as other tests have; give one with --sd"]
-            )
+            raise JobError(f"{without[0]}: has no column 'standard deviation', as other tests have; give one with --sd")
         return tests
     found = []
     for test in tests:
         deviation = np.hypot(absolute, relative * test.stress) if test.deviation is None else test.deviation
         if not (deviation > 0).all():
-            raise JobError([f"{test.name}: {relative:.3g} of a stress of 0 is no standard deviation; add --sd '1 kPa'"])
+            raise JobError(f"{test.name}: {relative:.3g} of a stress of 0 is no standard deviation; add --sd '1 kPa'")
         found.append(replace(test, deviation=deviation))
     return found

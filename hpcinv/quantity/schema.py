@@ -218,7 +218,7 @@ def job_error(path: Path, error: ValidationError, spec: type[Spec]) -> JobError:
     lines = [f"{path}: {at(where)}: {what}" for where, what in problems[:_MOST_PROBLEMS]]
     if (more := len(problems) - _MOST_PROBLEMS) > 0:
         lines.append(f"{path}: and {more:,} more problems like these")
-    return JobError(lines)
+    return JobError(*lines)
 
 
 def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[tuple[Location, str]]:
