@@ -97,12 +97,15 @@ class Candidate:
 
 def quantity(value: float, dimension: Dimension) -> float | str:
     """Return a value with 10 digits in the form of a job: stresses in kPa or MPa, others in SI."""
-    if not dimension.unit:
-        return float(f"{value:.10g}")
-    scale, unit = 1.0, dimension.unit
+    return short(value, dimension, 10) if dimension.unit else float(f"{value:.10g}")
+
+
+def short(value: float, dimension: Dimension, digits: int = 5) -> str:
+    """Return a value (SI) with its unit."""
     if dimension == STRESS and value:
         scale, unit = next(((s, u) for s, u in ((1e6, "MPa"), (1e3, "kPa")) if abs(value) >= s / 10), (1.0, "Pa"))
-    return f"{value / scale:.10g} {unit}"
+        return f"{value / scale:.{digits}g} {unit}"
+    return f"{value:.{digits}g} {dimension.unit}".strip()
 
 
 def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Candidate:

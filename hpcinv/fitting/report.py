@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hpcinv.fitting.candidate import STRESS, quantity
+from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.least_squares import Fit
 from hpcinv.fitting.linearised import correlations
 from hpcinv.fitting.stability import Range, stability
@@ -192,14 +192,6 @@ def _extent(lost: Sequence[Range]) -> str:
 
 def _correlations(fit: Fit) -> str:
     return correlations([p.name for p in fit.candidate.parameters], fit.correlation)
-
-
-def short(value: float, dimension: Dimension, digits: int = 5) -> str:
-    """Return a value (SI) with its unit."""
-    if dimension == STRESS and value:
-        scale, unit = next(((s, u) for s, u in ((1e6, "MPa"), (1e3, "kPa")) if abs(value) >= s / 10), (1.0, "Pa"))
-        return f"{value / scale:.{digits}g} {unit}"
-    return f"{value:.{digits}g} {dimension.unit}".strip()
 
 
 def rounded(value: float, dimension: Dimension) -> float | str:

@@ -14,25 +14,20 @@ from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 
 
-@dataclass(frozen=True)
-class _Field:
-    label: str
-    evaluate: Callable[[Boundary, BoundaryResult], Floats | None]
-
-
 def measure(name: str, result: BoundaryResult) -> Floats:
     """Return a stress measure of each triangle, in Pa."""
     stress = result.stress.reshape(-1, 3, 3)
     return np.asarray(MEASURES[name](*(stress[:, *COMPONENTS[one]] for one in components_of(name))))
 
 
-FIELDS: dict[Colour, _Field] = {
-    "displacement": _Field("displacement (m)", lambda _, result: np.linalg.norm(result.displacement, axis=1)),
-    "von-mises": _Field("von Mises stress (Pa), mean of each cell", lambda _, result: measure("von_mises", result)),
-    "pressure": _Field("pressure -tr σ/3 (Pa), mean of each cell", lambda _, result: measure("p", result)),
-    "J": _Field("volume ratio J, mean of each cell", lambda _, result: result.J),
-    "error": _Field("estimated error of the displacement gradient", lambda boundary, _: boundary.error),
+FIELDS: dict[Colour, tuple[str, Callable[[Boundary, BoundaryResult], Floats | None]]] = {
+    "displacement": ("displacement (m)", lambda _, result: np.linalg.norm(result.displacement, axis=1)),
+    "von-mises": ("von Mises stress (Pa), mean of each cell", lambda _, result: measure("von_mises", result)),
+    "pressure": ("pressure -tr σ/3 (Pa), mean of each cell", lambda _, result: measure("p", result)),
+    "J": ("volume ratio J, mean of each cell", lambda _, result: result.J),
+    "error": ("estimated error of the displacement gradient", lambda boundary, _: boundary.error),
 }
+"""Label of each field, and its values on the triangles or at the points."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +50,9 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour =
     Raises:
         OutputError: the run has no values of this colour.
     """
-    field, job = FIELDS[colour], summary["job"]
+    (label, evaluate), job = FIELDS[colour], summary["job"]
     shapes = _shapes(boundary, next((name for name, state in summary.get("states", {}).items() if state["rest"]), ""))
-    values = [field.evaluate(boundary, shape.result) for shape in shapes]
+    values = [evaluate(boundary, shape.result) for shape in shapes]
     known = [one for one in values if one is not None]
     if len(known) < len(shapes):
         raise OutputError(
@@ -74,7 +69,7 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour =
     status, verdict = summary["status"], summary["certificate"]["verdict"]
     notes = f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"
     limits = min(float(one.min()) for one in known), max(float(one.max()) for one in known)
-    return figure(views, job["job"], notes=notes, colours=(field.label, *limits))
+    return figure(views, job["job"], notes=notes, colours=(label, *limits))
 
 
 def _shapes(boundary: Boundary, rest: str) -> list[_Shape]:
