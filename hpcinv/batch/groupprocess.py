@@ -20,7 +20,7 @@ def main(directory: Path) -> int:
     """Solve cases until none is left, and report the end; the exit code is 0 unless the processes ended otherwise."""
     from hpcinv.batch.grouptask import EventWriter, GroupTask
     from hpcinv.batch.worker import work
-    from hpcinv.parallel.runtime import MPI, abort, failing_together, on_root, wait_for_all
+    from hpcinv.parallel.ranks import MPI, abort, failing_together, on_root, wait_for_all
 
     stop.install()
     world = MPI.COMM_WORLD

@@ -31,7 +31,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI, agree, on_root, wait_for_all
+from hpcinv.parallel.ranks import MPI, agree, on_root, wait_for_all
 from hpcinv.results.solution import Solution
 from hpcinv.solver.problem_cache import Workspace
 from hpcinv.version import __version__
