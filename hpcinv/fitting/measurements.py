@@ -4,14 +4,13 @@ Lines ``# mode: planar``, ``# area: 25 mm^2`` and ``# length: 20 mm`` ahead of t
 whole file; other lines that begin with ``#`` are comments.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -103,16 +102,16 @@ class Test:
         """The largest principal stretch of each point (n,), of an incompressible material."""
         return np.asarray(self.mode.stretches(self.measure).max(axis=1))
 
-    def up_to(self, largest: float) -> Test:
+    def up_to(self, largest: float) -> Self:
         """Return the points whose largest principal stretch is not above a limit."""
         return self._select(self.largest_stretch <= largest, self.at_rest)
 
-    def deformed(self) -> Test:
+    def deformed(self) -> Self:
         """Return the points that are deformed."""
         moved = self.measure != self.mode.at_rest
         return self._select(moved, int((~moved).sum()))
 
-    def _select(self, kept: np.ndarray, at_rest: int) -> Test:
+    def _select(self, kept: np.ndarray, at_rest: int) -> Self:
         deviation = None if self.deviation is None else self.deviation[kept]
         measure, stress = self.measure[kept], self.stress[kept]
         return replace(self, measure=measure, stress=stress, deviation=deviation, at_rest=at_rest)

@@ -1,10 +1,8 @@
 """Results of fits as text, as plain data, and as sections of a job."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import yaml
@@ -26,7 +24,7 @@ class CheckedFit:
     ranges: tuple[Range, ...]
 
     @classmethod
-    def of(cls, fit: Fit) -> CheckedFit:
+    def of(cls, fit: Fit) -> Self:
         return cls(fit, tuple(stability(fit.response, fit.values, fit.tests)))
 
     @property

@@ -3,8 +3,6 @@
 Teams of ranks may solve different states at the same time; rank 0 of all ranks collects what they predict.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -15,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -68,7 +67,7 @@ class Evaluation:
         return content.getvalue()
 
     @classmethod
-    def read(cls, path: Path) -> Evaluation | None:
+    def read(cls, path: Path) -> Self | None:
         """Return a kept evaluation; ``None`` if there is none, or its file is damaged."""
         try:
             with np.load(path, allow_pickle=False) as file:

@@ -4,8 +4,6 @@ Each run is executed several times, to time it. An execution is a case of the le
 content, of the number of ranks, and of its number among the repetitions.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,19 +28,6 @@ class Execution(NamedTuple):
     key: str
     title: str
     reuse_group: str
-
-
-def executions_in(plan: StudyPlan, directory: Path, ranks: int | None = None) -> Executions:
-    """Return the executions of a study in a directory, for reading.
-
-    Args:
-        ranks: their number of ranks; by default that of the last start.
-
-    Raises:
-        OutputError: the directory holds anything else than this study.
-    """
-    check_content(directory, plan.study.study)
-    return Executions(plan, ledger_of(directory / STORE), ranks or ranks_in(directory))
 
 
 class Executions:
@@ -191,6 +176,19 @@ class Executions:
             return _not_run("; ".join(error.problems))
         # The hash of everything that the result and the time of a run depend on.
         return job, content_key(job, ranks=self.ranks, partition=job.mesh.partition)
+
+
+def executions_in(plan: StudyPlan, directory: Path, ranks: int | None = None) -> Executions:
+    """Return the executions of a study in a directory, for reading.
+
+    Args:
+        ranks: their number of ranks; by default that of the last start.
+
+    Raises:
+        OutputError: the directory holds anything else than this study.
+    """
+    check_content(directory, plan.study.study)
+    return Executions(plan, ledger_of(directory / STORE), ranks or ranks_in(directory))
 
 
 def _not_run(why: str) -> CaseRecord:
