@@ -1,12 +1,10 @@
 """``hpcinv mesh``: meshes of images and of surfaces, pictures of meshes, and partitioned meshes; on one process."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import JOBS, mesh_spec, on_one_process
@@ -19,9 +17,6 @@ from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.quantity.units import length_symbol
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import MeshSource
 
 _OUTPUT = "mesh to write or replace (.msh, .vtu)"
 
@@ -220,7 +215,7 @@ def _gather(options: argparse.Namespace) -> int:
 
     if options.output.suffix not in SAVERS:
         raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")
-    source: MeshSource = FILES[SUFFIX](options.input)
+    source = FILES[SUFFIX](options.input)
     save(options.output, source, source.points)
     unit = length_symbol(source.unit or 1.0)
     print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, in {unit}")

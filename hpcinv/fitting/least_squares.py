@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from operator import getitem
+from operator import attrgetter, getitem
 from typing import Any
 
 import numpy as np
@@ -127,13 +127,9 @@ def fit(candidate: Candidate, tests: Sequence[Test]) -> Fit:
         )
     if len(starts) == 1:
         return problem.conclude(found[0])
-    found.sort(key=_cost)
+    found.sort(key=attrgetter("cost"))
     refined = [problem.solved(solution.x * problem.unit, _MOST_EVALUATIONS) for solution in found[:_FINALISTS]]
-    return problem.conclude(min((solution for solution in refined if solution is not None), key=_cost))
-
-
-def _cost(solution: scipy.optimize.OptimizeResult) -> float:
-    return float(solution.cost)
+    return problem.conclude(min((solution for solution in refined if solution is not None), key=attrgetter("cost")))
 
 
 class _LeastSquares:

@@ -1,5 +1,6 @@
 """Report of a run: its summary, and the error of a run that does not reach its end."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -9,7 +10,6 @@ from hpcinv.errors import Interrupted, SolveError
 from hpcinv.job.job import Job
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
-from hpcinv.output.run_directory import relative
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.summary import statistics, write_summary
 from hpcinv.parallel.runtime import on_root
@@ -118,7 +118,7 @@ class RunReport(Observer):
         raise Interrupted(
             f"{where}; {'its state is saved' if saved else 'there was no state to save yet'}",
             f"{'Go on with' if saved else 'Start it again with'}: "
-            f"mpirun -n {self._store.comm.size} python -m hpcinv resume {relative(self._store.path)}",
+            f"mpirun -n {self._store.comm.size} python -m hpcinv resume {os.path.relpath(self._store.path)}",
         )
 
     def _unfinished(self, solutions: Sequence[Solution], line: Line) -> Result:

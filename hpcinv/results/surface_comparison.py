@@ -37,9 +37,6 @@ class Side:
     quantile_95: float
     largest: float
 
-    def as_data(self) -> dict[str, Any]:
-        return self.__dict__ | {}
-
 
 @dataclass(frozen=True)
 class Comparison:
@@ -60,7 +57,7 @@ class Comparison:
     def as_data(self) -> dict[str, Any]:
         """JSON data, in SI."""
         moved = {"rotation": self.rotation, "translation": self.translation}
-        return {"one": self.one.as_data(), "other": self.other.as_data(), "dice": self.dice, "moved": moved}
+        return {"one": vars(self.one), "other": vars(self.other), "dice": self.dice, "moved": moved}
 
 
 def compare(
