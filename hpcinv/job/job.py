@@ -48,6 +48,7 @@ from hpcinv.quantity.schema import (
     Problems,
     Spec,
     at,
+    collected,
     job_error,
     raise_if_any,
     repeated,
@@ -328,12 +329,10 @@ class Job(Spec):
         if applies(info):
             text = f"is a Python file that a run executes, and is {REFUSED}"
             raise_if_any(((i,), f"{shown(plugin)} {text}") for i, plugin in enumerate(plugins))
-        problems = []
+        problems: list[tuple[Location, str]] = []
         for i, plugin in enumerate(plugins):
-            try:
+            with collected(problems, i):
                 load_file(directory_of(info) / plugin)
-            except ValueError as error:
-                problems.append(((i,), str(error)))
         raise_if_any(problems)
         return plugins
 
