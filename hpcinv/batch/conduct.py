@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import cast
 
+from hpcinv.batch.grouptask import GroupTask
 from hpcinv.batch.isolation import can_isolate, supervise
 from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.batch.task import Batch
@@ -45,16 +46,16 @@ def conduct(
     error: HpcinvError | None = None
     try:
         part, parts = share
-        begin = (part - 1 + number / groups) / parts
+        task = GroupTask(batch, (part - 1 + number / groups) / parts, lease)
         if stop is not None and isolated and can_isolate(group):
-            supervise(batch, group, begin, lease, note, stop)
+            supervise(task, group, note, stop)
         else:
-            from hpcinv.batch.worker import work  # with PETSc and DOLFINx
+            from hpcinv.batch.worker import Worker  # with PETSc and DOLFINx
 
             if stop is not None:
                 stop.set_end_in_library(None)  # other groups still have to save their cases
                 stop.install()  # PETSc has replaced the handler of SIGTERM
-            work(batch, group, begin, lease, note, stop or (lambda: False))
+            Worker(task, group, note, stop or (lambda: False)).work()
     except HpcinvError as met:
         error = met
         if group.rank == 0 and not isinstance(met, Interrupted):
