@@ -1,10 +1,8 @@
 """Exceptions with a message, a remedy and the exit code of the command line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import ClassVar
+from typing import ClassVar, Self
 
 
 class HpcinvError(Exception):
@@ -30,7 +28,7 @@ class JobError(HpcinvError):
         super().__init__("\n".join(problems))
         self.problems = problems
 
-    def __reduce__(self) -> tuple[type[JobError], tuple[str, ...]]:
+    def __reduce__(self) -> tuple[type[Self], tuple[str, ...]]:
         return type(self), self.problems
 
 
