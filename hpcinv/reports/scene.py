@@ -41,7 +41,7 @@ def scene(
         "error": None if boundary.error is None else arrays.add(boundary.error[kept.of]),
         "fibres": {"every": _every(kept), "families": _lines(boundary.fibres, kept, arrays)},
         "results": [
-            _result(summary, boundary, number, result, kept, arrays)
+            _result(summary, boundary, result, kept, arrays)
             | {"steps": [step for step in steps if step["solution"] == number]}
             for number, result in enumerate(boundary.results)
         ],
@@ -56,12 +56,7 @@ def _kept(boundary: Boundary, most: int) -> Decimated:
 
 
 def _result(
-    summary: Mapping[str, Any],
-    boundary: Boundary,
-    number: int,
-    result: BoundaryResult,
-    kept: Decimated,
-    arrays: Arrays,
+    summary: Mapping[str, Any], boundary: Boundary, result: BoundaryResult, kept: Decimated, arrays: Arrays
 ) -> dict[str, Any]:
     states = summary.get("states", {})
     rest = next((name for name, state in states.items() if state["rest"]), "undeformed")
