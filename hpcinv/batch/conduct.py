@@ -46,16 +46,16 @@ def conduct(
     error: HpcinvError | None = None
     try:
         part, parts = share
-        task = GroupTask(batch, (part - 1 + number / groups) / parts, lease)
+        begin = (part - 1 + number / groups) / parts
         if stop is not None and isolated and can_isolate(group):
-            supervise(task, group, note, stop)
+            supervise(GroupTask(batch, begin, lease), group, note, stop)
         else:
-            from hpcinv.batch.worker import Worker  # with PETSc and DOLFINx
+            from hpcinv.batch.worker import work  # with PETSc and DOLFINx
 
             if stop is not None:
                 stop.set_end_in_library(None)  # other groups still have to save their cases
                 stop.install()  # PETSc has replaced the handler of SIGTERM
-            Worker(task, group, note, stop or (lambda: False)).work()
+            work(batch, group, begin, lease, note, stop or (lambda: False))
     except HpcinvError as met:
         error = met
         if group.rank == 0 and not isinstance(met, Interrupted):

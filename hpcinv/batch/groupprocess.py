@@ -19,7 +19,7 @@ from hpcinv.parallel.signals import STOPPED, end_on_interrupt  # noqa: E402
 def main(directory: Path) -> int:
     """Solve cases until none is left, and report the end; the exit code is 0 unless the processes ended otherwise."""
     from hpcinv.batch.grouptask import EventWriter, GroupTask
-    from hpcinv.batch.worker import Worker
+    from hpcinv.batch.worker import work
     from hpcinv.parallel.ranks import MPI, abort, failing_together, on_root, wait_for_all
 
     stop.install()
@@ -32,7 +32,7 @@ def main(directory: Path) -> int:
         error: HpcinvError | None = None
         try:
             holding = events.holding if events is not None else None
-            Worker(task, world, lambda text: print(text, flush=True), stop, holding).work()
+            work(task.batch, world, task.begin, task.lease, lambda text: print(text, flush=True), stop, holding)
         except HpcinvError as met:
             error = met
         stop.ignore()

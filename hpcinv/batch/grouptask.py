@@ -15,12 +15,7 @@ _TASK, _EVENTS = "task", "events"
 
 @dataclass(frozen=True)
 class GroupTask:
-    """Task of a group of ranks, the open cases of a batch.
-
-    Attributes:
-        begin: share of the list of cases at which the group begins, from 0 to 1.
-        lease: seconds within which the heartbeat of a holder on another machine must change.
-    """
+    """Task of a group; attributes as in `hpcinv.batch.worker.work`."""
 
     batch: Batch
     begin: float

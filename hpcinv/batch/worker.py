@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from hpcinv.batch.grouptask import GroupTask
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST, Claim, Ledger
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.task import BatchTask, Pause, Schedule
+from hpcinv.batch.task import Batch, BatchTask, Pause, Schedule
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError
 from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
@@ -21,29 +20,55 @@ from hpcinv.solver.problem_cache import collect_garbage
 _PAUSE = 1.0  # seconds between checks of cases that other groups hold
 
 
-@dataclass
-class Worker:
-    """Solves the cases of a task on all ranks of ``comm``.
+def work(
+    batch: Batch,
+    group: MPI.Intracomm,
+    begin: float,
+    lease: float,
+    note: Callable[[str], None],
+    stop_asked: Callable[[], bool],
+    holding: Callable[[BatchTask | None], None] | None = None,
+) -> None:
+    """Solve the open cases; collective.
 
     Args:
+        begin: share of the list of cases at which the group begins, from 0 to 1.
+        lease: seconds within which the heartbeat of a holder on another machine must change.
         note: called on the first rank with a line on each finished case.
         stop_asked: called on every rank; true ends the work.
         holding: called on the first rank with each case when it begins, and with ``None`` when it has ended; given only
             where a supervisor notes crashes.
-    """
 
-    group_task: GroupTask
+    Raises:
+        HpcinvError: the same on every rank, from `Worker.work`.
+    """
+    with ExitStack() as held, compilation_explained(group):
+        worker = Worker(batch, group, note, stop_asked, holding or (lambda task: None))
+
+        def open_ledger() -> None:
+            holder = held.enter_context(Holder(batch.store))
+            worker.ledger = Ledger(batch.store, holder, lease=lease, supervised=holding is not None)
+            worker.schedule = batch.schedule(worker.ledger, begin, group.size)
+
+        on_root(group, open_ledger)
+        worker.work()
+
+
+@dataclass
+class Worker:
+    """Solves cases on all ranks of ``comm``; ledger and schedule are on the first one."""
+
+    batch: Batch
     comm: MPI.Intracomm
     note: Callable[[str], None]
     stop_asked: Callable[[], bool]
-    holding: Callable[[BatchTask | None], None] | None = None
+    holding: Callable[[BatchTask | None], None]
 
     def __post_init__(self) -> None:
-        self.ledger: Ledger  # on the first rank, like the schedule
+        self.ledger: Ledger
         self.schedule: Schedule[Any]
-        self.runner = self.group_task.batch.runner(self.comm)
+        self.runner = self.batch.runner(self.comm)
         self.solved = 0
-        self._hold = self.holding or (lambda task: None)
 
     def work(self) -> None:
         """Solve cases until none is left that other groups do not hold; collective.
@@ -52,30 +77,22 @@ class Worker:
             Interrupted: a signal was received; the present case is released, and its checkpoints are kept.
             OutputError, SystemPartMissing: the same on every rank; the case is released.
         """
-        with ExitStack() as held, compilation_explained(self.comm):
-            on_root(self.comm, lambda: self._begin(held))
-            with self.runner:
-                while True:
-                    if self.comm.allreduce(self.stop_asked(), op=MPI.LOR):
-                        raise Interrupted("stopped by a signal")
-                    task = on_root(self.comm, self._next)
-                    if task is None:
-                        return
-                    if task is Pause.WAIT:
-                        time.sleep(_PAUSE)
-                    else:
-                        self._take(task)
-
-    def _begin(self, held: ExitStack) -> None:
-        batch, lease = self.group_task.batch, self.group_task.lease
-        holder = held.enter_context(Holder(batch.store))
-        self.ledger = Ledger(batch.store, holder, lease=lease, supervised=self.holding is not None)
-        self.schedule = batch.schedule(self.ledger, self.group_task.begin, self.comm.size)
+        with self.runner:
+            while True:
+                if self.comm.allreduce(self.stop_asked(), op=MPI.LOR):
+                    raise Interrupted("stopped by a signal")
+                task = on_root(self.comm, self._next)
+                if task is None:
+                    return
+                if task is Pause.WAIT:
+                    time.sleep(_PAUSE)
+                else:
+                    self._take(task)
 
     def _next(self) -> BatchTask | Pause | None:
         task: BatchTask | Pause | None = self.schedule.next()
         if task is not None and task is not Pause.WAIT:
-            self._hold(task)
+            self.holding(task)
         return task
 
     def _take(self, task: BatchTask) -> None:
@@ -97,7 +114,7 @@ class Worker:
             status, advice = given_up
             return replace(record, status=status, advice=advice)
         progress = SilentProgress(self.comm)
-        limit = self.group_task.batch.limit
+        limit = self.batch.limit
 
         def overdue() -> bool:
             return limit is not None and time.perf_counter() - begun > limit
@@ -112,7 +129,7 @@ class Worker:
         except Interrupted:
             if self.comm.allreduce(self.stop_asked(), op=MPI.LOR) or not self.comm.allreduce(overdue(), op=MPI.LOR):
                 raise
-            record = self.group_task.batch.overdue_record(task.claim)
+            record = self.batch.overdue_record(task.claim)
         except Exception as error:
             # Several ranks may not be at the same collective call any more.
             if isinstance(error, HpcinvError) or self.comm.size > 1:
@@ -125,16 +142,16 @@ class Worker:
         """Release a case; ``False`` if another process has claimed it and its directory, which explains the error."""
         if not self.ledger.holds(task.claim):
             self.note(f"{task.title}: was claimed by another process, since this one seemed to have ended")
-            self._hold(None)
+            self.holding(None)
             return False
         self.ledger.release(task.claim)
-        self._hold(None)
+        self.holding(None)
         return True
 
     def _commit(self, task: BatchTask, record: CaseRecord) -> None:
         first = self.ledger.commit(task.claim, record)
         self.runner.remove_run(task, record)
-        self._hold(None)
+        self.holding(None)
         meanwhile = f"{task.title}: was finished by another process meanwhile"
         self.note(self.schedule.report(task, record) if first else meanwhile)
 
