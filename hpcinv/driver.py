@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from hpcinv.certificate import certify_all
-from hpcinv.effects import Direction
 from hpcinv.job.job import Job
 from hpcinv.mesh.moved import placed
 from hpcinv.methods import solve_direction
@@ -23,12 +22,11 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.preparation import prepare
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.shape_distance import differences
-from hpcinv.results.solution import Solution, solution_of
+from hpcinv.results.solution import solution_of
 from hpcinv.results.totals import totals_of
 from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
 from hpcinv.sensitivity.surface_errors import SurfaceSpreads
-from hpcinv.solver.observer import Observer, Observers, StopSignal
-from hpcinv.solver.problem import Model
+from hpcinv.solver.observer import Observers, StopSignal
 from hpcinv.solver.problem_cache import Workspace
 
 
@@ -94,9 +92,13 @@ def run(
                         start = replace(start, origin=solutions[solve.start].fields)
                     progress.state(job, number)
                     snapshots.begin(number, model, solve.direction)
-                    found = _solve(model, solve.direction, solutions, start, observer, report, progress)
+                    with progress.phase("solving", announced=False):
+                        found = solve_direction(model, solve.direction, start, observer)
+                        report.check_not_stopped(solutions, found, model.job.state)
+                        scene = model.scene(solve.direction)
+                        solution = solution_of(model, solve.direction, scene, found.solves, found.load, found.linear)
                     before = "" if solve.start is None else solutions[solve.start].state
-                    solutions.append(replace(found, start=before))
+                    solutions.append(replace(solution, start=before))
             report.check_reached(solutions)
             solution = solutions[number]
             if number == 0 or solve.job.state:
@@ -125,20 +127,6 @@ def run(
             )
         errors = differences(body, solutions, problem.expected)
         of_all = of_all_shapes(slopes, quantities)
-        return report.conclude(solutions, certificate, quantities, errors, estimate, of_all, spread)
-
-
-def _solve(
-    model: Model,
-    direction: Direction,
-    before: Sequence[Solution],
-    start: Start,
-    observer: Observer,
-    report: RunReport,
-    progress: Progress,
-) -> Solution:
-    """Solve after the solves ``before``; collective."""
-    with progress.phase("solving", announced=False):
-        found = solve_direction(model, direction, start, observer)
-        report.check_not_stopped(before, found, model.job.state)
-        return solution_of(model, direction, model.scene(direction), found.solves, found.load, found.linear)
+        return report.conclude(
+            Result(job, body, tuple(solutions), certificate, quantities, errors, estimate, of_all, spread)
+        )

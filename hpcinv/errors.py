@@ -1,10 +1,8 @@
 """Exceptions with a message, a remedy and the exit code of the command line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import ClassVar
+from typing import ClassVar, Self
 
 
 class HpcinvError(Exception):
@@ -26,12 +24,12 @@ class JobError(HpcinvError):
 
     exit_code = 2
 
-    def __init__(self, problems: list[str]) -> None:
+    def __init__(self, *problems: str) -> None:
         super().__init__("\n".join(problems))
         self.problems = problems
 
-    def __reduce__(self) -> tuple[type[JobError], tuple[list[str]]]:
-        return type(self), (self.problems,)
+    def __reduce__(self) -> tuple[type[Self], tuple[str, ...]]:
+        return type(self), self.problems
 
 
 class MeshError(HpcinvError):

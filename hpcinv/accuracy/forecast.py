@@ -96,12 +96,10 @@ class RefinementForecast:
     def __init__(self, steps: Sequence[Step], errors: Sequence[float], excess: float) -> None:
         self.steps, self.errors, self.excess = steps, errors, excess
         self.last = steps[-1]
-        done = [work for step in steps for work in (step.solve, step.estimate)]
-        self.power, self._factorization = _fit((w.unknowns, w.factorization / max(w.count, 1)) for w in done)
+        done = [(work, step) for step in steps for work in (step.solve, step.estimate)]
+        self.power, self._factorization = _fit((w.unknowns, w.factorization / max(w.count, 1)) for w, _ in done)
         # Measured on the largest problem so far, in which overhead matters least.
-        largest, step = max(
-            ((work, step) for step in steps for work in (step.solve, step.estimate)), key=lambda pair: pair[0].unknowns
-        )
+        largest, step = max(done, key=lambda pair: pair[0].unknowns)
         self._assembly = largest.assembly / max(largest.count, 1) / (step.cells * nodes(step.cell, largest.degree) ** 3)
 
     def order(self, degree: int) -> float:

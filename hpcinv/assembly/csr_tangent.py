@@ -3,8 +3,6 @@
 The place of each entry of each element matrix is computed once, which avoids PETSc's search for it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -100,6 +98,26 @@ class FilledTangent:
         return A, assemble
 
 
+@dataclass(frozen=True)
+class _Places:
+    """Places of the entries of a block; the unknowns of a node are consecutive, and their rows have equal lengths.
+
+    Attributes:
+        first: place of the first components of each pair of nodes, (cells, nodes, nodes).
+        row: distance from there to the next row.
+    """
+
+    block: Block
+    first: Integers
+    row: Integers
+
+    def __getitem__(self, cells: slice) -> npt.NDArray[np.intp]:
+        """Return the places for some cells, (cells, *block.shape)."""
+        c, d = np.indices(self.block.shape[:2], dtype=np.int32)[..., None, None]
+        found: npt.NDArray[np.intp] = self.first[cells, None, None] + c * self.row[cells, None, None] + d
+        return found.astype(np.intp)
+
+
 class _Rows:
     """Rows of matrices on this rank, and places of their entries in one array of values.
 
@@ -191,26 +209,6 @@ class _Rows:
         places = _Places(block, first, np.where(columns < self.owned, self._near[rows], self._far[rows]))
         self._known.append((cells, places))
         return places
-
-
-@dataclass(frozen=True)
-class _Places:
-    """Places of the entries of a block; the unknowns of a node are consecutive, and their rows have equal lengths.
-
-    Attributes:
-        first: place of the first components of each pair of nodes, (cells, nodes, nodes).
-        row: distance from there to the next row.
-    """
-
-    block: Block
-    first: Integers
-    row: Integers
-
-    def __getitem__(self, cells: slice) -> npt.NDArray[np.intp]:
-        """Return the places for some cells, (cells, *block.shape)."""
-        c, d = np.indices(self.block.shape[:2], dtype=np.int32)[..., None, None]
-        found: npt.NDArray[np.intp] = self.first[cells, None, None] + c * self.row[cells, None, None] + d
-        return found.astype(np.intp)
 
 
 def surface_tangent(residual: Any, state: fem.Function) -> Any:

@@ -1,10 +1,8 @@
 """Residual and tangent of a scene at a load factor, as PETSc vector and matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
@@ -42,7 +40,7 @@ class System:
         tangents: number of assemblies of the tangent, by which outdated factors are recognized.
     """
 
-    def __init__(self, scene: Scene, supports: Supports, timings: Timings, like: System | None = None) -> None:
+    def __init__(self, scene: Scene, supports: Supports, timings: Timings, like: Self | None = None) -> None:
         self.scene, self.supports, self.timings = scene, supports, timings
         self.comm = scene.unknowns.mesh.comm
         self.state = scene.unknowns.state

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import cast
 
+from hpcinv.batch.grouptask import GroupTask
 from hpcinv.batch.isolation import can_isolate, supervise
 from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.batch.task import Batch
@@ -47,7 +48,7 @@ def conduct(
         part, parts = share
         begin = (part - 1 + number / groups) / parts
         if stop is not None and isolated and can_isolate(group):
-            supervise(batch, group, begin, lease, note, stop)
+            supervise(GroupTask(batch, begin, lease), group, note, stop)
         else:
             from hpcinv.batch.worker import work  # with PETSc and DOLFINx
 

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from hpcinv.pictures.figures import style
-
-type Floats = npt.NDArray[np.float64]
+from hpcinv.quantity.arrays import Floats
 
 RED = "#C00000"
 GREEN = "#009E73"

@@ -20,7 +20,7 @@ def main(directory: Path) -> int:
     """Solve cases until none is left, and report the end; the exit code is 0 unless the processes ended otherwise."""
     from hpcinv.batch.grouptask import EventWriter, GroupTask
     from hpcinv.batch.worker import work
-    from hpcinv.parallel.runtime import MPI, abort, failing_together, on_root, wait_for_all
+    from hpcinv.parallel.ranks import MPI, abort, failing_together, on_root, wait_for_all
 
     stop.install()
     world = MPI.COMM_WORLD
@@ -31,15 +31,8 @@ def main(directory: Path) -> int:
         task = on_root(world, lambda: GroupTask.read(directory))
         error: HpcinvError | None = None
         try:
-            work(
-                task.batch,
-                world,
-                task.begin,
-                task.lease,
-                lambda text: print(text, flush=True),
-                stop,
-                events.holding if events is not None else None,
-            )
+            holding = events.holding if events is not None else None
+            work(task.batch, world, task.begin, task.lease, lambda text: print(text, flush=True), stop, holding)
         except HpcinvError as met:
             error = met
         stop.ignore()

@@ -1,12 +1,10 @@
 """Messages between a supervisor and the processes of its group, through two files in a directory."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import Self, TextIO
 
 from hpcinv.batch.ledger.ledger import Claim
 from hpcinv.batch.task import Batch, BatchTask
@@ -28,8 +26,8 @@ class GroupTask:
         (directory / _EVENTS).touch()
 
     @classmethod
-    def read(cls, directory: Path) -> GroupTask:
-        task: GroupTask = pickle.loads((directory / _TASK).read_bytes())
+    def read(cls, directory: Path) -> Self:
+        task: Self = pickle.loads((directory / _TASK).read_bytes())
         return task
 
 

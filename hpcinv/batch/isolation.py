@@ -23,7 +23,6 @@ from typing import cast
 
 from hpcinv.batch.grouptask import Ended, EventReader, GroupTask, Held
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.batch.task import Batch
 from hpcinv.errors import Interrupted, SystemPartMissing
 from hpcinv.parallel.processes import Identity
 from hpcinv.parallel.ranks import MPI
@@ -56,15 +55,8 @@ def can_isolate(group: MPI.Intracomm) -> bool:
     return len(machines) == 1 and bool(group.bcast(_mpiexec()))
 
 
-def supervise(
-    batch: Batch,
-    group: MPI.Intracomm,
-    begin: float,
-    lease: float,
-    note: Callable[[str], None],
-    stop: StopRequest,
-) -> None:
-    """Solve the open cases of a batch in separate processes; collective.
+def supervise(task: GroupTask, group: MPI.Intracomm, note: Callable[[str], None], stop: StopRequest) -> None:
+    """Solve the cases of a task in separate processes; collective.
 
     Raises:
         Interrupted: on every rank of the group: a signal was received, and cases are left.
@@ -76,7 +68,7 @@ def supervise(
         _wait_for_first(group, stop)
         return
     try:
-        _Supervisor(GroupTask(batch, begin, lease), group, processors, note, stop).run()
+        _Supervisor(task, group, processors, note, stop).run()
     finally:
         group.Ibarrier().Wait()
         while group.Iprobe(tag=_STOP):
@@ -102,19 +94,18 @@ class _Outcome:
     begun: bool = False
 
 
+@dataclass
 class _Supervisor:
     """Supervisor of the processes of a group, on its first rank."""
 
-    def __init__(
-        self,
-        task: GroupTask,
-        group: MPI.Intracomm,
-        processors: Sequence[int],
-        note: Callable[[str], None],
-        stop: StopRequest,
-    ) -> None:
-        self.task, self.group, self.processors, self.note, self.stop = task, group, processors, note, stop
-        self.ledger: Ledger = ledger_of(task.batch.store)
+    task: GroupTask
+    group: MPI.Intracomm
+    processors: Sequence[int]
+    note: Callable[[str], None]
+    stop: StopRequest
+
+    def __post_init__(self) -> None:
+        self.ledger: Ledger = ledger_of(self.task.batch.store)
 
     def run(self) -> None:
         fruitless = 0

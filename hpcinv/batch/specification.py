@@ -41,7 +41,7 @@ def read_base(path: Path, job: str) -> tuple[Path, Mapping[str, Any]]:
     try:
         return base, read_yaml(base)
     except JobError as error:
-        raise JobError([f"{path}: job: {problem}" for problem in error.problems]) from None
+        raise JobError(*(f"{path}: job: {problem}" for problem in error.problems)) from None
 
 
 def with_settings(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def with_settings(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[
     try:
         return assigned(data, settings)
     except ValueError as error:
-        raise JobError([str(error)]) from None
+        raise JobError(str(error)) from None
 
 
 class Faults:
@@ -74,7 +74,7 @@ class Faults:
     def raise_if_any(self) -> None:
         """Raise a ``JobError`` with a line for each fault."""
         if self._found:
-            raise JobError([self._line(*fault) for fault in self._found.values()])
+            raise JobError(*(self._line(*fault) for fault in self._found.values()))
 
     def _line(self, title: str, text: str, others: int) -> str:
         also = f" (and {others} more {self.noun}{'s' if others > 1 else ''})" if others else ""

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from hpcinv.batch.forecast import in_words, remaining_seconds
 
@@ -23,17 +23,12 @@ MOST_SHOWN = 5
 _PAUSE = 2.0  # seconds between two looks
 
 
-class BatchCase(Protocol):
-    """A case of the ledger: its key, its title, and its reuse group (cases of one group take similar times)."""
+class BatchCase(NamedTuple):
+    """A case of the ledger; cases of one reuse group take similar times."""
 
-    @property
-    def key(self) -> str: ...
-
-    @property
-    def title(self) -> str: ...
-
-    @property
-    def reuse_group(self) -> str: ...
+    key: str
+    title: str
+    reuse_group: str
 
 
 @dataclass(frozen=True)

@@ -43,31 +43,30 @@ def work(
         HpcinvError: the same on every rank, from `Worker.work`.
     """
     with ExitStack() as held, compilation_explained(group):
-        ledger: Ledger | None = None
+        worker = Worker(batch, group, note, stop_asked, holding or (lambda task: None))
 
         def open_ledger() -> None:
-            nonlocal ledger
             holder = held.enter_context(Holder(batch.store))
-            ledger = Ledger(batch.store, holder, lease=lease, supervised=holding is not None)
+            worker.ledger = Ledger(batch.store, holder, lease=lease, supervised=holding is not None)
+            worker.schedule = batch.schedule(worker.ledger, begin, group.size)
 
         on_root(group, open_ledger)
-        Worker(batch, group, ledger, begin, note, stop_asked, holding or (lambda task: None)).work()
+        worker.work()
 
 
 @dataclass
 class Worker:
-    """Solves cases on all ranks of ``comm``."""
+    """Solves cases on all ranks of ``comm``; ledger and schedule are on the first one."""
 
     batch: Batch
     comm: MPI.Intracomm
-    ledger: Ledger | None
-    begin: float
     note: Callable[[str], None]
     stop_asked: Callable[[], bool]
     holding: Callable[[BatchTask | None], None]
 
     def __post_init__(self) -> None:
-        self.schedule: Schedule[Any] | None = None
+        self.ledger: Ledger
+        self.schedule: Schedule[Any]
         self.runner = self.batch.runner(self.comm)
         self.solved = 0
 
@@ -91,9 +90,6 @@ class Worker:
                     self._take(task)
 
     def _next(self) -> BatchTask | Pause | None:
-        assert self.ledger is not None
-        if self.schedule is None:
-            self.schedule = self.batch.schedule(self.ledger, self.begin, self.comm.size)
         task: BatchTask | Pause | None = self.schedule.next()
         if task is not None and task is not Pause.WAIT:
             self.holding(task)
@@ -144,7 +140,6 @@ class Worker:
 
     def _release(self, task: BatchTask) -> bool:
         """Release a case; ``False`` if another process has claimed it and its directory, which explains the error."""
-        assert self.ledger is not None
         if not self.ledger.holds(task.claim):
             self.note(f"{task.title}: was claimed by another process, since this one seemed to have ended")
             self.holding(None)
@@ -154,8 +149,6 @@ class Worker:
         return True
 
     def _commit(self, task: BatchTask, record: CaseRecord) -> None:
-        assert self.ledger is not None
-        assert self.schedule is not None
         first = self.ledger.commit(task.claim, record)
         self.runner.remove_run(task, record)
         self.holding(None)

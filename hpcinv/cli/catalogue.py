@@ -37,7 +37,7 @@ def describe(members: Mapping[str, type[Ingredient]], tag: str, name: str) -> No
         JobError: there is no law or effect of that name.
     """
     if name not in members:
-        raise JobError([f"unknown {tag} '{name}'.{did_you_mean(name, members)}"])
+        raise JobError(f"unknown {tag} '{name}'.{did_you_mean(name, members)}")
     kind = members[name]
     console = Console(highlight=False, markup=False)
     for paragraph in _paragraphs(kind):

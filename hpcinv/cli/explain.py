@@ -30,7 +30,8 @@ def add_explain(commands: Any) -> None:
 
 
 def _explain(options: argparse.Namespace) -> int:
-    from hpcinv.parallel.runtime import MPI, compilation_explained, failing_together, on_root
+    from hpcinv.parallel.ranks import failing_together
+    from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
 
     comm = MPI.COMM_WORLD
     with failing_together(comm):

@@ -83,7 +83,7 @@ def _fit(options: argparse.Namespace) -> int:
         except FitError as error:
             failures.append(str(error))
     if not outcomes:
-        raise JobError(failures)
+        raise JobError(*failures)
     for test in tests:
         if test.at_rest:
             print(f"{test.name}: points without strain left out, where every law gives 0: {test.at_rest}")
@@ -119,7 +119,7 @@ def _fixed(texts: list[str]) -> dict[str, str]:
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not equals or not name or not value:
-            raise JobError([f"--fix {text}: is written NAME=VALUE, such as --fix 'kappa=2 GPa'"])
+            raise JobError(f"--fix {text}: is written NAME=VALUE, such as --fix 'kappa=2 GPa'")
         found[name] = value
     return found
 
@@ -130,7 +130,7 @@ def _check_fixed(fixed: dict[str, str], candidates: list[Candidate]) -> None:
     known = [name for c in candidates for name in (*type(c.law).model_fields, *c.data.get("parameters", ()))]
     for name in fixed:
         if name.partition("[")[0] not in known:
-            raise JobError([f"--fix {name}: none of the laws has this parameter.{did_you_mean(name, known)}"])
+            raise JobError(f"--fix {name}: none of the laws has this parameter.{did_you_mean(name, known)}")
 
 
 def _tests(options: argparse.Namespace) -> list[Test]:
@@ -140,7 +140,7 @@ def _tests(options: argparse.Namespace) -> list[Test]:
         try:
             mode_named(options.mode)
         except ValueError as error:
-            raise JobError([f"--mode: {error}"]) from None
+            raise JobError(f"--mode: {error}") from None
     problems: list[str] = []
     tests: list[Test] = []
     for path in options.tests:
@@ -149,12 +149,12 @@ def _tests(options: argparse.Namespace) -> list[Test]:
         except JobError as error:
             problems += error.problems
     if problems:
-        raise JobError(problems)
+        raise JobError(*problems)
     if options.largest_stretch is not None:
         tests = [test.up_to(options.largest_stretch) for test in tests]
     tests = [test.deformed() for test in tests]
     if empty := [test.name for test in tests if not len(test)]:
-        raise JobError([f"{empty[0]}: no points with strain are left"])
+        raise JobError(f"{empty[0]}: no points with strain are left")
     return with_deviations(tests, options.sd)
 
 

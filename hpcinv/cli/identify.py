@@ -96,5 +96,5 @@ def _identify(options: argparse.Namespace) -> int:
 def _read(path: Path) -> Job:
     job = load(path)
     if job.identify is None:
-        raise JobError([f"{path}: has no section 'identify', which names parameters and observations"])
+        raise JobError(f"{path}: has no section 'identify', which names parameters and observations")
     return job

@@ -1,12 +1,10 @@
 """``hpcinv mesh``: meshes of images and of surfaces, pictures of meshes, and partitioned meshes; on one process."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import JOBS, mesh_spec, on_one_process
@@ -19,9 +17,6 @@ from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.quantity.units import length_symbol
-
-if TYPE_CHECKING:
-    from hpcinv.mesh import MeshSource
 
 _OUTPUT = "mesh to write or replace (.msh, .vtu)"
 
@@ -177,7 +172,7 @@ def label_of(text: str) -> tuple[str, list[int]]:
     try:
         return name, [int(number) for number in numbers.split(",")] if equals else []
     except ValueError:
-        raise JobError([f"--label {text}: is written NAME=NUMBER, or NAME=NUMBER,NUMBER"]) from None
+        raise JobError(f"--label {text}: is written NAME=NUMBER, or NAME=NUMBER,NUMBER") from None
 
 
 def _segments_of(text: str) -> tuple[str, list[int | str]]:
@@ -213,14 +208,14 @@ def _gather(options: argparse.Namespace) -> int:
     if options.input.suffix != SUFFIX:
         raise OutputError(f"{options.input}: is no partitioned mesh ({SUFFIX})")
     if is_asked() and (fault := mesh_fault(options.input.parent, options.input.name)):
-        raise JobError([f"{options.input}: {fault}"])
+        raise JobError(f"{options.input}: {fault}")
     on_one_process("mesh")
     from hpcinv.mesh.export import SAVERS, save
     from hpcinv.mesh.readers import FILES
 
     if options.output.suffix not in SAVERS:
         raise OutputError(f"{options.output}: cannot be written; the endings are {', '.join(SAVERS)}")
-    source: MeshSource = FILES[SUFFIX](options.input)
+    source = FILES[SUFFIX](options.input)
     save(options.output, source, source.points)
     unit = length_symbol(source.unit or 1.0)
     print(f"{options.output}: {len(source.cells)} cells and {len(source.points)} nodes, in {unit}")
@@ -236,7 +231,7 @@ def _asked_for(options: argparse.Namespace) -> tuple[MeshSpec, Path]:
     }
     if options.input.suffix in JOBS:
         if any(given.values()):
-            raise JobError([f"{options.input}: says itself which parameters, unit and degree its mesh has"])
+            raise JobError(f"{options.input}: says itself which parameters, unit and degree its mesh has")
         job = load(options.input)
         return job.mesh, job.resolve(job.mesh.file)
     return mesh_spec(options.input, given), options.input
@@ -246,5 +241,5 @@ def _parameter(text: str) -> tuple[str, Any]:
     """Parse ``nx=8`` as in a job file."""
     name, equals, value = text.partition("=")
     if not equals:
-        raise JobError([f"--parameter {text}: is written NAME=VALUE"])
+        raise JobError(f"--parameter {text}: is written NAME=VALUE")
     return name, read_text(value, f"--parameter {name}")

@@ -1,7 +1,5 @@
 """Meshes that commands are given: their section as in a job."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -142,27 +142,25 @@ def _check(options: argparse.Namespace) -> None:
     if not options.output.parent.is_dir():
         raise OutputError(f"{options.output.parent}: is no directory", "Make it first.")
     if options.image is not None and options.surface is not None:
-        raise JobError(["--surface: a job has one mesh, and --image gives it, too"])
+        raise JobError("--surface: a job has one mesh, and --image gives it, too")
     given = options.image or options.surface
     if options.surface is not None and options.kind in _WALLS:
         raise JobError(
-            [
-                f"--surface: of the wall of {_article(options.kind)}, it does not tell the cavity from the outside;"
-                " give an --image, or put a mesh with named surfaces into the example"
-            ]
+            f"--surface: of the wall of {_article(options.kind)}, it does not tell the cavity from the outside;"
+            " give an --image, or put a mesh with named surfaces into the example"
         )
     if options.image is None and options.label:
-        raise JobError(["--label: is for an image, and there is no --image"])
+        raise JobError("--label: is for an image, and there is no --image")
     if given is None and (options.unit or options.size):
-        raise JobError([f"--{'unit' if options.unit else 'size'}: is for an --image or a --surface, and there is none"])
+        raise JobError(f"--{'unit' if options.unit else 'size'}: is for an --image or a --surface, and there is none")
     if options.surface is not None and options.unit is None:
-        raise JobError(["--unit: is needed with --surface, since its formats have no unit: such as --unit mm"])
+        raise JobError("--unit: is needed with --surface, since its formats have no unit: such as --unit mm")
     for name, endings in (("image", IMAGES), ("surface", SURFACES)):
         path = getattr(options, name)
         if path is not None and path.suffix not in endings:
-            raise JobError([f"--{name} {path}: is no {name}; the endings are {', '.join(endings)}"])
+            raise JobError(f"--{name} {path}: is no {name}; the endings are {', '.join(endings)}")
         if path is not None and not path.is_file():
-            raise JobError([f"--{name} {path}: no such file"])
+            raise JobError(f"--{name} {path}: no such file")
 
 
 def _example(options: argparse.Namespace) -> _Source:
@@ -182,7 +180,7 @@ def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
     if not options.label:
         found = np.unique(read_numbers(options.image))
         known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
-        raise JobError([f"--label: is needed with --image, such as --label {example}; in {options.image} are {known}"])
+        raise JobError(f"--label: is needed with --image, such as --label {example}; in {options.image} are {known}")
     return dict(label_of(text) for text in options.label)
 
 
@@ -195,7 +193,7 @@ def _of_wall(options: argparse.Namespace) -> _Source:
     path, unit, example = options.image, length_unit(options.unit or "mm"), f"{WALL}=1 --label {CAVITY}=2"
     labels = _labels(options, example)
     if labels.keys() != {WALL, CAVITY}:
-        raise JobError([f"--label: {_article(options.kind)} has two regions in an image: --label {example}"])
+        raise JobError(f"--label: {_article(options.kind)} has two regions in an image: --label {example}")
     size = options.size or _size_in_wall(*wall_size(path, labels, unit))
     metres = length("--size", size)
     ends, inner, outer = _SURFACES[options.kind]

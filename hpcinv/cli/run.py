@@ -104,7 +104,7 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
 
     with launched(options.ranks) as (comm, stop):
         from hpcinv.output.progress import Level, Progress
-        from hpcinv.parallel.runtime import abort, on_root
+        from hpcinv.parallel.ranks import abort, on_root
 
         with Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
 

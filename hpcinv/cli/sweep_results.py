@@ -140,7 +140,7 @@ def _indices(options: argparse.Namespace) -> int:
         print(options.shape)
         data["shape"] = indices.data_of(spread.whole, sample)
     elif not found:
-        raise JobError([f"{plan.path}: no case has a quantity; add 'quantities' to the job, or ask for --shape"])
+        raise JobError(f"{plan.path}: no case has a quantity; add 'quantities' to the job, or ask for --shape")
     if options.output is not None:
         _write(options.output, json.dumps(json_data(data), indent=1, ensure_ascii=False).encode())
     return 0

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from hpcinv.effects.base import Configuration, Direction, Effect
+from hpcinv.effects.base import Direction, Effect
 from hpcinv.quantity.plugins import load_installed
 from hpcinv.quantity.schema import OneOf, import_modules, members_of
 
@@ -17,4 +17,4 @@ def effects() -> dict[str, type[Effect]]:
     return members_of(Effect, "effect")
 
 
-__all__ = ["AnyEffect", "Configuration", "Direction", "Effect", "effects"]
+__all__ = ["AnyEffect", "Direction", "Effect", "effects"]

@@ -1,10 +1,10 @@
 """Base class of the effects: everything besides the material law that loads or strains the body."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.schema import Location, Name
+from hpcinv.quantity.schema import Faults, Name
 
 if TYPE_CHECKING:
     from hpcinv.kinematics.kinematics import Deformation as Deformation
@@ -54,7 +54,7 @@ class Effect(Ingredient):
         """Axes along which it resists rigid motions of the body."""
         return frozenset()
 
-    def faults(self, first: Direction) -> Iterator[tuple[Location, str]]:
+    def faults(self, first: Direction) -> Faults:
         """Yield faults, with their places, if the given body is that of the ``first`` direction solved."""
         yield from ()
 

@@ -1,11 +1,11 @@
 """Centrifugal load."""
 
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
-from pydantic import model_validator
+from pydantic import ValidationInfo
 
 from hpcinv.effects.base import Configuration, Effect, Kinematics
-from hpcinv.quantity import DensityField, Dimensionless, Frequency, Length, Problems, Triple
+from hpcinv.quantity import DensityField, Dimensionless, Faults, Frequency, Length, Triple
 
 
 class Centrifugal(Effect):
@@ -37,11 +37,9 @@ class Centrifugal(Effect):
     density_in: Configuration = "reference"
     """configuration whose volume the density refers to"""
 
-    @model_validator(mode="after")
-    def _has_axis(self) -> Self:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if not any(self.axis):
-            raise Problems((("axis",), "must not be zero"))
-        return self
+            yield ("axis",), "must not be zero"
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
         r = k.x - par.centre

@@ -1,17 +1,16 @@
 """Contact with a rigid obstacle."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from types import SimpleNamespace
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
-from pydantic import model_validator
+from pydantic import ValidationInfo
 
 from hpcinv.effects.base import Direction, Effect, Kinematics
 from hpcinv.effects.obstacles import AnyObstacle
 from hpcinv.kinematics.stable_functions import positive_part, rounded_positive_part
-from hpcinv.quantity import Length, StiffnessField, StressField, Surface, Triple
+from hpcinv.quantity import Faults, Length, StiffnessField, StressField, Surface, Triple
 from hpcinv.quantity.quantity import Size
-from hpcinv.quantity.schema import Location, raise_if_any
 from hpcinv.quantity.units import Dimension
 
 PENALTY = 2.0**6
@@ -69,16 +68,12 @@ class Contact(Effect):
     penetration: Size | None = None
     """largest penetration of a rigid obstacle at vertices; by default 1/65536 of the length of the body"""
 
-    @model_validator(mode="after")
-    def _check_law(self) -> Self:
-        faults = []
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.stiffness is not None:
             text = "is not valid with 'stiffness', by which the penetration determines the pressure"
-            faults += [((name,), text) for name in ("pressure", "penalty") if getattr(self, name) is not None]
+            yield from (((name,), text) for name in ("pressure", "penalty") if getattr(self, name) is not None)
         elif self.stand_off is not None:
-            faults.append((("stand_off",), "is not valid without 'stiffness': a rigid obstacle has no elastic layer"))
-        raise_if_any(faults)
-        return self
+            yield ("stand_off",), "is not valid without 'stiffness': a rigid obstacle has no elastic layer"
 
     @property
     def is_augmented(self) -> bool:
@@ -94,7 +89,7 @@ class Contact(Effect):
             return "pressure given by the job (assumed)"
         return "rigid and frictionless obstacle"
 
-    def faults(self, first: Direction) -> Iterator[tuple[Location, str]]:
+    def faults(self, first: Direction) -> Faults:
         if first == "inverse" and self.is_augmented:
             text = (
                 "nothing determines the contact pressure on a given deformed body, whose gap is 0 wherever it touches:"

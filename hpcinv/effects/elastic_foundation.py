@@ -1,11 +1,11 @@
 """Elastic foundation."""
 
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
-from pydantic import model_validator
+from pydantic import ValidationInfo
 
 from hpcinv.effects.base import Configuration, Effect, Kinematics
-from hpcinv.quantity import Problems, StiffnessField, Surface
+from hpcinv.quantity import Faults, StiffnessField, Surface
 
 
 class ElasticFoundation(Effect):
@@ -36,13 +36,11 @@ class ElasticFoundation(Effect):
     area_in: Configuration = "reference"
     """configuration whose area and normal the springs have"""
 
-    @model_validator(mode="after")
-    def _has_stiffness(self) -> Self:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.normal is None and self.tangential is None:
-            raise Problems(((), "needs a stiffness: normal, tangential or both"))
+            yield (), "needs a stiffness: normal, tangential or both"
         if self.case is not None:
-            raise Problems((("case",), "is not valid here: springs act in every load case"))
-        return self
+            yield ("case",), "is not valid here: springs act in every load case"
 
     @property
     def holds(self) -> frozenset[str]:

@@ -1,11 +1,11 @@
 """Growth and shrinkage."""
 
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
-from pydantic import model_validator
+from pydantic import ValidationInfo
 
 from hpcinv.effects.base import Deformation, Effect
-from hpcinv.quantity import Family, PositiveField, raise_if_any
+from hpcinv.quantity import Family, Faults, PositiveField
 
 
 class Growth(Effect):
@@ -29,16 +29,12 @@ class Growth(Effect):
     across: PositiveField | None = None
     """stretch across the fibres"""
 
-    @model_validator(mode="after")
-    def _is_complete(self) -> Self:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         wanted = {"stretch"} if self.fibre is None else {"along", "across"}
         form = "without fibres" if self.fibre is None else "along fibres"
-        raise_if_any(
-            ((key,), f"{'is needed' if key in wanted else 'is not valid'} in growth {form}")
-            for key in ("stretch", "along", "across")
-            if (getattr(self, key) is not None) != (key in wanted)
-        )
-        return self
+        for key in ("stretch", "along", "across"):
+            if (getattr(self, key) is not None) != (key in wanted):
+                yield (key,), f"{'is needed' if key in wanted else 'is not valid'} in growth {form}"
 
     def inelastic_strain(self, k: Deformation, load: Any, par: Any) -> Any:
         if self.fibre is None:

@@ -1,12 +1,12 @@
 """Pressure of a fluid column."""
 
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
-from pydantic import model_validator
+from pydantic import ValidationInfo
 
 from hpcinv.effects.base import Effect, Kinematics
 from hpcinv.kinematics.stable_functions import positive_part
-from hpcinv.quantity import Acceleration, Density, Length, Problems, Surface, Triple
+from hpcinv.quantity import Acceleration, Density, Faults, Length, Surface, Triple
 
 
 class HydrostaticPressure(Effect):
@@ -34,11 +34,9 @@ class HydrostaticPressure(Effect):
     level: Triple[Length]
     """a point on the free surface of the fluid"""
 
-    @model_validator(mode="after")
-    def _has_gravity(self) -> Self:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if not any(self.acceleration):
-            raise Problems((("acceleration",), "must not be zero: without gravity there is no hydrostatic pressure"))
-        return self
+            yield ("acceleration",), "must not be zero: without gravity there is no hydrostatic pressure"
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
         head = sum(g * (k.x[i] - par.level[i]) for i, g in enumerate(par.acceleration))

@@ -1,12 +1,12 @@
 """Prestrain."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Self
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal
 
-from pydantic import model_validator
+from pydantic import ValidationInfo
 
 from hpcinv.effects.base import Configuration, Deformation, Effect
-from hpcinv.quantity import Family, ListOf, Location, PositiveField, TensorField, raise_if_any
+from hpcinv.quantity import Family, Faults, ListOf, Location, PositiveField, TensorField
 from hpcinv.quantity.schema import repeated
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
 from hpcinv.quantity.tensor_fields import components, least_determinant
@@ -48,13 +48,7 @@ class Prestrain(Effect):
     stretches: ListOf[PositiveField] | None = None
     """stretch along and across one family; or along each of three families, or along two and normal to both"""
 
-    @model_validator(mode="after")
-    def _is_complete(self) -> Self:
-        raise_if_any(self._problems())
-        raise_if_any(self._inversions())
-        return self
-
-    def _problems(self) -> Iterator[tuple[Location, str]]:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if (self.tensor is None) == (not self.fibres):
             yield (), "needs exactly one of 'tensor' (F0) and 'fibres' (with stretches along them)"
             return
@@ -64,6 +58,7 @@ class Prestrain(Effect):
                 yield ("given_on",), text
             if self.stretches is not None:
                 yield ("stretches",), "are not valid without 'fibres'"
+            yield from self._inversions()
             return
         if self.given_on is not None:
             yield ("given_on",), "is not valid with 'fibres', which say themselves on which body they are given"
@@ -78,7 +73,7 @@ class Prestrain(Effect):
             text = f"must be {wanted}, {what[len(self.fibres) - 1]}, not {len(self.stretches or ())}"
             yield ("stretches",), text
 
-    def _inversions(self) -> Iterator[tuple[Location, str]]:
+    def _inversions(self) -> Faults:
         """Yield problems of tensors that are plain numbers; fields are checked on the mesh."""
         if not isinstance(self.tensor, tuple):
             return

@@ -47,7 +47,7 @@ def is_asked() -> bool:
     """Return whether the environment variable is set; raises ``JobError`` if its value is not valid."""
     value = os.environ.get(VARIABLE, "")
     if value not in ("", "0", "1"):
-        raise JobError([f"{VARIABLE}={value}: must be 1, to refuse files that could execute code, or unset"])
+        raise JobError(f"{VARIABLE}={value}: must be 1, to refuse files that could execute code, or unset")
     return value == "1"
 
 
@@ -94,11 +94,11 @@ def _check_working_directory(files: list[Path]) -> None:
     here = Path.cwd()
     if found := [name for name in _WORKING_DIRECTORY if os.path.lexists(name)]:
         text = f"{here / found[0]}: {REFUSED}: a library reads it, as it is in the working directory"
-        raise JobError([f"{text}, and it can name code to load; start from another directory, or remove it"])
+        raise JobError(f"{text}, and it can name code to load; start from another directory, or remove it")
     homes = [path.resolve().parent for path in files if path.is_file()]
     if str(here) in sys.path and any(here == home or home in here.parents for home in homes):
         text = f"{here}: {REFUSED}: with 'python -m' Python imports modules from the working directory"
-        raise JobError([f"{text}, where the file is; start as 'hpcinv …', or from another directory"])
+        raise JobError(f"{text}, where the file is; start as 'hpcinv …', or from another directory")
 
 
 def _path_fault(directory: Path, path: str) -> str:

@@ -12,8 +12,8 @@ import yaml
 from pydantic import ValidationError
 
 from hpcinv.errors import JobError
-from hpcinv.fitting.taylor import Floats
 from hpcinv.materials import MaterialLaw, laws
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.keys import assigned, parse_key
 from hpcinv.quantity.parameter_paths import Number
 from hpcinv.quantity.quantity import quantity_of
@@ -97,12 +97,15 @@ class Candidate:
 
 def quantity(value: float, dimension: Dimension) -> float | str:
     """Return a value with 10 digits in the form of a job: stresses in kPa or MPa, others in SI."""
-    if not dimension.unit:
-        return float(f"{value:.10g}")
-    scale, unit = 1.0, dimension.unit
+    return short(value, dimension, 10) if dimension.unit else float(f"{value:.10g}")
+
+
+def short(value: float, dimension: Dimension, digits: int = 5) -> str:
+    """Return a value (SI) with its unit."""
     if dimension == STRESS and value:
         scale, unit = next(((s, u) for s, u in ((1e6, "MPa"), (1e3, "kPa")) if abs(value) >= s / 10), (1.0, "Pa"))
-    return f"{value / scale:.10g} {unit}"
+        return f"{value / scale:.{digits}g} {unit}"
+    return f"{value:.{digits}g} {dimension.unit}".strip()
 
 
 def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Candidate:
@@ -120,14 +123,12 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
     name = str(given.get("law"))
     law = laws().get(name)
     if law is None:
-        raise JobError([f"{place}: unknown law '{name}'.{did_you_mean(name, laws())}"])
+        raise JobError(f"{place}: unknown law '{name}'.{did_you_mean(name, laws())}")
     if law.model_validate(law.example).families:
         isotropic = [n for n, kind in laws().items() if not kind.model_validate(kind.example).families]
         raise JobError(
-            [
-                f"{place}: this law has fibres, whose direction in the specimens these tests do not state; "
-                f"isotropic laws are {', '.join(isotropic)}"
-            ]
+            f"{place}: this law has fibres, whose direction in the specimens these tests do not state; "
+            f"isotropic laws are {', '.join(isotropic)}"
         )
     is_whole = len(given) > 1
     data = _with_terms(given if is_whole else law.example, law, terms, place)
@@ -143,15 +144,15 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
         remedy = []
         if not is_stated and any(where[:1] == (bulk,) for where, _ in problems_in(error)):
             remedy = [f"{place}: give --compressible to fit {bulk}, or its value with --fix {bulk}=…"]
-        raise JobError([*job_error(place, error, law).problems, *remedy]) from None
+        raise JobError(*job_error(place, error, law).problems, *remedy) from None
     except ValueError as error:
-        raise JobError([f"{place}: --fix: {error}"]) from None
+        raise JobError(f"{place}: --fix: {error}") from None
     kept = {parse_key(_key(key, data)) for key in fixed}
     if bulk is not None and not compressible:
         kept.add((bulk,))
     parameters = tuple(_parameters(found, kept))
     if not parameters:
-        raise JobError([f"{place}: all of its parameters are fixed"])
+        raise JobError(f"{place}: all of its parameters are fixed")
     return Candidate(name if is_whole else text, found, data, parameters)
 
 
@@ -164,7 +165,7 @@ def _given(text: str) -> tuple[dict[str, Any], int | None]:
     try:
         found = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise JobError([f"--law {text}: is not a mapping: {' '.join(str(error).split())}"]) from None
+        raise JobError(f"--law {text}: is not a mapping: {' '.join(str(error).split())}") from None
     return found, None
 
 
@@ -174,9 +175,9 @@ def _with_terms(data: Mapping[str, Any], law: type[MaterialLaw], terms: int | No
     if terms is None:
         return dict(data)
     if not lists:
-        raise JobError([f"{place}: this law has no number of terms; write {law.example['law']}"])
+        raise JobError(f"{place}: this law has no number of terms; write {law.example['law']}")
     if not 1 <= terms <= _MOST_TERMS:
-        raise JobError([f"{place}: the number of terms must be from 1 to {_MOST_TERMS}"])
+        raise JobError(f"{place}: the number of terms must be from 1 to {_MOST_TERMS}")
     return {name: [*value, *value[-1:] * terms][:terms] if name in lists else value for name, value in data.items()}
 
 

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.fitting.homogeneous import Mode, Response
-from hpcinv.fitting.taylor import Floats
+from hpcinv.quantity.arrays import Floats
 
 type Booleans = npt.NDArray[np.bool_]
 

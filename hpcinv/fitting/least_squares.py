@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from operator import getitem
+from operator import attrgetter, getitem
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ from hpcinv.fitting.candidate import Candidate
 from hpcinv.fitting.homogeneous import Response
 from hpcinv.fitting.linearised import Linearised, correlation_of
 from hpcinv.fitting.measurements import Test
-from hpcinv.fitting.taylor import Floats
 from hpcinv.materials import MaterialLaw
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.schema import problems_in
 
 _DRAWS, _STARTS, _FINALISTS = 100, 8, 2  # random starting values; the best of them, and of these, are refined
@@ -127,13 +127,9 @@ def fit(candidate: Candidate, tests: Sequence[Test]) -> Fit:
         )
     if len(starts) == 1:
         return problem.conclude(found[0])
-    found.sort(key=_cost)
+    found.sort(key=attrgetter("cost"))
     refined = [problem.solved(solution.x * problem.unit, _MOST_EVALUATIONS) for solution in found[:_FINALISTS]]
-    return problem.conclude(min((solution for solution in refined if solution is not None), key=_cost))
-
-
-def _cost(solution: scipy.optimize.OptimizeResult) -> float:
-    return float(solution.cost)
+    return problem.conclude(min((solution for solution in refined if solution is not None), key=attrgetter("cost")))
 
 
 class _LeastSquares:

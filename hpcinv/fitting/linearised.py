@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hpcinv.fitting.taylor import Floats
+from hpcinv.quantity.arrays import Floats
 
 DEPENDENT = 1e-9
 """ratio of singular values below which parameters cannot be told apart"""

@@ -4,20 +4,19 @@ Lines ``# mode: planar``, ``# area: 25 mm^2`` and ``# length: 20 mm`` ahead of t
 whole file; other lines that begin with ``#`` are comments.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
 from hpcinv.errors import JobError
 from hpcinv.fitting.homogeneous import MODES, Mode
-from hpcinv.fitting.taylor import Floats
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.suggestions import did_you_mean
@@ -103,16 +102,16 @@ class Test:
         """The largest principal stretch of each point (n,), of an incompressible material."""
         return np.asarray(self.mode.stretches(self.measure).max(axis=1))
 
-    def up_to(self, largest: float) -> Test:
+    def up_to(self, largest: float) -> Self:
         """Return the points whose largest principal stretch is not above a limit."""
         return self._select(self.largest_stretch <= largest, self.at_rest)
 
-    def deformed(self) -> Test:
+    def deformed(self) -> Self:
         """Return the points that are deformed."""
         moved = self.measure != self.mode.at_rest
         return self._select(moved, int((~moved).sum()))
 
-    def _select(self, kept: np.ndarray, at_rest: int) -> Test:
+    def _select(self, kept: np.ndarray, at_rest: int) -> Self:
         deviation = None if self.deviation is None else self.deviation[kept]
         measure, stress = self.measure[kept], self.stress[kept]
         return replace(self, measure=measure, stress=stress, deviation=deviation, at_rest=at_rest)
@@ -169,7 +168,7 @@ class _Reader:
         if more := len(self._problems) - _MOST_PROBLEMS:
             self._problems[_MOST_PROBLEMS:] = [f"{self._path}: and {more} more problems like these"] if more > 0 else []
         if self._problems:
-            raise JobError(self._problems)
+            raise JobError(*self._problems)
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield line number and entries of each row that is not empty; statements are kept."""
@@ -356,19 +355,17 @@ def with_deviations(tests: list[Test], given: list[str]) -> list[Test]:
             if dimension not in (_PURE, _STRESS) or not value > 0:
                 raise ValueError(f"must be a stress or a part of the stress above 0, not '{text}'")
         except ValueError as error:
-            raise JobError([f"--sd: {error}"]) from None
+            raise JobError(f"--sd: {error}") from None
         absolute, relative = (absolute, value) if dimension == _PURE else (value, relative)
     if not given:
         without = [test.name for test in tests if test.deviation is None]
         if without and len(without) < len(tests):
-            raise JobError(
-                [f"{without[0]}: has no column 'standard deviation', as other tests have; give one with --sd"]
-            )
+            raise JobError(f"{without[0]}: has no column 'standard deviation', as other tests have; give one with --sd")
         return tests
     found = []
     for test in tests:
         deviation = np.hypot(absolute, relative * test.stress) if test.deviation is None else test.deviation
         if not (deviation > 0).all():
-            raise JobError([f"{test.name}: {relative:.3g} of a stress of 0 is no standard deviation; add --sd '1 kPa'"])
+            raise JobError(f"{test.name}: {relative:.3g} of a stress of 0 is no standard deviation; add --sd '1 kPa'")
         found.append(replace(test, deviation=deviation))
     return found

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.errors import OutputError
-from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.atomic import write_output
 from hpcinv.fitting.homogeneous import Mode
 from hpcinv.fitting.measurements import Test
 from hpcinv.fitting.report import CheckedFit
-from hpcinv.fitting.taylor import Floats
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.units import readable
 
 FORMATS = (".png", ".pdf", ".svg")
@@ -32,14 +32,12 @@ def plot(path: Path, outcomes: Sequence[CheckedFit]) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     panels: dict[tuple[str, bool], list[Test]] = {}
     for test in outcomes[0].fit.tests:
         panels.setdefault((test.mode.name, test.is_cauchy), []).append(test)
     figure = Figure(figsize=(_SIZE[0] * len(panels), _SIZE[1]), layout="constrained")
-    FigureCanvasAgg(figure)
     for axes, (key, tests) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True):
         size, unit = _unit(max(float(np.abs(t.stress).max()) for t in tests))
         for test, marker in zip(tests, itertools.cycle("osD^v"), strict=False):
@@ -63,8 +61,7 @@ def plot(path: Path, outcomes: Sequence[CheckedFit]) -> None:
     figure.legend(lines, names, loc="outside lower center", ncols=min(len(names), 2 * len(panels)), fontsize="small")
     content = io.BytesIO()
     figure.savefig(content, format=path.suffix[1:], dpi=_RESOLUTION)
-    with output_errors(path):
-        replace(path, content.getvalue())
+    write_output(path, content.getvalue())
 
 
 def _stress(outcome: CheckedFit, mode: Mode, measure: Floats, *, cauchy: bool) -> Floats:

@@ -1,15 +1,13 @@
 """Results of fits as text, as plain data, and as sections of a job."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import yaml
 
-from hpcinv.fitting.candidate import STRESS, quantity
+from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.least_squares import Fit
 from hpcinv.fitting.linearised import correlations
 from hpcinv.fitting.stability import Range, stability
@@ -26,7 +24,7 @@ class CheckedFit:
     ranges: tuple[Range, ...]
 
     @classmethod
-    def of(cls, fit: Fit) -> CheckedFit:
+    def of(cls, fit: Fit) -> Self:
         return cls(fit, tuple(stability(fit.response, fit.values, fit.tests)))
 
     @property
@@ -192,14 +190,6 @@ def _extent(lost: Sequence[Range]) -> str:
 
 def _correlations(fit: Fit) -> str:
     return correlations([p.name for p in fit.candidate.parameters], fit.correlation)
-
-
-def short(value: float, dimension: Dimension, digits: int = 5) -> str:
-    """Return a value (SI) with its unit."""
-    if dimension == STRESS and value:
-        scale, unit = next(((s, u) for s, u in ((1e6, "MPa"), (1e3, "kPa")) if abs(value) >= s / 10), (1.0, "Pa"))
-        return f"{value / scale:.{digits}g} {unit}"
-    return f"{value:.{digits}g} {dimension.unit}".strip()
 
 
 def rounded(value: float, dimension: Dimension) -> float | str:

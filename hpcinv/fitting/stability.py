@@ -20,7 +20,7 @@ import numpy.typing as npt
 from hpcinv.fitting.ellipticity import is_elliptic
 from hpcinv.fitting.homogeneous import MODES, Mode, Response
 from hpcinv.fitting.measurements import Test
-from hpcinv.fitting.taylor import Floats
+from hpcinv.quantity.arrays import Floats
 
 _POINTS = 200  # at which each side of a range is checked
 _KEEP_VOLUME = np.array([[1, -1, 0], [1, 1, -2]]).T / np.sqrt([2, 6])  # basis of logarithmic strains (3, 2)

@@ -8,9 +8,8 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-type Floats = npt.NDArray[np.float64]
+from hpcinv.quantity.arrays import Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -234,10 +234,8 @@ class _Problem:
         known = [p is not None for p in self._priors]
         if len(first.differences) + sum(known) < k:
             raise JobError(
-                [
-                    f"{where}: {k} parameters are more than the {len(first.differences)} observed numbers and"
-                    f" {sum(known)} priors: seek fewer, or observe more"
-                ]
+                f"{where}: {k} parameters are more than the {len(first.differences)} observed numbers and"
+                f" {sum(known)} priors: seek fewer, or observe more"
             )
         changes = np.abs(first.jacobian * self._unit / self._deviation[:, None]).max(axis=0)
         idle = [
@@ -247,10 +245,8 @@ class _Problem:
         ]
         if idle:
             raise JobError(
-                [
-                    f"{where}: nothing that was observed depends on {' and '.join(idle)}: remove it, give it a prior,"
-                    " or observe something that does"
-                ]
+                f"{where}: nothing that was observed depends on {' and '.join(idle)}: remove it, give it a prior,"
+                " or observe something that does"
             )
 
     def _inside(self, x: Floats) -> Floats:

@@ -3,8 +3,6 @@
 Teams of ranks may solve different states at the same time; rank 0 of all ranks collects what they predict.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -15,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.methods.method import Guess
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI, agree, on_root, wait_for_all
+from hpcinv.parallel.ranks import MPI, agree, on_root, wait_for_all
 from hpcinv.results.solution import Solution
 from hpcinv.solver.problem_cache import Workspace
 from hpcinv.version import __version__
@@ -68,7 +67,7 @@ class Evaluation:
         return content.getvalue()
 
     @classmethod
-    def read(cls, path: Path) -> Evaluation | None:
+    def read(cls, path: Path) -> Self | None:
         """Return a kept evaluation; ``None`` if there is none, or its file is damaged."""
         try:
             with np.load(path, allow_pickle=False) as file:

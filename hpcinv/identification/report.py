@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hpcinv.fitting.candidate import quantity
+from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.linearised import Combination, correlations
-from hpcinv.fitting.report import commented, rounded, short
+from hpcinv.fitting.report import commented, rounded
 from hpcinv.identification.estimate import ParameterEstimate
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job

@@ -48,6 +48,7 @@ from hpcinv.quantity.schema import (
     Problems,
     Spec,
     at,
+    collected,
     job_error,
     raise_if_any,
     repeated,
@@ -175,7 +176,7 @@ class Job(Spec):
         try:
             return parse(assigned(self._data, changes), path, untrusted=self._untrusted)
         except ValueError as error:
-            raise JobError([f"{path}: {error}"]) from None
+            raise JobError(f"{path}: {error}") from None
 
     @property
     def is_untrusted(self) -> bool:
@@ -328,12 +329,10 @@ class Job(Spec):
         if applies(info):
             text = f"is a Python file that a run executes, and is {REFUSED}"
             raise_if_any(((i,), f"{shown(plugin)} {text}") for i, plugin in enumerate(plugins))
-        problems = []
+        problems: list[tuple[Location, str]] = []
         for i, plugin in enumerate(plugins):
-            try:
+            with collected(problems, i):
                 load_file(directory_of(info) / plugin)
-            except ValueError as error:
-                problems.append(((i,), str(error)))
         raise_if_any(problems)
         return plugins
 
@@ -683,7 +682,7 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
     large = {key: len(value) for key, value in data.items() if isinstance(value, list) and len(value) > MOST_ENTRIES}
     if large:
         text = f"entries, but may have {MOST_ENTRIES:,}"
-        raise JobError([f"{path}: {key}: has {count:,} {text}" for key, count in large.items()])
+        raise JobError(*(f"{path}: {key}: has {count:,} {text}" for key, count in large.items()))
     try:
         job = Job.model_validate({"job": path.stem, **data}, context={"directory": path.parent, "untrusted": untrusted})
     except ValidationError as error:
@@ -691,11 +690,11 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
     except Exception as error:
         if (fault := fault_of_plugin(error)) is None:
             raise
-        raise JobError([f"{path}: plugins: a law or effect failed where it was checked: {fault}"]) from error
+        raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     job._path, job._data, job._untrusted = path, data, untrusted
     unknown = unknown_regions(job.resolve(job.mesh.file), job.regions, _named_regions(job))
     if lines := [f"{path}: {at(where)}: {what}" for where, what in unknown]:
-        raise JobError(lines)
+        raise JobError(*lines)
     return job
 
 

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 
 from hpcinv.quantity.quantity import QUANTITIES
-from hpcinv.quantity.schema import Location, shown
+from hpcinv.quantity.schema import Location, collected, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension, parse_quantity
 
@@ -99,14 +99,11 @@ def read_parameters(
     problems: list[tuple[Location, str]] = []
     known = parameters_of(path)
     for name, value in given.items():
-        if name not in known:
-            problems.append(((name,), f"{path.name} has no such parameter.{did_you_mean(name, known)}"))
-            continue
-        try:
+        with collected(problems, name):
+            if name not in known:
+                raise ValueError(f"{path.name} has no such parameter.{did_you_mean(name, known)}")
             known[name].check_dimension(name, value, unit if path.suffix == ".py" else 1.0)
             values[name] = known[name].read(value)
-        except ValueError as error:
-            problems.append(((name,), str(error)))
     problems += [((n,), f"is needed by {path.name}") for n, p in known.items() if p.required and n not in given]
     return values, problems
 

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from hpcinv.errors import MeshError
 
@@ -43,7 +43,7 @@ class Header:
     parts: tuple[int, ...]
     groups: tuple[tuple[str, int, int], ...]
     thin_groups: tuple[str, ...]
-    data: tuple[tuple[str, str, int], ...]
+    data: tuple[tuple[str, Literal["nodes", "cells"], int], ...]
     checksums: Mapping[str, str]
     files: Mapping[str, tuple[int, str]]
     unit: float = 1.0

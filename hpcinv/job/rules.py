@@ -8,7 +8,7 @@ from hpcinv.job.settings import Discretisation
 from hpcinv.materials import MaterialLaw
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.quantity import positive
-from hpcinv.quantity.schema import Faults, Location, raise_if_any, shown
+from hpcinv.quantity.schema import Faults, Location, collected, raise_if_any, shown
 from hpcinv.quantity.suggestions import did_you_mean
 
 NEARLY_INCOMPRESSIBLE = 10.0  # bulk-to-shear ratio above which the displacement form locks
@@ -116,17 +116,13 @@ def read_demands(given: object, quantities: Sequence[QuantityOfInterest]) -> dic
     demands: dict[str, float] = {}
     problems: list[tuple[Location, str]] = []
     for name, value in given.items():
-        if name not in known:
-            fault = f"there is no such quantity in 'quantities'.{did_you_mean(str(name), known)}"
-            problems.append(((str(name),), fault))
-            continue
-        if known[name].is_reaction:
-            fault = "is a reaction, for which there is no error estimate; any other kind of quantity is possible"
-            problems.append(((name,), fault))
-            continue
-        try:
+        with collected(problems, str(name)):
+            if name not in known:
+                raise ValueError(f"there is no such quantity in 'quantities'.{did_you_mean(str(name), known)}")
+            if known[name].is_reaction:
+                raise ValueError(
+                    "is a reaction, for which there is no error estimate; any other kind of quantity is possible"
+                )
             demands[name] = positive(value, known[name].dimension, "the quantity")
-        except ValueError as error:
-            problems.append(((name,), str(error)))
     raise_if_any(problems)
     return demands

@@ -130,10 +130,6 @@ class MeshFile(Spec):
     @field_validator("file")
     @classmethod
     def _check_file(cls, file: str, info: ValidationInfo) -> str:
-        return cls._check_path(file, info)
-
-    @classmethod
-    def _check_path(cls, file: str, info: ValidationInfo) -> str:
         path = directory_of(info) / file
         if path.suffix not in cls.formats:
             raise ValueError(f"{shown(file)} is not a readable mesh; valid suffixes are {', '.join(cls.formats)}")
@@ -279,7 +275,7 @@ class MeshSpec(MeshFile):
                 if Path(file).suffix not in SURFACES:
                     raise Problems(((name,), f"{shown(file)} is no surface; the suffixes are {', '.join(SURFACES)}"))
                 try:
-                    cls._check_path(file, info)
+                    cls._check_file(file, info)
                 except ValueError as error:
                     raise Problems(((name,), str(error))) from None
         return surfaces

@@ -7,7 +7,7 @@ from hpcinv.job.sections import Support
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.keys import JobKey, parse_key
 from hpcinv.quantity.quantity import AnyQuantity, positive
-from hpcinv.quantity.schema import ListOf, Location, Spec, at, shown
+from hpcinv.quantity.schema import ListOf, Location, Spec, at, collected, shown
 from hpcinv.quantity.suggestions import did_you_mean
 from hpcinv.quantity.units import Dimension
 
@@ -66,7 +66,7 @@ def read_sensitivities(
     problems: list[tuple[Location, str]] = []
     for place, key, value in entries:
         known = {name for first, entry in found.items() for name in (first, *entry.also)}
-        try:
+        with collected(problems, place):
             number = _number(key, owners, known)
             deviation, also = (value.get("sd"), value.get("also", ())) if isinstance(value, Mapping) else (value, ())
             if isinstance(value, Mapping) and (unknown := value.keys() - Uncertain.model_fields.keys()):
@@ -81,8 +81,6 @@ def read_sensitivities(
                     raise ValueError(fault)
             sd = None if deviation is None else positive(deviation, number.dimension, number.key)
             found[number.key] = Uncertain.model_construct(sd=sd, also=tuple(also))
-        except ValueError as error:
-            problems.append(((place,), str(error)))
     return found, problems
 
 

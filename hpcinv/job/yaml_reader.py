@@ -64,19 +64,19 @@ def read_yaml(path: Path) -> dict[str, Any]:
         str(path).encode()
         text = _content(path).decode()
     except UnicodeEncodeError:
-        raise JobError([f"{path}: the name of the file is not UTF-8; rename it"]) from None
+        raise JobError(f"{path}: the name of the file is not UTF-8; rename it") from None
     except FileNotFoundError:
         others = [p.name for p in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []
-        raise JobError([f"{path}: no such file.{did_you_mean(path.name, others)}"]) from None
+        raise JobError(f"{path}: no such file.{did_you_mean(path.name, others)}") from None
     except UnicodeDecodeError:
-        raise JobError([f"{path}: is not a text file in UTF-8"]) from None
+        raise JobError(f"{path}: is not a text file in UTF-8") from None
     except OSError as error:
-        raise JobError([f"{path}: cannot be read: {error.strerror}"]) from None
+        raise JobError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:  # a name with a null character
-        raise JobError([f"{str(path)!r}: cannot be read: {error}"]) from None
+        raise JobError(f"{str(path)!r}: cannot be read: {error}") from None
     data = read_text(text, str(path))
     if not isinstance(data, dict):
-        raise JobError([f"{path}: must contain keys and values, such as 'analysis: inverse'"])
+        raise JobError(f"{path}: must contain keys and values, such as 'analysis: inverse'")
     return data
 
 
@@ -89,29 +89,29 @@ def read_text(text: str, where: str) -> Any:
     try:
         return _parsed(text)
     except _YamlFault as fault:
-        raise JobError([f"{where}:{fault.line}: {fault.text}"]) from None
+        raise JobError(f"{where}:{fault.line}: {fault.text}") from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f":{mark.line + 1}" if mark else ""
         context = f" {error.context}" if error.context else ""
-        raise JobError([f"{where}{line}: {error.problem or 'is not valid YAML'}{context}"]) from None
+        raise JobError(f"{where}{line}: {error.problem or 'is not valid YAML'}{context}") from None
     except yaml.YAMLError as error:
         reason = getattr(error, "reason", error)
-        raise JobError([f"{where}: is not valid YAML: {reason}"]) from None
+        raise JobError(f"{where}: is not valid YAML: {reason}") from None
 
 
 def _content(path: Path) -> bytes:
     """Bytes of a regular file of limited size; a pipe may never end, and a run reads its job twice."""
     found = path.stat()
     if stat.S_ISDIR(found.st_mode):
-        raise JobError([f"{path}: cannot be read: it is a directory"])
+        raise JobError(f"{path}: cannot be read: it is a directory")
     if not stat.S_ISREG(found.st_mode):
-        raise JobError([f"{path}: cannot be read: it is a device or a pipe; use a regular file"])
+        raise JobError(f"{path}: cannot be read: it is a device or a pipe; use a regular file")
     with path.open("rb") as file:  # not the size from stat, which is 0 for files of /proc
         content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
         size = max(found.st_size, len(content))
-        raise JobError([f"{path}: has {size:,} bytes, and may have {MOST_BYTES:,}; large data belong in a mesh file"])
+        raise JobError(f"{path}: has {size:,} bytes, and may have {MOST_BYTES:,}; large data belong in a mesh file")
     return content
 
 

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import GetJsonSchemaHandler, ValidationError
+from pydantic import GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.materials.base import MaterialLaw
 from hpcinv.quantity.plugins import load_installed
-from hpcinv.quantity.schema import Location, OneOf, Problems, import_modules, members_of, problems_in, raise_if_any
+from hpcinv.quantity.schema import Location, OneOf, collected, import_modules, members_of, raise_if_any
 
 import_modules(__name__, __path__)
 
@@ -23,12 +23,8 @@ class OneOrByRegion(OneOf):
             return super().choose(data, info)
         chosen, problems = {}, list[tuple[Location, str]]()
         for region, entry in data.items():
-            try:
+            with collected(problems, region):
                 chosen[region] = super().choose(entry, info)
-            except ValidationError as error:
-                problems += [((region, *place), text) for place, text in problems_in(error)]
-            except Problems as error:
-                problems += [((region, *place), text) for place, text in error.found]
         raise_if_any(problems)
         return chosen
 

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import ConfigDict, ValidationInfo, model_validator
 
@@ -15,7 +15,7 @@ from hpcinv.materials.formula_law.evaluation import evaluate_of_any_parameters
 from hpcinv.materials.moduli import NAMES, Moduli, moduli_schema, shear_and_bulk, young_and_poisson
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.schema import Location, Problems, raise_if_any
+from hpcinv.quantity.schema import Faults, Location, Problems
 from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
 from hpcinv.quantity.units import Dimension, parse_unit
 
@@ -264,18 +264,14 @@ class MaterialLaw(Ingredient):
             own = cls.put(bulk, law._solved(law.bulk_modulus, kappa, (bulk,)) if finite else "incompressible", own)
         return own
 
-    @model_validator(mode="after")
-    def _is_stable(self, info: ValidationInfo) -> Self:
+    def _contradictions(self, info: ValidationInfo) -> Faults:
         if info.context and _UNFINISHED in info.context:
-            return self
+            return
         moduli = {"shear modulus": self.shear_modulus, "bulk modulus": self.bulk_modulus}
-        raise_if_any(
-            ((), f"the {name} that follows from these parameters must be positive, but is {value:g} Pa")
-            for par in self.cases()
-            for name, modulus in moduli.items()
-            if not (value := modulus(par)) > 0
-        )
-        return self
+        for par in self.cases():
+            for name, modulus in moduli.items():
+                if not (value := modulus(par)) > 0:
+                    yield (), f"the {name} that follows from these parameters must be positive, but is {value:g} Pa"
 
 
 def _check_number_of_moduli(

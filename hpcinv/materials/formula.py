@@ -1,9 +1,9 @@
 """A law whose energy is a formula in the job."""
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
-from pydantic import ValidationInfo, field_validator, model_validator
+from pydantic import ValidationInfo, field_validator
 
 from hpcinv.materials.base import Deformation
 from hpcinv.materials.formula_law.algebras import FLOATS, ufl_functions
@@ -12,7 +12,7 @@ from hpcinv.materials.formula_law.evaluation import evaluate
 from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretches, families_in, fault_of_name
 from hpcinv.materials.formula_law.jet import Jet, Strains
 from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity import BulkModulusField, Location, Name, Problems, raise_if_any
+from hpcinv.quantity import BulkModulusField, Faults, Location, Name, raise_if_any
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.parameter_paths import Number
@@ -80,15 +80,12 @@ class Formula(IsochoricLaw):
             raise ValueError(f"'{energy}' does not resist a change of volume: give kappa, or add an energy of J to it")
         return energy
 
-    @model_validator(mode="after")
-    def _uses_all(self) -> Self:
-        raise_if_any(
-            (("parameters", name), "does not occur in the energy")
-            for name in sorted(self.parameters.keys() - self.energy.names)
-        )
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        yield from super()._contradictions(info)
+        for name in sorted(self.parameters.keys() - self.energy.names):
+            yield ("parameters", name), "does not occur in the energy"
         if self.kappa is None and self.volumetric != type(self).model_fields["volumetric"].default:
-            raise Problems((("volumetric",), "is not valid without kappa"))
-        return self
+            yield ("volumetric",), "is not valid without kappa"
 
     @property
     def formula(self) -> str:  # type: ignore[override]

@@ -3,21 +3,8 @@
 import hpcinv.parallel.runtime  # noqa: F401  (first: it fixes the import order)
 
 # isort: split
-from hpcinv.mesh.body import Body, at_local_nodes, build_body, in_source_order, read_source
-from hpcinv.mesh.distributed.partition import Partition
+from hpcinv.mesh.body import Body, build_body, in_source_order, read_source
 from hpcinv.mesh.export import write_mesh
-from hpcinv.mesh.regions import Region
-from hpcinv.mesh.source import Group, MeshSource
+from hpcinv.mesh.source import MeshSource
 
-__all__ = [
-    "Body",
-    "Group",
-    "MeshSource",
-    "Partition",
-    "Region",
-    "at_local_nodes",
-    "build_body",
-    "in_source_order",
-    "read_source",
-    "write_mesh",
-]
+__all__ = ["Body", "MeshSource", "build_body", "in_source_order", "read_source", "write_mesh"]

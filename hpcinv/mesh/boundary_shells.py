@@ -1,7 +1,5 @@
 """Area vectors of facets, and the closed shells of a boundary: the outer one and those around cavities."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import numpy.typing as npt

@@ -1,18 +1,13 @@
 """Facets of a boundary that cross each other: the body passes through itself there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.mesh.surface import Surface, Triangles
 from hpcinv.mesh.topology import find_rows, unique_rows
 from hpcinv.mesh.triangles import crossing, meeting
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Floats, Ints
-    from hpcinv.mesh.surface import Surface, Triangles
 
 _TOUCH = 1e-9  # of the body's diagonal: depth up to which parts touch
 _OF_EDGE = 1e-3  # and of the shortest edge, so that thin walls and fine parts stay as they are

@@ -1,18 +1,17 @@
 """A mesh as it was read: plain arrays, in the order and with the tags of its file."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
-type Ints = npt.NDArray[np.int64]
-type Floats = npt.NDArray[np.float64]
+from hpcinv.quantity.arrays import Floats as Floats
+from hpcinv.quantity.arrays import Ints as Ints
+
 type Place = Literal["nodes", "cells"]
 
 COMPONENTS = (1, 3, 9)  # of scalars, vectors and tensors (row by row)
@@ -110,7 +109,7 @@ class MeshSource:
                 label[group.members] = i
         return label
 
-    def select(self, nodes: Ints, cells: Ints, facets: Ints) -> MeshSource:
+    def select(self, nodes: Ints, cells: Ints, facets: Ints) -> Self:
         """The mesh with these rows of nodes, cells and facets, in this order; other nodes are replaced by -1."""
         number = _positions(nodes, len(self.points))
         place = {3: _positions(cells, len(self.cells)), 2: _positions(facets, len(self.facets))}
@@ -129,19 +128,19 @@ class MeshSource:
             data={name: dataclasses.replace(a, values=a.values[rows[a.on]]) for name, a in self.data.items()},
         )
 
-    def header(self) -> MeshSource:
+    def header(self) -> Self:
         """The same source with empty arrays, for ranks other than 0."""
         none: Ints = np.zeros(0, dtype=np.int64)
         return dataclasses.replace(self.select(none, none, none), surface=None)
 
-    def in_metres(self, unit: float) -> MeshSource:
+    def in_metres(self, unit: float) -> Self:
         """The same mesh in metres, from coordinates in ``unit`` (m)."""
         if unit == 1.0:
             return dataclasses.replace(self, unit=unit)
         surface = self.surface and dataclasses.replace(self.surface, nodes=self.surface.nodes * unit)
         return dataclasses.replace(self, points=self.points * unit, surface=surface, unit=unit)
 
-    def without_unused_nodes(self) -> MeshSource:
+    def without_unused_nodes(self) -> Self:
         """The same mesh without nodes of no cell (such as centres of arcs); the others keep order and tags."""
         used = np.zeros(len(self.points), dtype=bool)
         used[self.cells] = True

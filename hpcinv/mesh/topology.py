@@ -1,8 +1,7 @@
 """Facets of a cell array, and integer rows matched as sets of vertices."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +45,7 @@ class FacetTable:
     of_cell: Ints  # (cells, facets of a cell): rows of ``vertices``
 
     @classmethod
-    def of(cls, kind: str, cells: Ints) -> FacetTable:
+    def of(cls, kind: str, cells: Ints) -> Self:
         """Table of the facets of ``cells`` (c, vertices)."""
         local = sub_entities(kind, 2)
         vertices, place = unique_rows(vertex_sets(cells, local))

@@ -1,7 +1,5 @@
 """Pairs of triangles in space: those whose bounding boxes meet, and those that intersect."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import numpy.typing as npt

@@ -1,7 +1,5 @@
 """Contacts of a scene: their pressures, which a solver updates between solves, and their resultants."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -72,6 +70,24 @@ class ContactReport:
         """The report as JSON data."""
         names = ("region", "assumption", "area", "penetration", "distance", "largest_pressure", "tolerance", "penalty")
         return {"effect": self.where, "force": list(self.force)} | {name: getattr(self, name) for name in names}
+
+
+class _Nodal:
+    """A UFL vector at the nodes of Lagrange elements; a call returns its present values (local nodes, components)."""
+
+    def __init__(self, vector: Any, body: Body, degree: int) -> None:
+        mesh, count = body.mesh, vector.ufl_shape[0]
+        self.space = fem.functionspace(mesh, ("Lagrange", degree, (count,)))
+        points = self.space.element.interpolation_points
+        self._compiled = fem.Expression(without_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self.values, self._count = fem.Function(self.space), count
+
+    def __call__(self) -> Floats:
+        # On all cells: a rank may own a node on the edge of a region of which it has no facet.
+        self.values.interpolate(self._compiled)
+        self.values.x.scatter_forward()
+        found: Floats = self.values.x.array.reshape(-1, self._count)
+        return found
 
 
 class Contacts:
@@ -376,21 +392,3 @@ class _OneContact:
             penalty=self._penalty_in_si(scales),
             fields=tuple(fields),
         )
-
-
-class _Nodal:
-    """A UFL vector at the nodes of Lagrange elements; a call returns its present values (local nodes, components)."""
-
-    def __init__(self, vector: Any, body: Body, degree: int) -> None:
-        mesh, count = body.mesh, vector.ufl_shape[0]
-        self.space = fem.functionspace(mesh, ("Lagrange", degree, (count,)))
-        points = self.space.element.interpolation_points
-        self._compiled = fem.Expression(without_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
-        self.values, self._count = fem.Function(self.space), count
-
-    def __call__(self) -> Floats:
-        # On all cells: a rank may own a node on the edge of a region of which it has no facet.
-        self.values.interpolate(self._compiled)
-        self.values.x.scatter_forward()
-        found: Floats = self.values.x.array.reshape(-1, self._count)
-        return found

@@ -5,8 +5,6 @@ formulas of position. There is only one constant because UFL sorts constants by 
 several, the order would change between the 9th and the 10th, and the same form would be compiled again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -32,6 +30,23 @@ from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import Scales
 from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion, ByRule
 from hpcinv.quantity.units import Dimension
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Rates of change of the scaled parameters: for entries of the constant, and pairs of function and rate."""
+
+    entries: npt.NDArray[np.float64]
+    functions: tuple[tuple[fem.Function, fem.Function], ...]
+
+
+@dataclass(frozen=True)
+class _Formula:
+    """A formula, and the indices of its unit and of its constants."""
+
+    formula: Expression
+    scale: int
+    constants: Mapping[str, int]
 
 
 class Parameters:
@@ -181,23 +196,6 @@ class Parameters:
                 return self.constant[scale] * at_position(formula, k, self.constant[self._metre], named)
             case _:
                 return place
-
-
-@dataclass(frozen=True)
-class Direction:
-    """Rates of change of the scaled parameters: for entries of the constant, and pairs of function and rate."""
-
-    entries: npt.NDArray[np.float64]
-    functions: tuple[tuple[fem.Function, fem.Function], ...]
-
-
-@dataclass(frozen=True)
-class _Formula:
-    """A formula, and the indices of its unit and of its constants."""
-
-    formula: Expression
-    scale: int
-    constants: Mapping[str, int]
 
 
 def load_factor(value: float, case: int, cases: int) -> float:

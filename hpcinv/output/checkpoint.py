@@ -5,8 +5,6 @@ partition nor the number of ranks matters) and ``state.json``: position of the r
 digest of all. It is written under another name and renamed when all ranks have finished, so that it is always whole.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -14,7 +12,7 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
@@ -50,13 +48,38 @@ class Position:
         return {"direction": self.direction_index, "load": self.load, "solves": solutions}
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Position:
+    def from_json(cls, data: Mapping[str, Any]) -> Self:
         def solve(s: Mapping[str, Any]) -> Solve:
             iterations = tuple(NewtonIteration(**i) for i in s["iterations"])
             read = {"outcome": Outcome[s["outcome"]], "iterations": iterations, "signs": tuple(s["signs"])}
             return Solve(**(dict(s) | read))
 
         return cls(data["direction"], data["load"], tuple(tuple(map(solve, solution)) for solution in data["solves"]))
+
+
+@dataclass(frozen=True)
+class Restart:
+    """A checkpoint to resume from; ``complaints`` lists later ones that are damaged."""
+
+    path: Path
+    position: Position
+    functions: tuple[str, ...]
+    complaints: tuple[str, ...]
+
+    def start(self, number: int, model: Model) -> Start | None:
+        """Return the start in a direction (from 0), ``None`` if that had not begun; collective."""
+        if self.position.direction_index < number:
+            return None
+        u, p = model.solution()
+        for name, function in named(number, u, p).items():
+            self.read(name, function)
+        load = self.position.load if self.position.direction_index == number else 1.0
+        return Start((u, p), load, self.position.solves[number])
+
+    def read(self, name: str, function: Function) -> None:
+        """Read the function that was saved under ``name``; collective."""
+        adios4dolfinx.read_function(self.path / "functions.bp", function, name=name)
+        function.x.scatter_forward()
 
 
 class Checkpoints:
@@ -156,31 +179,6 @@ class Checkpoints:
                 "A resume may change solver, output and checkpoint settings, but not the physics; use 'run' for that.",
             )
         return Restart(path, position, functions, complaints)
-
-
-@dataclass(frozen=True)
-class Restart:
-    """A checkpoint to resume from; ``complaints`` lists later ones that are damaged."""
-
-    path: Path
-    position: Position
-    functions: tuple[str, ...]
-    complaints: tuple[str, ...]
-
-    def start(self, number: int, model: Model) -> Start | None:
-        """Return the start in a direction (from 0), ``None`` if that had not begun; collective."""
-        if self.position.direction_index < number:
-            return None
-        u, p = model.solution()
-        for name, function in named(number, u, p).items():
-            self.read(name, function)
-        load = self.position.load if self.position.direction_index == number else 1.0
-        return Start((u, p), load, self.position.solves[number])
-
-    def read(self, name: str, function: Function) -> None:
-        """Read the function that was saved under ``name``; collective."""
-        adios4dolfinx.read_function(self.path / "functions.bp", function, name=name)
-        function.x.scatter_forward()
 
 
 def named(number: int, u: Function, p: Function | None) -> dict[str, Function]:

@@ -188,10 +188,10 @@ class RunDirectory:
         if origin is None:
             raise OutputError(f"{self.path}: was run from Python, without a job file", "Give one with --job.")
         if not origin or not (self.path / _JOB).exists():
-            job = relative(Path(origin)) if origin else "JOB"
+            job, here = os.path.relpath(origin) if origin else "JOB", os.path.relpath(self.path)
             raise OutputError(
                 f"{self.path}: the run was interrupted at its beginning, before its job was saved",
-                f"Start it again: mpirun -n N python -m hpcinv run {job} --output {relative(self.path)} --overwrite",
+                f"Start it again: mpirun -n N python -m hpcinv run {job} --output {here} --overwrite",
             )
         # Relative paths in the job are relative to the original job file.
         return parse(read_yaml(self.path / _JOB), Path(origin), untrusted=untrusted)
@@ -235,7 +235,3 @@ def choose(output: Path | None, job: Job) -> RunDirectory:
     while (path := base / (job.job if number == 1 else f"{job.job}-{number}")).exists():
         number += 1
     return RunDirectory(path)
-
-
-def relative(path: Path) -> str:
-    return os.path.relpath(path)

@@ -1,30 +1,28 @@
 """Report of a run: its summary, and the error of a run that does not reach its end."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from hpcinv.accuracy import AccuracyRecord
-from hpcinv.certificate import Certificate, Estimate, Line, Verdict
+from hpcinv.certificate import Certificate, Line, Verdict
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.job.job import Job
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
-from hpcinv.output.run_directory import relative
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.summary import statistics, write_summary
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary import NAME as BOUNDARY
 from hpcinv.pictures.boundary import write_boundary
-from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
-from hpcinv.sensitivity.analysis import Sensitivities
-from hpcinv.sensitivity.surface_errors import SurfaceSpread
 from hpcinv.solver.diagnosis import diagnose
 from hpcinv.solver.observer import Observer, SolvedDirection
 from hpcinv.solver.problem import Model
 
 
+@dataclass
 class RunReport(Observer):
     """Writes the summary of a run, and raises the error of a run that does not reach its end; methods are collective.
 
@@ -32,53 +30,34 @@ class RunReport(Observer):
         unused_options: PETSc options of the job that were not used so far.
     """
 
-    def __init__(
-        self,
-        job: Job,
-        model: Model,
-        store: RunStore,
-        progress: Progress,
-        totals: Totals,
-        record: AccuracyRecord | None,
-        unused_options: Sequence[str],
-    ) -> None:
-        self._job, self._model, self._store, self._progress = job, model, store, progress
-        self._totals, self._record, self._unused_options = totals, record, unused_options
+    job: Job
+    model: Model
+    store: RunStore
+    progress: Progress
+    totals: Totals
+    record: AccuracyRecord | None
+    unused_options: Sequence[str]
 
     def ended(self, found: SolvedDirection) -> None:
         if found.unused_options is not None:
-            self._unused_options = found.unused_options
+            self.unused_options = found.unused_options
 
-    def conclude(
-        self,
-        solutions: Sequence[Solution],
-        certificate: Certificate,
-        quantities: Mapping[str, Value],
-        errors: Mapping[str, Mapping[str, float]],
-        estimate: Estimate | None,
-        slopes: Sensitivities | None,
-        spread: SurfaceSpread | None,
-    ) -> Result:
-        """Write and print the summary of a converged run; the arguments are those of `Result`."""
-        if self._record is not None:
-            certificate = Certificate((*certificate.lines, *self._record.lines()))
-        if spread is not None:
-            certificate = Certificate((*certificate.lines, *spread.lines()))
-        self._check_displacement(solutions[0])
-        body = self._model.body
-        result = Result(self._job, body, tuple(solutions), certificate, quantities, errors, estimate, slopes, spread)
-        return self._finish(result, "converged")
-
-    def _check_displacement(self, solution: Solution) -> None:
-        """Warn if the body hardly moves, unless there was a warning before."""
-        if self._job.output.unit_warnings and not self._totals.warnings:
-            self._totals = self._totals.after(solution.largest_displacement)
-            for text in self._totals.warnings:
-                self._progress.warn(text)
+    def conclude(self, result: Result) -> Result:
+        """Write and print the summary of a converged run, with all lines of its certificate."""
+        lines = [*result.certificate.lines]
+        if self.record is not None:
+            lines += self.record.lines()
+        if result.surface_spread is not None:
+            lines += result.surface_spread.lines()
+        if self.job.output.unit_warnings and not self.totals.warnings:  # warn of a body that hardly moves
+            self.totals = self.totals.after(result.solutions[0].largest_displacement)
+            for text in self.totals.warnings:
+                self.progress.warn(text)
+        return self._finish(replace(result, certificate=Certificate(tuple(lines))), "converged")
 
     def _finish(self, result: Result, status: str, advice: str = "") -> Result:
         result = self._write(result, status, advice)
-        self._progress.finish(result.statistics)
+        self.progress.finish(result.statistics)
         return result
 
     def check_reached(self, solutions: Sequence[Solution]) -> None:
@@ -104,13 +83,13 @@ class RunReport(Observer):
 
         The summary then has the solutions ``before`` this direction, and the load factor that it reached.
         """
-        job = self._job
+        job = self.job
         if not found.stopped or (found.load == 1.0 and len(before) + 1 == len(job.directions)):
             return
         why = "stopped by a signal"
         of_state = f" of state '{state}'" if state else ""
         where = f"{why} in the {found.direction} solve{of_state} at load factor {found.load:.6g}"
-        if self._store.path is None:
+        if self.store.path is None:
             raise Interrupted(f"{where}; nothing was saved")
         line = Line("load factor", found.load, "", "must reach 1", Verdict.FAIL, why, state=state)
         self._write(self._unfinished(before, line), why)
@@ -118,23 +97,23 @@ class RunReport(Observer):
         raise Interrupted(
             f"{where}; {'its state is saved' if saved else 'there was no state to save yet'}",
             f"{'Go on with' if saved else 'Start it again with'}: "
-            f"mpirun -n {self._store.comm.size} python -m hpcinv resume {relative(self._store.path)}",
+            f"mpirun -n {self.store.comm.size} python -m hpcinv resume {os.path.relpath(self.store.path)}",
         )
 
     def _unfinished(self, solutions: Sequence[Solution], line: Line) -> Result:
-        return Result(self._job, self._model.body, tuple(solutions), Certificate((line,)))
+        return Result(self.job, self.model.body, tuple(solutions), Certificate((line,)))
 
     def _write(self, result: Result, status: str, advice: str = "") -> Result:
-        model, store = self._model, self._store
-        result = replace(result, directory=store.path, accuracy=self._record, totals=self._totals)
+        model, store = self.model, self.store
+        result = replace(result, directory=store.path, accuracy=self.record, totals=self.totals)
         size = model.unknowns.size
-        found = statistics(result, status, size, self._unused_options, model.timings, store.comm, advice=advice)
+        found = statistics(result, status, size, self.unused_options, model.timings, store.comm, advice=advice)
         if (path := store.path) is not None:
             store.check_in_place()
-            if status == "converged" and self._job.output.fields:
+            if status == "converged" and self.job.output.fields:
                 with model.timings("output"):
                     result.write_fields(path / "fields")
-            if result.solutions and self._job.output.has_surface:
+            if result.solutions and self.job.output.has_surface:
                 with model.timings("output"):
                     boundary = result.boundary()
 
@@ -143,8 +122,8 @@ class RunReport(Observer):
                             write_boundary(path / BOUNDARY, boundary)
 
                     on_root(store.comm, write)
-            write_summary(path, found, store.comm, formats=self._job.output.summary)
-            if self._job.output.report:
+            write_summary(path, found, store.comm, formats=self.job.output.summary)
+            if self.job.output.report:
                 from hpcinv.reports.of_run import write_run_report  # loads VTK
 
                 on_root(store.comm, lambda: write_run_report(path, found))

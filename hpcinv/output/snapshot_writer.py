@@ -1,7 +1,5 @@
 """Writer of snapshots during a run: the boundary after each accepted step, for reports."""
 
-from __future__ import annotations
-
 import math
 
 from hpcinv.effects import Direction

@@ -1,7 +1,5 @@
 """Fields of solutions as files for ParaView, on both bodies."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

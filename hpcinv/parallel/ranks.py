@@ -34,7 +34,7 @@ def _prepare_environment() -> None:
 
 _prepare_environment()
 
-from mpi4py import MPI  # noqa: E402  (in that environment)
+from mpi4py import MPI as MPI  # noqa: E402  (in that environment)
 
 
 class RootFailure(RuntimeError):
@@ -135,6 +135,3 @@ def require_ranks(comm: MPI.Intracomm, expected: int | None) -> None:
             f"--ranks {expected} was requested, but the launcher started {comm.size}",
             "With Slurm use 'srun --mpi=pmi2' or 'mpirun'; with mpirun check -n.",
         )
-
-
-__all__ = ["MPI", "RootFailure", "abort", "agree", "failing_together", "on_root", "require_ranks"]

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from numpy import complexfloating
 
 from hpcinv.errors import SystemPartMissing
-from hpcinv.parallel.ranks import MPI, abort, agree, failing_together, on_root, require_ranks, wait_for_all
+from hpcinv.parallel.ranks import MPI, agree, on_root
 from hpcinv.parallel.signals import handlers_kept
 
 DOLFINX = "0.11"
@@ -86,14 +86,4 @@ def _explain_compilation(text: str) -> None:
         raise SystemPartMissing(failed[0], packages)
 
 
-__all__ = [
-    "MPI",
-    "abort",
-    "agree",
-    "c_compiler",
-    "compilation_explained",
-    "failing_together",
-    "on_root",
-    "require_ranks",
-    "wait_for_all",
-]
+__all__ = ["MPI", "agree", "c_compiler", "compilation_explained", "on_root"]

@@ -1,24 +1,20 @@
 """The boundary of a body as triangles, with the results there; a small file for pictures, also of large bodies."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 import zlib
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import write_output
+from hpcinv.quantity.arrays import Floats, Ints
 from hpcinv.quantity.units import readable
-
-if TYPE_CHECKING:  # importing the mesh takes seconds
-    from hpcinv.mesh.source import Floats, Ints
 
 NAME = "surface.npz"
 _REGION, _RESULT, _FIBRES = "region:", "result:", "fibres:"

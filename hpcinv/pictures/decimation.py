@@ -1,16 +1,11 @@
 """A coarser surface with some of the points of a large one, for pictures that must stay small."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Floats, Ints
-
+from hpcinv.quantity.arrays import Floats, Ints
 
 MOST = 25_000
 """largest number of points of a surface that is kept as it is"""

@@ -1,12 +1,10 @@
 """Rendering of triangles without a display (pyvista), and figures of such renderings with text (matplotlib)."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.image
@@ -19,9 +17,7 @@ from matplotlib.patches import Patch
 
 from hpcinv.errors import OutputError, SystemPartMissing
 from hpcinv.files.atomic import write_output
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Floats, Ints
+from hpcinv.quantity.arrays import Floats, Ints
 
 COLOUR_MAP = "viridis"
 _PIXELS = (1000, 800)  # of one view

@@ -1,26 +1,21 @@
 """Gathering of the boundary of a body and of results from all ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.certificate import Estimate
+from hpcinv.job.fibres import FibreFamily
+from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.overlap import find_overlap
+from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import Surface, Triangles, gather_surface
 from hpcinv.pictures.boundary import Boundary, BoundaryResult
 from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
-
-if TYPE_CHECKING:
-    from hpcinv.certificate import Estimate
-    from hpcinv.job.fibres import FibreFamily
-    from hpcinv.mesh import Body
-    from hpcinv.mesh.regions import LocalIndices
-    from hpcinv.results.solution import Solution
+from hpcinv.results.solution import Solution
 
 _SIDES = 2  # parts of each side of a curved facet
 

@@ -1,10 +1,8 @@
 """Picture of a job before it runs: the mesh with regions, supports and loads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -12,9 +10,7 @@ import yaml
 from hpcinv.job.job import Job
 from hpcinv.pictures.boundary import Boundary
 from hpcinv.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Floats
+from hpcinv.quantity.arrays import Floats
 
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")

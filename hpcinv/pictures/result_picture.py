@@ -1,10 +1,7 @@
 """Picture of a result: the given body beside the one that was found, coloured by a field."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,16 +9,8 @@ from hpcinv.errors import OutputError
 from hpcinv.pictures.boundary import Boundary, BoundaryResult
 from hpcinv.pictures.colours import Colour
 from hpcinv.pictures.drawing import DrawnBody, Picture, View, directions, figure
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Floats
-
-
-@dataclass(frozen=True)
-class _Field:
-    label: str
-    evaluate: Callable[[Boundary, BoundaryResult], Floats | None]
 
 
 def measure(name: str, result: BoundaryResult) -> Floats:
@@ -30,22 +19,14 @@ def measure(name: str, result: BoundaryResult) -> Floats:
     return np.asarray(MEASURES[name](*(stress[:, *COMPONENTS[one]] for one in components_of(name))))
 
 
-FIELDS: dict[Colour, _Field] = {
-    "displacement": _Field("displacement (m)", lambda _, result: np.linalg.norm(result.displacement, axis=1)),
-    "von-mises": _Field("von Mises stress (Pa), mean of each cell", lambda _, result: measure("von_mises", result)),
-    "pressure": _Field("pressure -tr σ/3 (Pa), mean of each cell", lambda _, result: measure("p", result)),
-    "J": _Field("volume ratio J, mean of each cell", lambda _, result: result.J),
-    "error": _Field("estimated error of the displacement gradient", lambda boundary, _: boundary.error),
+FIELDS: dict[Colour, tuple[str, Callable[[Boundary, BoundaryResult], Floats | None]]] = {
+    "displacement": ("displacement (m)", lambda _, result: np.linalg.norm(result.displacement, axis=1)),
+    "von-mises": ("von Mises stress (Pa), mean of each cell", lambda _, result: measure("von_mises", result)),
+    "pressure": ("pressure -tr σ/3 (Pa), mean of each cell", lambda _, result: measure("p", result)),
+    "J": ("volume ratio J, mean of each cell", lambda _, result: result.J),
+    "error": ("estimated error of the displacement gradient", lambda boundary, _: boundary.error),
 }
-
-
-@dataclass(frozen=True)
-class _Shape:
-    """One body of the picture, and the result whose values it shows."""
-
-    title: str
-    points: Floats
-    result: BoundaryResult
+"""Label of each field, and its values on the triangles or at the points."""
 
 
 def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour = "displacement") -> Picture:
@@ -59,37 +40,42 @@ def draw_result(summary: Mapping[str, Any], boundary: Boundary, colour: Colour =
     Raises:
         OutputError: the run has no values of this colour.
     """
-    field, job = FIELDS[colour], summary["job"]
-    shapes = _shapes(boundary, next((name for name, state in summary.get("states", {}).items() if state["rest"]), ""))
-    values = [field.evaluate(boundary, shape.result) for shape in shapes]
+    (label, evaluate), job = FIELDS[colour], summary["job"]
+    rest = next((name for name, state in summary.get("states", {}).items() if state["rest"]), "")
+    titles, points, results = zip(*_shapes(boundary, rest), strict=True)
+    values = [evaluate(boundary, result) for result in results]
     known = [one for one in values if one is not None]
-    if len(known) < len(shapes):
+    if len(known) < len(values):
         raise OutputError(
             f"{job['job']}: the run has no values for the colour '{colour}'",
             "Run it with certificate.estimate: true, or choose another colour.",
         )
-    frame = np.concatenate([shape.points for shape in shapes])
+    frame = np.concatenate(points)
     front, _, up = directions(frame, upwards(job))
     views = []
-    for i, (shape, of_shape) in enumerate(zip(shapes, known, strict=True)):
-        shadow = DrawnBody(shapes[0 if i else 1].points, boundary.triangles, opacity=0.35)
-        body = DrawnBody(shape.points, boundary.triangles, values=of_shape)
-        views.append(View([body, shadow], frame, front, up, shape.title))
+    for i, of_shape in enumerate(known):
+        shadow = DrawnBody(points[0 if i else 1], boundary.triangles, opacity=0.35)
+        body = DrawnBody(points[i], boundary.triangles, values=of_shape)
+        views.append(View([body, shadow], frame, front, up, titles[i]))
     status, verdict = summary["status"], summary["certificate"]["verdict"]
     notes = f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"
     limits = min(float(one.min()) for one in known), max(float(one.max()) for one in known)
-    return figure(views, job["job"], notes=notes, colours=(field.label, *limits))
+    return figure(views, job["job"], notes=notes, colours=(label, *limits))
 
 
-def _shapes(boundary: Boundary, rest: str) -> list[_Shape]:
-    """The given body, the one that the first solve found from it, and those of all further states."""
+def _shapes(boundary: Boundary, rest: str) -> list[tuple[str, Floats, BoundaryResult]]:
+    """The given body, the one that the first solve found, and those of further states.
+
+    Returns:
+        Of each its title, its points, and the result whose values it shows.
+    """
     first, *further = boundary.results
     names = ("undeformed", "deformed") if not first.state else (rest, first.state)
     given, found = names if first.direction == "forward" else names[::-1]
     return [
-        _Shape(f"{given}, given", first.mesh, first),
-        _Shape(f"{found}, found", first.others, first),
-        *(_Shape(f"{result.state}, found", result.others, result) for result in further),
+        (f"{given}, given", first.mesh, first),
+        (f"{found}, found", first.others, first),
+        *((f"{result.state}, found", result.others, result) for result in further),
     ]
 
 

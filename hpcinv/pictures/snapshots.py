@@ -1,18 +1,13 @@
 """Snapshots: the displacement of the boundary at accepted steps of a run, in small files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hpcinv.errors import OutputError
 from hpcinv.pictures.boundary import DAMAGE, write_arrays
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Floats, Ints
+from hpcinv.quantity.arrays import Floats, Ints
 
 NAME = "snapshots"
 _LEVELS = 65_535  # of a displacement between its smallest and its largest value

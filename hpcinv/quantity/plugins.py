@@ -28,7 +28,7 @@ def load_installed() -> None:
         except BaseException as error:  # KeyboardInterrupt and GeneratorExit too
             package = f" of the package '{entry.dist.name}'" if entry.dist else ""
             text = f"the installed plugin '{entry.name}'{package} cannot be imported: {type(error).__name__}: {error}"
-            raise JobError([text]) from error
+            raise JobError(text) from error
 
 
 def load_file(path: Path) -> None:

@@ -5,6 +5,7 @@ import pkgutil
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, get_args
 
@@ -60,6 +61,19 @@ def raise_if_any(found: Iterable[tuple[Location, str]]) -> None:
     """Raise `Problems` if there are any."""
     if problems := tuple(found):
         raise Problems(*problems)
+
+
+@contextmanager
+def collected(problems: list[tuple[Location, str]], *place: int | str) -> Iterator[None]:
+    """Add the faults that are found in this context to ``problems``, with their place, instead of raising them."""
+    try:
+        yield
+    except Problems as error:
+        problems += [((*place, *below), text) for below, text in error.found]
+    except ValidationError as error:
+        problems += [((*place, *below), text) for below, text in problems_in(error)]
+    except ValueError as error:
+        problems.append((place, str(error)))
 
 
 def repeated(names: Sequence[str]) -> Iterator[int]:
@@ -218,7 +232,7 @@ def job_error(path: Path, error: ValidationError, spec: type[Spec]) -> JobError:
     lines = [f"{path}: {at(where)}: {what}" for where, what in problems[:_MOST_PROBLEMS]]
     if (more := len(problems) - _MOST_PROBLEMS) > 0:
         lines.append(f"{path}: and {more:,} more problems like these")
-    return JobError(lines)
+    return JobError(*lines)
 
 
 def problems_in(error: ValidationError, spec: type[Spec] | None = None) -> list[tuple[Location, str]]:

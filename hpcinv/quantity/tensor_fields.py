@@ -10,7 +10,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.schema import Location, Problems, raise_if_any, shown
+from hpcinv.quantity.schema import Location, collected, raise_if_any, shown
 from hpcinv.quantity.spatial_fields import ByData, ByRegion, VaryingQuantity
 
 _FORM = "must be a tensor, 3 rows of 3 numbers, or 3 numbers on its diagonal"
@@ -38,10 +38,8 @@ class TensorQuantity(VaryingQuantity):
         tensors: dict[str, Any] = {}
         problems: list[tuple[Location, str]] = []
         for region, value in given.items():
-            try:
+            with collected(problems, str(region)):
                 tensors[str(region)] = self._rows(value, self.parse)
-            except Problems as error:
-                problems += [((str(region), *place), text) for place, text in error.found]
         raise_if_any(problems)
         rows = [[{region: t[i][j] for region, t in tensors.items()} for j in range(3)] for i in range(3)]
         varies = any(len(set(x.values())) > 1 for row in rows for x in row)
@@ -53,21 +51,19 @@ class TensorQuantity(VaryingQuantity):
 
     def _rows(self, value: object, read: Callable[[Any], Any]) -> tuple[tuple[Any, ...], ...]:
         if not _is_three(value):
-            raise Problems(((), f"{_FORM}, not {shown(value)}"))
+            raise ValueError(f"{_FORM}, not {shown(value)}")
         if not any(isinstance(row, list | tuple) for row in value):
             value = [[x if i == j else 0.0 for j in range(3)] for i, x in enumerate(value)]
         problems: list[tuple[Location, str]] = []
         rows: list[list[Any]] = []
         for i, row in enumerate(value):
-            if not _is_three(row):
-                problems.append(((i,), f"must be a row of 3 numbers, not {shown(row)}"))
-                continue
-            rows.append([])
-            for j, x in enumerate(row):
-                try:
-                    rows[-1].append(read(x))
-                except ValueError as error:
-                    problems.append(((i, j), str(error)))
+            with collected(problems, i):
+                if not _is_three(row):
+                    raise ValueError(f"must be a row of 3 numbers, not {shown(row)}")
+                rows.append([])
+                for j, x in enumerate(row):
+                    with collected(problems, i, j):
+                        rows[-1].append(read(x))
         raise_if_any(problems)
         return tuple(map(tuple, rows))
 

@@ -1,7 +1,5 @@
 """Arrays within an HTML page: 16 bits for each number, differences of neighbours, compressed, in base64."""
 
-from __future__ import annotations
-
 import base64
 import zlib
 from typing import Any

@@ -1,7 +1,5 @@
 """Charts of Newton's method as SVG in the colours of the page."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Report of a run, from its directory: summary, boundary and snapshots."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Mapping, Sequence

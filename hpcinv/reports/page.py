@@ -1,10 +1,6 @@
 """Pages from templates: one file that needs no other, and no network."""
 
-from __future__ import annotations
-
-import json
 import math
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
 from importlib.resources import files
@@ -46,7 +42,7 @@ def _environment() -> Environment:
     environment.globals["static"] = _static
     environment.filters["number"] = number
     environment.filters["megabytes"] = lambda size: f"{size / 1e6:,.0f} MB"
-    environment.filters["script"] = _script
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False, "separators": (",", ":")}
     return environment
 
 
@@ -54,12 +50,6 @@ def _environment() -> Environment:
 def _static(name: str) -> Markup:
     """Content of a file of the package, to stand in an element ``script`` or ``style``."""
     return Markup(files("hpcinv.reports").joinpath("static", name).read_text("utf-8").replace("</script", "<\\/script"))
-
-
-def _script(data: Mapping[str, Any]) -> Markup:
-    """JSON that cannot end the element in which it stands."""
-    text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-    return Markup(text.replace("<", "\\u003c"))
 
 
 def number(value: Any, unit: str = "") -> str:

@@ -1,9 +1,7 @@
 """The body of a run as arrays for the page: shapes, steps, stresses, regions, fibres, supports and loads."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,12 +9,10 @@ from hpcinv.pictures.boundary import Boundary, BoundaryResult
 from hpcinv.pictures.decimation import MOST, Decimated, decimated
 from hpcinv.pictures.result_picture import upwards
 from hpcinv.pictures.snapshots import Snapshot
+from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.stress_measures import COMPONENTS
 from hpcinv.reports.arrays import Arrays
 from hpcinv.reports.symbols import symbols
-
-if TYPE_CHECKING:
-    from hpcinv.mesh.source import Floats
 
 _STATES = 3  # of the largest surface; more states have fewer points
 _FIBRES = 3_000  # lines of one family
@@ -45,7 +41,7 @@ def scene(
         "error": None if boundary.error is None else arrays.add(boundary.error[kept.of]),
         "fibres": {"every": _every(kept), "families": _lines(boundary.fibres, kept, arrays)},
         "results": [
-            _result(summary, boundary, number, result, kept, arrays)
+            _result(summary, boundary, result, kept, arrays)
             | {"steps": [step for step in steps if step["solution"] == number]}
             for number, result in enumerate(boundary.results)
         ],
@@ -60,12 +56,7 @@ def _kept(boundary: Boundary, most: int) -> Decimated:
 
 
 def _result(
-    summary: Mapping[str, Any],
-    boundary: Boundary,
-    number: int,
-    result: BoundaryResult,
-    kept: Decimated,
-    arrays: Arrays,
+    summary: Mapping[str, Any], boundary: Boundary, result: BoundaryResult, kept: Decimated, arrays: Arrays
 ) -> dict[str, Any]:
     states = summary.get("states", {})
     rest = next((name for name, state in states.items() if state["rest"]), "undeformed")

@@ -1,7 +1,5 @@
 """Shapes of many cases: their mean, their standard deviation, and small pictures of some."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Symbols of supports and loads on the boundary of a body."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

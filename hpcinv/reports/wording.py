@@ -1,7 +1,5 @@
 """What a run has found, how sure that is, and what to do next, in plain words."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

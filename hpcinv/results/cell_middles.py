@@ -1,25 +1,19 @@
 """Fields of a solution in the middle of each cell, without compiled kernels."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx.fem import Function
 
 from hpcinv.job.fibres import FibreFamily
+from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.data import distribute
 from hpcinv.mesh.source import Floats
 from hpcinv.model.fibre_rules import in_middles, rule_directions
 from hpcinv.quantity.spatial_fields import ByData, ByRule
 from hpcinv.results.solution import Solution
-
-if TYPE_CHECKING:
-    from dolfinx.fem import Function
-
-    from hpcinv.mesh import Body
 
 type Cells = npt.NDArray[np.integer]
 

@@ -1,7 +1,5 @@
 """Projection of values in cells to continuous functions, without solving."""
 
-from __future__ import annotations
-
 import numpy as np
 from dolfinx import fem, la
 

@@ -190,7 +190,7 @@ def _values(quantity: QuantityOfInterest, comm: MPI.Intracomm, known: Mapping[st
         what = f"quantities: {quantity.name}: '{quantity.of}' has no finite value"
         kind = "quadrature points" if quantity.by_quadrature else "nodes"
         where = f"({_triple(quantity.at)}) m" if quantity.at else f"{bad} of the {kind} of '{quantity.on}'"
-        raise JobError([f"{what} at {where}; look for divisions by zero, and roots and logarithms of negative values"])
+        raise JobError(f"{what} at {where}; look for divisions by zero, and roots and logarithms of negative values")
     return values
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import ExpectedShape, MeshSpec
-from hpcinv.mesh import Body, at_local_nodes
-from hpcinv.mesh.body import read_anywhere
+from hpcinv.mesh import Body
+from hpcinv.mesh.body import at_local_nodes, read_anywhere
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.regions import Mesh

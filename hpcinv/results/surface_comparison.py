@@ -5,8 +5,6 @@ Source of the alignment: Besl & McKay, "A method for registration of 3-D shapes"
 the overlap: Dice, "Measures of the amount of ecologic association between species" (1945), doi:10.2307/1932409.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,9 +37,6 @@ class Side:
     quantile_95: float
     largest: float
 
-    def as_data(self) -> dict[str, Any]:
-        return self.__dict__ | {}
-
 
 @dataclass(frozen=True)
 class Comparison:
@@ -62,7 +57,7 @@ class Comparison:
     def as_data(self) -> dict[str, Any]:
         """JSON data, in SI."""
         moved = {"rotation": self.rotation, "translation": self.translation}
-        return {"one": self.one.as_data(), "other": self.other.as_data(), "dice": self.dice, "moved": moved}
+        return {"one": vars(self.one), "other": vars(self.other), "dice": self.dice, "moved": moved}
 
 
 def compare(

@@ -4,12 +4,10 @@ The warnings are no verdict: bodies of micrometres and strains of 1e-10 exist. T
 ``output.unit_warnings: false`` leaves them out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import basix
 import numpy as np
@@ -70,7 +68,7 @@ class Totals:
     def as_data(self) -> dict[str, Any]:
         return asdict(self)
 
-    def after(self, largest_displacement: float) -> Totals:
+    def after(self, largest_displacement: float) -> Self:
         """Return the totals with the warnings that follow from the largest displacement (m) at full load."""
         size = math.hypot(*self.size)
         if not largest_displacement < LEAST_STRAIN * size:

@@ -34,8 +34,8 @@ class StudyTask(BatchTask):
 class StudySchedule:
     """Schedule of the executions of a study: all first ones, then all second ones, …; on the first rank."""
 
-    def __init__(self, executions: Executions) -> None:
-        self.executions = executions
+    def __init__(self, plan: StudyPlan, ledger: Ledger, _begin: float, ranks: int) -> None:
+        self.executions = Executions(plan, ledger, ranks)
 
     def next(self) -> StudyTask | Pause | None:
         """Claim an execution; ``None`` if all are finished."""
@@ -77,11 +77,7 @@ class StudyRunner(Runner[StudyTask]):
 
 def study_batch(plan: StudyPlan, directory: Path) -> Batch:
     """Return the executions of the runs of a study in a directory."""
-    return Batch(directory / STORE, plan.study.limit, RETRY, partial(_schedule, plan), StudyRunner)
-
-
-def _schedule(plan: StudyPlan, ledger: Ledger, _begin: float, ranks: int) -> StudySchedule:
-    return StudySchedule(Executions(plan, ledger, ranks))
+    return Batch(directory / STORE, plan.study.limit, RETRY, partial(StudySchedule, plan), StudyRunner)
 
 
 def _load_gmsh(job: Job, comm: MPI.Intracomm) -> None:

@@ -4,16 +4,13 @@ Each run is executed several times, to time it. An execution is a case of the le
 content, of the number of ranks, and of its number among the repetitions.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.status import Status, status
+from hpcinv.batch.status import BatchCase, Status, status
 from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import Job
@@ -22,27 +19,6 @@ from hpcinv.study.directory import STORE, check_content, ranks_in
 from hpcinv.study.plan import StudyPlan
 
 RETRY = "study --retry-failed"
-
-
-class Execution(NamedTuple):
-    """One execution of a run as a case of the ledger; executions of one run are a reuse group."""
-
-    key: str
-    title: str
-    reuse_group: str
-
-
-def executions_in(plan: StudyPlan, directory: Path, ranks: int | None = None) -> Executions:
-    """Return the executions of a study in a directory, for reading.
-
-    Args:
-        ranks: their number of ranks; by default that of the last start.
-
-    Raises:
-        OutputError: the directory holds anything else than this study.
-    """
-    check_content(directory, plan.study.study)
-    return Executions(plan, ledger_of(directory / STORE), ranks or ranks_in(directory))
 
 
 class Executions:
@@ -99,12 +75,12 @@ class Executions:
             return 0
         return self.repetitions(run) + any(record.compiled for record in records)
 
-    def distinct(self) -> dict[str, Execution]:
-        """Return the executions that are finished or known to be needed, by key.
+    def distinct(self) -> dict[str, BatchCase]:
+        """Return the executions that are finished or known to be needed, by key; those of one run are a reuse group.
 
         Those of a run that is not ready have a provisional key; a run that cannot begin has none.
         """
-        found: dict[str, Execution] = {}
+        found: dict[str, BatchCase] = {}
         for i, run in enumerate(self.plan.runs):
             numbers = range(self.repetitions(i) + 1)
             if not self.is_ready(i):
@@ -115,7 +91,7 @@ class Executions:
                 keys = [key for n, key in enumerate(possible) if n < needed or key in self._records]
             else:
                 keys = []
-            found |= {key: Execution(key, run.place.title, group) for key in keys if key not in found}
+            found |= {key: BatchCase(key, run.place.title, group) for key in keys if key not in found}
         return found
 
     def open_ones(self) -> list[tuple[int, int, Job]]:
@@ -191,6 +167,19 @@ class Executions:
             return _not_run("; ".join(error.problems))
         # The hash of everything that the result and the time of a run depend on.
         return job, content_key(job, ranks=self.ranks, partition=job.mesh.partition)
+
+
+def executions_in(plan: StudyPlan, directory: Path, ranks: int | None = None) -> Executions:
+    """Return the executions of a study in a directory, for reading.
+
+    Args:
+        ranks: their number of ranks; by default that of the last start.
+
+    Raises:
+        OutputError: the directory holds anything else than this study.
+    """
+    check_content(directory, plan.study.study)
+    return Executions(plan, ledger_of(directory / STORE), ranks or ranks_in(directory))
 
 
 def _not_run(why: str) -> CaseRecord:

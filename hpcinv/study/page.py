@@ -1,11 +1,9 @@
 """Report of a study: work-precision diagrams, and a table of its runs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from hpcinv.errors import OutputError
-from hpcinv.reports.of_cases import Cases, cases_page, outcome_of
+from hpcinv.reports.of_cases import cases_page, outcome_of
 from hpcinv.reports.page import write_page
 from hpcinv.study.executions import Executions
 from hpcinv.study.findings import findings
@@ -47,7 +45,7 @@ def write_study_report(executions: Executions, path: Path) -> Path:
     converged = sum(row.converged for row in rows)
     numbers = [name for name in columns if name in ("unknowns", "time", *(one.name for one in found))]
     errors = [name for name in columns if "error" in name and "estimated" not in name]
-    cases = Cases(
+    page = cases_page(
         title=plan.study.study,
         found=f"{converged} of {len(rows)} runs converged.",
         notes=notes,
@@ -58,5 +56,5 @@ def write_study_report(executions: Executions, path: Path) -> Path:
         outcome=[outcome_of(converged=row.converged, verdict=row.certificate) for row in rows],
         diagrams=pictures,
     )
-    write_page(path, cases_page(cases))
+    write_page(path, page)
     return path

@@ -99,7 +99,7 @@ def _runs(study: Study, base: Path, data: Mapping[str, Any], faults: Faults, unt
                     settings = _merged(study.set, (series.set, of_case, varied, least))
                     job = parse(with_settings(data, settings), base, untrusted=untrusted)
                     if problems := [*_unmeasurable(study, job)]:
-                        raise JobError(problems)
+                        raise JobError(*problems)
                     yield Run(place, job)
 
 
@@ -109,7 +109,7 @@ def _merged(defaults: Mapping[str, Any], layers: tuple[Mapping[str, Any], ...]) 
     for layer in layers:
         for key in layer:
             if key in merged:
-                raise JobError([f"{key} is set by both the series and the cases"])
+                raise JobError(f"{key} is set by both the series and the cases")
         merged |= layer
     return sections_first({**defaults, **merged})
 

@@ -96,7 +96,7 @@ def conclude(executions: Executions, directory: StudyDirectory) -> None:
         elif a.refusal is not None:
             problems.append(f"{plan.path}: reference.{a.name}: {a.refusal}")
     if problems:
-        raise JobError(problems)
+        raise JobError(*problems)
 
 
 def _files(plan: StudyPlan, rows: list[StudyRow], found: list[Accuracy], ranks: int) -> dict[str, str | bytes]:

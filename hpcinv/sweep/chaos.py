@@ -13,8 +13,6 @@ Allen (1974), doi:10.1080/00401706.1974.10489157, for the leave-one-out error; W
 for the bootstrap; Gamboa, Janon, Klein & Lagnoux (2014), doi:10.1214/14-EJS895, for indices of several values together.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Sobol indices of the quantities of a finished sweep, and what they cost before it is run."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
@@ -77,7 +75,7 @@ def sample_axis(plan: SweepPlan) -> Axis:
         which = " and ".join(f"axes[{i}]" for i in found)
         problems.append(f"{plan.path}: {which} are samples that are combined with each other{remedy}")
     if problems:
-        raise JobError(problems)
+        raise JobError(*problems)
     return axes[found[0]]
 
 
@@ -90,20 +88,16 @@ def finished_sample(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Conve
     axis = sample_axis(plan)
     if left := sum(case.key not in records for case in plan.cases):
         raise JobError(
-            [
-                f"{plan.path}: {left} of {len(plan.cases)} cases are not finished, and those that are, are no random"
-                " choice; finish them by 'sweep run', or take the first N with '--first N'"
-            ]
+            f"{plan.path}: {left} of {len(plan.cases)} cases are not finished, and those that are, are no random"
+            " choice; finish them by 'sweep run', or take the first N with '--first N'"
         )
     converged = tuple(case for case in plan.cases if records[case.key].converged)
     failed = {case.number: records[case.key].status for case in plan.cases if not records[case.key].converged}
     needed = cases_needed(len(axis.sample), 1)
     if len(converged) < needed:
         raise JobError(
-            [
-                f"{plan.path}: {len(converged)} cases have converged, but a surrogate of degree 1 in"
-                f" {len(axis.sample)} parameters needs {needed}; raise the 'count' of the sample"
-            ]
+            f"{plan.path}: {len(converged)} cases have converged, but a surrogate of degree 1 in"
+            f" {len(axis.sample)} parameters needs {needed}; raise the 'count' of the sample"
         )
     return ConvergedSample(plan, axis, converged, failed)
 
@@ -164,7 +158,7 @@ def regression_of(sample: ConvergedSample) -> Regression:
     try:
         return Regression(sample.points, sample.normal)
     except ValueError as error:
-        raise JobError([f"{sample.plan.path}: {error}"]) from None
+        raise JobError(f"{sample.plan.path}: {error}") from None
 
 
 def describe_sample(sample: ConvergedSample, records: Mapping[str, CaseRecord]) -> Iterator[str]:

@@ -1,7 +1,5 @@
 """Report of a sweep, from its store."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Mapping
@@ -11,7 +9,7 @@ from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.pictures.boundary import NAME, Boundary, read_boundary
 from hpcinv.reports.arrays import Arrays
-from hpcinv.reports.of_cases import Cases, cases_page, outcome_of
+from hpcinv.reports.of_cases import cases_page, outcome_of
 from hpcinv.reports.of_run import write_run_report
 from hpcinv.reports.page import NAME as PAGE
 from hpcinv.reports.page import write_page
@@ -48,7 +46,7 @@ def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: boo
     else:
         note = "The cases have kept no shapes; 'set: {output.surface: true}' in another store keeps their boundaries."
     table = columns(plan, records)
-    cases = Cases(
+    page = cases_page(
         title=plan.sweep.sweep,
         found=_found(plan, records),
         notes=[*_notes(plan, records), note],
@@ -59,11 +57,11 @@ def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: boo
         outcome=[_outcome(records.get(case.key)) for case in plan.cases],
         links=links,
         body=body,
-        arrays=arrays,
+        arrays=arrays.texts(),
         gallery=gallery,
         gallery_note=f"{len(gallery)} of {len(shapes)} shapes that were found, coloured by displacement, on one scale.",
     )
-    write_page(path, cases_page(cases))
+    write_page(path, page)
     return path
 
 

@@ -104,7 +104,7 @@ def load_sweep(
     else:
         path, content = Path(source), dict(read_yaml(Path(source)))
     if "axes" not in content:
-        raise JobError([f"{path}: is not a sweep, since it has no 'axes'; use 'run' for jobs, 'study' for studies"])
+        raise JobError(f"{path}: is not a sweep, since it has no 'axes'; use 'run' for jobs, 'study' for studies")
     untrusted = untrusted or is_asked()
     sweep = read_spec(Sweep, "sweep", path, content, untrusted=untrusted)
     base, data = read_base(path, sweep.job)

@@ -7,7 +7,7 @@ from typing import Any
 
 from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.status import Status, status
+from hpcinv.batch.status import BatchCase, Status, status
 from hpcinv.sweep.plan import SweepPlan
 
 RETRY = "sweep retry --failed"
@@ -29,7 +29,8 @@ def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | N
 
 def status_of(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -> Status:
     """Return the status of a sweep with the ``records`` of its finished cases."""
-    return status(plan.sweep.sweep, plan.cases, ledger, records, retry=RETRY)
+    cases = [BatchCase(case.key, case.title, case.reuse_group) for case in plan.cases]
+    return status(plan.sweep.sweep, cases, ledger, records, retry=RETRY)
 
 
 def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:

@@ -1,7 +1,5 @@
 """How a shape varies over the cases of a sweep: standard deviation and dominating parameter at each node."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -136,11 +134,9 @@ def _positions(sample: ConvergedSample, ledger: Ledger) -> tuple[MeshSource, Flo
     found = {case.number: kept_file(ledger.directory(case.key), name) for case in sample.cases}
     if missing := [number for number, path in found.items() if path is None]:
         raise JobError(
-            [
-                f"{plan.path}: {len(missing)} of {len(found)} converged cases have kept no shape ({name}), the"
-                f" first of them case {missing[0]}; add 'set: {{output: {{mesh: [vtu]}}}}' and another 'store', since"
-                " finished cases of this one are not solved again, and run the sweep"
-            ]
+            f"{plan.path}: {len(missing)} of {len(found)} converged cases have kept no shape ({name}), the"
+            f" first of them case {missing[0]}; add 'set: {{output: {{mesh: [vtu]}}}}' and another 'store', since"
+            " finished cases of this one are not solved again, and run the sweep"
         )
     import pyvista  # takes a second to import
 
@@ -153,11 +149,9 @@ def _positions(sample: ConvergedSample, ledger: Ledger) -> tuple[MeshSource, Flo
         grid = pyvista.read(path)
         if len(grid.points) != len(source.points) or not np.array_equal(grid.cells, cells):
             raise JobError(
-                [
-                    f"{plan.path}: the meshes of case {number} and case {first} differ in more than the positions of"
-                    " their nodes, so that there is no standard deviation at a node; take parameters of the mesh out"
-                    " of the sample"
-                ]
+                f"{plan.path}: the meshes of case {number} and case {first} differ in more than the positions of"
+                " their nodes, so that there is no standard deviation at a node; take parameters of the mesh out"
+                " of the sample"
             )
         positions[row] = grid.points
     unit = source.unit or 1.0

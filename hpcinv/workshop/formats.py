@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.errors import OutputError
-from hpcinv.files.atomic import output_errors, replace
+from hpcinv.files.atomic import write_output
 from hpcinv.workshop.solid import Solid
 
 UNITS_OF_3MF = {
@@ -40,8 +40,7 @@ def write(path: Path, solid: Solid, unit: str) -> None:
         content = WRITERS[path.suffix](solid.in_single_precision(), unit)
     except OutputError as error:
         raise OutputError(f"{path}: {error.message}", error.advice) from None
-    with output_errors(path, "Is the directory writable, and space left?"):
-        replace(path, content)
+    write_output(path, content, "Is the directory writable, and space left?")
 
 
 def _stl(solid: Solid, _unit: str) -> bytes:

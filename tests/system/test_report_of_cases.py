@@ -19,7 +19,6 @@ from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.study.directory import STORE, StudyDirectory
 from hpcinv.study.execution import StudySchedule, StudyTask
-from hpcinv.study.executions import Executions
 from hpcinv.study.page import write_study_report
 from hpcinv.sweep.page import write_sweep_report
 from hpcinv.sweep.plan import SweepPlan, load_sweep
@@ -145,7 +144,7 @@ def study_page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     plan = study_plan(directory, repeat=1)
     store = StudyDirectory(directory / "out", plan.study.study).path / STORE
     with Holder(store) as holder:
-        schedule = StudySchedule(Executions(plan, Ledger(store, holder), 1))
+        schedule = StudySchedule(plan, Ledger(store, holder), 0.0, 1)
         for number in range(5):
             task = schedule.next()
             assert isinstance(task, StudyTask)

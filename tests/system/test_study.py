@@ -39,7 +39,6 @@ from hpcinv.study.convergence import fitted_order, orders, richardson
 from hpcinv.study.diagram import work_precision
 from hpcinv.study.directory import STORE, StudyDirectory
 from hpcinv.study.execution import StudyRunner, StudySchedule, StudyTask
-from hpcinv.study.executions import Executions
 from hpcinv.study.findings import accuracy, front
 from hpcinv.study.plan import StudyPlan
 from hpcinv.study.rows import rows_of
@@ -119,7 +118,7 @@ def begin() -> Iterator[Begin]:
 
         def schedule(plan: StudyPlan, directory: Path, ranks: int = 1) -> StudySchedule:
             store = StudyDirectory(directory / "out", plan.study.study).path / STORE
-            return StudySchedule(Executions(plan, Ledger(store, held.enter_context(Holder(store))), ranks))
+            return StudySchedule(plan, Ledger(store, held.enter_context(Holder(store))), 0.0, ranks)
 
         yield schedule
 

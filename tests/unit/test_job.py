@@ -291,7 +291,7 @@ def test_junk_anywhere_ends_in_a_job_or_in_plain_words(load: Loader, tmp_path: P
     for where in places(full):
         contents = copy.deepcopy(full)
         functools.reduce(lambda part, key: part[key], where[:-1], contents)[where[-1]] = junk
-        found: list[str] = []
+        found: tuple[str, ...] = ()
         try:
             parse(contents, tmp_path / "jobs" / "arm.yaml")
         except JobError as error:

@@ -87,7 +87,7 @@ def test_a_region_that_the_mesh_has_not_is_told(name: str, tmp_path: Path, block
     path = write(tmp_path, name, **WRONG)
     with pytest.raises(JobError) as caught:
         hpcinv.load(path)
-    assert caught.value.problems == [
+    assert list(caught.value.problems) == [
         f"{path}: {where}: there is no region '{region}' in {name}, nor in 'regions'.{hint}"
         for where, region, hint in (
             ("supports[0].region", "clamp", caught.value.problems[0].partition("'regions'.")[2]),

@@ -15,6 +15,7 @@ from hpcinv.errors import CheckpointError, Interrupted, OutputError, SolveError
 from hpcinv.model.outcome import Outcome
 from hpcinv.output import checkpoint_writer, run_report
 from hpcinv.output.checkpoint_writer import CheckpointWriter
+from hpcinv.output.result import Result
 from hpcinv.output.run_report import RunReport
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.newton import Solve
@@ -172,7 +173,8 @@ def test_a_converged_run_is_written_printed_and_warned_about(report: MakeReport)
     one.check_not_stopped([], ended(1.0, solve(1.0), stopped=True), "")  # the request came after the last solve
     one.ended(ended(1.0, solve(1.0)))
     certificate: Any = SimpleNamespace(lines=())
-    found = one.conclude([solution(1.0, solve(1.0))], certificate, {"tip": 0.5}, {}, None, None, None)
+    result = Result(one.job, one.model.body, (solution(1.0, solve(1.0)),), certificate, {"tip": 0.5})
+    found = one.conclude(result)
     assert (given["status"], given["printed"], given["written"]) == ("converged", "converged", found.statistics)
     assert given["warnings"] == ["moves 1e-09 m"]
     assert given["unused"] == ["snes_view"]

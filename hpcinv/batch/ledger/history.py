@@ -1,13 +1,12 @@
 """History of a case as the names of its files have it; `ledger` defines their meaning."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 from hpcinv.batch.ledger.store import RECORDS, as_output_error
 
@@ -34,7 +33,7 @@ class History:
     temporary: tuple[str, ...] = ()
 
     @classmethod
-    def from_names(cls, names: Iterable[str]) -> History:
+    def from_names(cls, names: Iterable[str]) -> Self:
         """Return the history that the names of the files of a case give."""
         files = [found for found in map(_NAME.fullmatch, names) if found is not None]
         numbers = defaultdict[tuple[str, int], set[int]](set)  # of claims, by kind of file and round

@@ -5,8 +5,6 @@ written by a small child process, since a factorization may hold Python's interp
 block a thread. The child ends whenever its parent ends.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal
@@ -14,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Self
 
 from hpcinv.batch.ledger.store import HEARTBEATS, as_output_error, open_store
 from hpcinv.files.atomic import create
@@ -62,7 +61,7 @@ class Holder:
     def is_beating(self) -> bool:
         return self._process is not None
 
-    def __enter__(self) -> Holder:
+    def __enter__(self) -> Self:
         open_store(self._store)
         with as_output_error(self.heartbeat):
             create(self.heartbeat, b"%020d" % 1)

@@ -1,12 +1,10 @@
 """Record of a finished case, and its file: JSON with a digest, by which damage is detected."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Self
 
 from hpcinv.files.json_data import json_data
 
@@ -57,7 +55,7 @@ class CaseRecord:
         return _sealed(json.dumps(json_data(asdict(self)), ensure_ascii=False).encode())
 
     @classmethod
-    def decoded(cls, data: bytes) -> CaseRecord:
+    def decoded(cls, data: bytes) -> Self:
         """Return the record in the content of a file.
 
         Raises:

@@ -33,7 +33,7 @@ from hpcinv.job.mesh_header import HEADER, Header, describe_file, read_header
 from hpcinv.mesh.cells import FACET_KIND, no_cells
 from hpcinv.mesh.distributed.rows import Rows, even_range
 from hpcinv.mesh.io.length_unit import as_unit
-from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place
+from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, agree, on_root
 
 type Array = npt.NDArray[Any]
@@ -119,7 +119,7 @@ def read_partitioned(path: Path, comm: MPI.Intracomm) -> MeshSource:
             Group(name, dim, tag, np.flatnonzero(labels[dim] == i)) for i, (name, dim, tag) in enumerate(header.groups)
         ),
         thin_groups=header.thin_groups,
-        data={name: DataArray(name, _place(on), arrays[f"data-{i}"]) for i, (name, on, _) in enumerate(header.data)},
+        data={name: DataArray(name, on, arrays[f"data-{i}"]) for i, (name, on, _) in enumerate(header.data)},
         parts=header.parts,
         unit=as_unit(header.unit),
     )
@@ -149,12 +149,8 @@ def _blank(path: Path, header: Header) -> MeshSource:
     """Mesh of the header without rows: its arrays have the right types and widths."""
     none: Ints = np.zeros(0, dtype=np.int64)
     cells, facets = (no_cells(kind, header.degree) for kind in (header.kind, FACET_KIND[header.kind]))
-    data = {name: DataArray(name, _place(on), np.zeros((0, components))) for name, on, components in header.data}
+    data = {name: DataArray(name, on, np.zeros((0, components))) for name, on, components in header.data}
     return MeshSource(path, header.kind, header.degree, np.zeros((0, 3)), none, cells, none, facets, data=data)
-
-
-def _place(on: str) -> Place:
-    return "nodes" if on == "nodes" else "cells"
 
 
 def _arrays(source: MeshSource) -> list[tuple[str, str, Array]]:

@@ -1,11 +1,9 @@
 """Arrays whose rows are distributed over the ranks, in rank order: access to rows of other ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +24,7 @@ class Rows:
     offsets: Ints
 
     @classmethod
-    def of(cls, comm: MPI.Intracomm, count: int) -> Rows:
+    def of(cls, comm: MPI.Intracomm, count: int) -> Self:
         """Distribution in which this rank has ``count`` rows."""
         return cls(comm, np.concatenate([[0], np.cumsum(comm.allgather(count))]).astype(np.int64))
 

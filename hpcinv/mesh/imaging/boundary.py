@@ -1,7 +1,5 @@
 """Nodes between labels moved to smooth boundaries, which keep the volume of each label's voxels."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

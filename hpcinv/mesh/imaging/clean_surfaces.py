@@ -1,7 +1,5 @@
 """Tetrahedra between smooth surfaces of labels: much faster than by coarsening a lattice, where surfaces are clean."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator

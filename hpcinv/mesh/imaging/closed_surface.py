@@ -4,8 +4,6 @@ A surface that is filled with voxels needs no repair where triangles are long, s
 surfaces of scans; cells cannot be worse for it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cells of second degree whose nodes lie on smooth boundaries, as far as the shape of the cells allows it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """DICOM segmentations (SEG): frames of segments, put together on one grid of voxels."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

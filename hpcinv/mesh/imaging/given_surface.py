@@ -1,36 +1,29 @@
 """A given surface of triangles as the boundary on which nodes lie."""
 
-from __future__ import annotations
+from dataclasses import dataclass
 
 import numpy as np
 import pyvista
-import vtk
 
 from hpcinv.mesh.imaging.boundary import Memberships, within
 from hpcinv.mesh.source import Floats, Ints
 
 
+@dataclass(frozen=True)
 class GivenSurface:
     """The triangles from which a body was filled with voxels.
 
-    Args:
+    Attributes:
         surface: all triangles, in m from the first voxel's middle.
         memberships: of the voxels, which determine on which side a label is.
     """
 
-    def __init__(self, surface: pyvista.PolyData, memberships: Memberships) -> None:
-        self._memberships = memberships
-        self._locator = vtk.vtkStaticCellLocator()
-        self._locator.SetDataSet(surface)
-        self._locator.BuildLocator()
+    surface: pyvista.PolyData
+    memberships: Memberships
 
     def nearest(self, points: Floats, one: Ints, other: Ints, reach: float) -> tuple[Floats, Floats]:
         """Points (n, 3) of the surface nearest to the given ones, at most ``reach`` (m) away, and normals (n, 3) from
         label ``other`` into ``one``."""
-        _, normals = self._memberships.nearest(points, one, other, reach)
-        found, cell, part, square = np.empty_like(points), vtk.reference(0), vtk.reference(0), vtk.reference(0.0)
-        closest = [0.0, 0.0, 0.0]
-        for i, point in enumerate(points.tolist()):
-            self._locator.FindClosestPoint(point, closest, cell, part, square)
-            found[i] = closest
-        return within(points, found, reach), normals
+        _, normals = self.memberships.nearest(points, one, other, reach)
+        _, found = self.surface.find_closest_cell(points, return_closest_point=True)
+        return within(points, np.reshape(found, (-1, 3)), reach), normals

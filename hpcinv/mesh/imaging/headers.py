@@ -1,7 +1,5 @@
 """Faults in the headers of images that readers pass over: missing voxels, contradictory or sheared axes."""
 
-from __future__ import annotations
-
 import gzip
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Walls around a cavity in a segmented image: the cavity is meshed with the wall, whose surfaces it distinguishes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

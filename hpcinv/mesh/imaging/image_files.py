@@ -1,7 +1,5 @@
 """Files of images: NIfTI, NRRD, MetaImage, VTK image data and DICOM segmentations, also compressed by gzip."""
 
-from __future__ import annotations
-
 import gzip
 import tempfile
 import zlib

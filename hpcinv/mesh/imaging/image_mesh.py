@@ -1,7 +1,5 @@
 """From a segmented image or a closed surface to a mesh, with a region for each label and for each pair that touch."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Surface of labels in a segmented image, with the volume of their voxels."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

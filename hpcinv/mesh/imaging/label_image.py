@@ -1,7 +1,5 @@
 """Segmented images: numbers of labels on a grid of voxels, and where that grid lies."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

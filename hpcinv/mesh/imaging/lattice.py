@@ -1,7 +1,5 @@
 """Tetrahedra in the labelled cells of a grid, and the facets between different labels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import permutations
 

@@ -1,7 +1,5 @@
 """Report of a mesh that was made from an image or a surface: place, quality, sizes and separate parts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Parts of labels that are too small for cells: islands, holes, and walls of less than two voxels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

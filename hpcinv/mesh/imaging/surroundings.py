@@ -1,7 +1,5 @@
 """Names of what is beyond the surface of a meshed image: a closed cavity, a neighbour or the outside."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

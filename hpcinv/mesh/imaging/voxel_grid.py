@@ -1,7 +1,5 @@
 """Voxels of a file: their numbers, and where they lie."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

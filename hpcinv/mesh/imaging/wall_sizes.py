@@ -1,7 +1,5 @@
 """Size of cells graded to the thickness of walls: at least two cells through each, as far as their number allows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

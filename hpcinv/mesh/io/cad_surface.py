@@ -4,8 +4,6 @@
 millisecond. Here they are interpolated from those of the nodes, and corrected by the Gauss–Newton method.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Interface to gmsh models: sessions, meshes, views (data of MSH files), and METIS."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import re
@@ -10,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -75,7 +73,7 @@ class ElementType:
     back: Ints
 
     @classmethod
-    def of(cls, gmsh: Any, kind: str, degree: int) -> ElementType:
+    def of(cls, gmsh: Any, kind: str, degree: int) -> Self:
         """gmsh's complete Lagrange element of this degree."""
         code = gmsh.model.mesh.getElementType(GMSH_NAMES[kind], degree)
         _, dim, _, size, reference, _ = gmsh.model.mesh.getElementProperties(code)

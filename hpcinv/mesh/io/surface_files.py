@@ -1,7 +1,5 @@
 """Files of surfaces and of clouds of points (STL, PLY, OBJ, VTP, VTK), read by VTK in this process."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager

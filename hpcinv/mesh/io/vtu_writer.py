@@ -1,7 +1,5 @@
 """One VTU file from all ranks, with shared nodes: array after array through rank 0, which never holds a whole field."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
