@@ -20,7 +20,8 @@ from helpers.typed import blocks, files, type_in
 
 OTHERS = [*(ROOT / "docs").glob("tutorials/*.md"), ROOT / "docs/start/your-own-mesh.md", ROOT / "docs/reference/api.md"]
 PAGES = [ROOT / "README.md", *sorted(set((ROOT / "docs").glob("*/*.md")) - set(OTHERS))]
-LONG = {"README.md", "fit.md", "identify.md", "new.md", "start-up.md", "study.md"}  # minutes: release tests
+# Run before a release.
+LONG = {"README.md", "fit.md", "identify.md", "new.md", "report.md", "start-up.md", "study.md", "sweep.md"}
 BEFORE = {"report.md": ["hpcinv sweep run sweep.yaml", "hpcinv study study.yaml"]}
 GALLERY_ENDS = {"paper-monte-carlo.yaml --first 500": 3}  # some of its cases have no solution
 SMALLER = (
