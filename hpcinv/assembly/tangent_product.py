@@ -61,7 +61,7 @@ class TangentProduct:
         tables = [tabulated(element, points).astype(np.float32) for element in unknowns.scalar_elements]
         self._parts = []
         for one in moduli:
-            extended = extension(given.mesh.basix_cell().name, one.points, points) * weights[:, None]
+            extended = (extension(given.mesh.basix_cell().name, one.points, points) * weights[:, None]).T
             cells = owned if one.cells is None else one.cells
             chunks = np.array_split(cells, 1 + len(cells) * len(points) // _CHUNK)
             evaluated = [_evaluated(one, given, dofs, chunk, extended) for chunk in chunks]
@@ -112,10 +112,11 @@ def extension(kind: str, given: Floats, points: Floats) -> Floats:
 
 def _evaluated(one: CompiledModuli, given: Unknowns, dofs: list[Integers], cells: Integers, extended: Floats) -> _Cells:
     rows = sum(int(np.prod(test.shape + trial.shape)) for test, trial in one.pairs)
-    entries = np.empty((rows, len(cells), len(extended)), dtype=np.float32)
+    entries, singles = np.empty((rows, len(cells), extended.shape[1]), dtype=np.float32), extended.astype(np.float32)
     for start in range(0, len(cells), _FEW):
         values = one.expression.eval(given.mesh, cells[start : start + _FEW])  # (cells, points, rows)
-        np.matmul(values.transpose(2, 0, 1), extended.T, out=entries[:, start : start + _FEW], casting="same_kind")
+        by_row = np.ascontiguousarray(values.transpose(2, 0, 1), dtype=np.float32)
+        np.matmul(by_row, singles, out=entries[:, start : start + _FEW])
     moduli, at = [], 0
     for test, trial in one.pairs:
         shape = int(np.prod(test.shape)), int(np.prod(trial.shape))
