@@ -64,6 +64,12 @@ CASES = {
     "kept factors": sphere(
         hexahedra=False, geometry=2, solver={"linear": "direct", "petsc": {"pc_precision": "single"}}
     ),
+    "two layers of curved cells": sphere(
+        hexahedra=False,
+        geometry=2,
+        regions={"core": "x*x + y*y + z*z < 1.6", "shell": "x*x + y*y + z*z > 1.5"},
+        material={"core": RUBBER, "shell": RUBBER | {"c1": 0.6}},
+    ),
     "multigrid": standing(solver={"linear": "iterative"}),
     "prescribed motion": pushed(),
     "follower load": sphere(hexahedra=False, geometry=2, analysis="forward"),

@@ -136,9 +136,10 @@ def test_without_factors_the_way_back_is_solved(comm: MPI.Intracomm, monkeypatch
     """As where there is no memory for them, or where the corrections with them do not settle."""
     case = Case(cantilever("forward", "mixed", curved=False), comm)
     with_factors = case.line().value
-    monkeypatch.setattr(module, "_CORRECTIONS", 0)
-    assert case.line().value == pytest.approx(with_factors, rel=0.1)
-    monkeypatch.setattr(module, "_CORRECTIONS", 15)
+    for name, value in (("_CORRECTIONS", 0), ("_GROWTH", 0.0)):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, value)
+            assert case.line().value == pytest.approx(with_factors, rel=0.1)
     monkeypatch.setattr(ForwardFactors, "factors", None)
     assert case.line().value == pytest.approx(with_factors, rel=0.1)
 
