@@ -11,7 +11,7 @@ from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.model.scene import Scene
 
 _PRESSURES = 2.0
-"""Factor of the mass, by which iterations take the least number; a half or the double of it takes a few more."""
+"""Factor of the pressures' mass that needs the fewest iterations; half of it, or twice as much, needs a few more."""
 
 
 def tangent_scale(scene: Scene) -> Floats:

@@ -51,8 +51,8 @@ MANY = 5e9
 _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
 _RESIDUAL = 0.15  # relative, at which the correction may be found
-_CHANGE = 0.3  # of the displacement in one cycle, relative, at which its error is about a tenth; at most half of this
-_STRAIGHT = 1e-3  # offset of a node from the straight cell, relative to its size, which changes moduli by as little
+_CHANGE = 0.3  # of the displacement in one cycle, relative; its error is then at most half of that, mostly a third
+_STRAIGHT = 1e-3  # offset of a node, relative to the size of its cell, up to which the cell counts as straight
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
