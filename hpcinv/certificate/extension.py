@@ -3,7 +3,7 @@
 import numpy as np
 from dolfinx import fem, la
 
-from hpcinv.mesh.cells import jacobians, scalar_element
+from hpcinv.mesh.cells import jacobians, kind_and_degree, scalar_element
 from hpcinv.mesh.checks import CHUNK
 from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.mesh.regions import Mesh
@@ -35,7 +35,7 @@ def extend(given: fem.Function, finer: fem.Function) -> None:
         nodes = _nodes(space.mesh, cells)
         offset = _at(points, target.mesh, _nodes(target.mesh, cells)) - _at(points, space.mesh, nodes)
         moved = np.abs(offset).max(axis=(1, 2)) > _ROUNDING * np.ptp(nodes, axis=1).max(axis=1)
-        jacobian = jacobians(*_kind(space.mesh), nodes[moved], points)
+        jacobian = jacobians(*kind_and_degree(space.mesh), nodes[moved], points)
         shift = np.linalg.solve(jacobian, offset[moved, :, :, None])[..., 0]  # in reference coordinates
         u, dofs = values[space.dofmap.list[cells[moved]]], target.dofmap.list[cells[moved]]
         change = np.einsum("apn,cni,cpa->cpi", slopes, u, shift, optimize=True)
@@ -47,10 +47,6 @@ def extend(given: fem.Function, finer: fem.Function) -> None:
     finer.x.array.reshape(-1, size)[:] += added.array.reshape(-1, size) / np.maximum(counts.array, 1.0)[:, None]
 
 
-def _kind(mesh: Mesh) -> tuple[str, int]:
-    return mesh.basix_cell().name, mesh.ufl_domain().ufl_coordinate_element().degree
-
-
 def _nodes(mesh: Mesh, cells: Ints) -> Floats:
     """Geometry nodes of cells, (cells, nodes, 3)."""
     return np.asarray(mesh.geometry.x[mesh.geometry.dofmaps[0][cells]])
@@ -58,4 +54,4 @@ def _nodes(mesh: Mesh, cells: Ints) -> Floats:
 
 def _at(points: Floats, mesh: Mesh, nodes: Floats) -> Floats:
     """Positions (cells, points, 3) of points of the reference cell."""
-    return np.asarray(scalar_element(*_kind(mesh)).tabulate(0, points)[0, :, :, 0] @ nodes)
+    return np.asarray(scalar_element(*kind_and_degree(mesh)).tabulate(0, points)[0, :, :, 0] @ nodes)

@@ -5,7 +5,7 @@ import numpy as np
 import ufl
 from dolfinx import la
 
-from hpcinv.mesh.cells import jacobians
+from hpcinv.mesh.cells import jacobians, kind_and_degree
 from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.model.scene import Scene
@@ -22,7 +22,7 @@ def tangent_scale(scene: Scene) -> Floats:
     """
     unknowns, mesh = scene.unknowns, scene.unknowns.mesh
     geometry, owned = mesh.geometry, mesh.topology.index_map(3).size_local
-    kind, degree = mesh.basix_cell().name, mesh.ufl_domain().ufl_coordinate_element().degree
+    kind, degree = kind_and_degree(mesh)
     points, weights = basix.make_quadrature(mesh.basix_cell(), scene.quadrature_degree)
     midpoint = basix.geometry(mesh.basix_cell()).mean(axis=0, keepdims=True)
     jacobian = jacobians(kind, degree, geometry.x[geometry.dofmaps[0][:owned]], midpoint)[:, 0]

@@ -33,7 +33,7 @@ from hpcinv.assembly.tangent_product import TangentProduct
 from hpcinv.certificate.tangent_scale import tangent_scale
 from hpcinv.certificate.transfer import Transfer
 from hpcinv.effects import Direction
-from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.cells import kind_and_degree, scalar_element
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
@@ -101,7 +101,7 @@ def _volume_product(model: Model, finer: Model, direction: Direction) -> Tangent
 
 def _curved_cells(mesh: Mesh) -> npt.NDArray[np.bool_]:
     """Return for each owned cell whether its nodes are off their places in the straight cell."""
-    kind, degree = mesh.basix_cell().name, mesh.ufl_domain().ufl_coordinate_element().degree
+    kind, degree = kind_and_degree(mesh)
     nodes = mesh.geometry.x[mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local]]
     shapes = scalar_element(kind, 1).tabulate(0, scalar_element(kind, degree).points)[0, :, :, 0]
     offsets = np.abs(nodes - shapes @ nodes[:, : shapes.shape[1]])

@@ -74,6 +74,11 @@ def vtk_order(kind: str, degree: int) -> Ints:
     return np.array(perm_vtk(dolfinx.mesh.to_type(kind), nodes), dtype=np.int64)
 
 
+def kind_and_degree(mesh: dolfinx.mesh.Mesh) -> tuple[str, int]:
+    """Kind and geometry degree of the cells of a mesh."""
+    return mesh.basix_cell().name, mesh.ufl_domain().ufl_coordinate_element().degree
+
+
 def jacobians(kind: str, degree: int, nodes: Floats, at: Floats) -> Floats:
     """Jacobians ∂x/∂ξ (cells, points, 3, 3) at reference points of cells with node coordinates ``nodes`` (c, n, 3)."""
     gradients: Floats = scalar_element(kind, degree).tabulate(1, at)[1:, :, :, 0]
