@@ -33,11 +33,11 @@ class _Cells:
     """Some cells, with what does not change between products.
 
     Attributes:
-        dofs: unknowns of displacement and pressure, (cells, nodes, components) each.
+        dofs: unknowns of displacement and pressure, (components, cells, nodes) each.
         moduli: for each pair of slots (entries of the dual, entries of the gradient, points), times the weights.
     """
 
-    dofs: list[Integers]
+    dofs: list[npt.NDArray[np.intp]]
     moduli: list[Singles]
 
 
@@ -79,7 +79,7 @@ class TangentProduct:
         return np.array(self._y.array[: self._owned])
 
     def _add(self, pairs: Sequence[tuple[Slot, Slot]], tables: list[Singles], cells: _Cells) -> None:
-        at_nodes = [self._x.array[dofs.transpose(2, 0, 1)] for dofs in cells.dofs]  # (components, cells, nodes)
+        at_nodes = [self._x.array[dofs] for dofs in cells.dofs]
         gradients: dict[Slot, Singles] = {}
         duals: dict[Slot, Singles] = {}
         for (test, trial), moduli in zip(pairs, cells.moduli, strict=True):
@@ -91,7 +91,7 @@ class TangentProduct:
             table, dofs = tables[test.part][directions_of(test)], cells.dofs[test.part]
             by_direction = dual.reshape(test.components, len(table), -1, table.shape[1])
             integrals = sum(by_direction[:, d] @ table[d] for d in range(len(table)))
-            np.add.at(self._y.array, dofs.transpose(2, 0, 1).ravel(), np.ravel(integrals))
+            np.add.at(self._y.array, dofs.ravel(), np.ravel(integrals))
 
 
 def extension(kind: str, given: Floats, points: Floats) -> Floats:
@@ -112,7 +112,8 @@ def extension(kind: str, given: Floats, points: Floats) -> Floats:
 
 def _evaluated(one: CompiledModuli, given: Unknowns, dofs: list[Integers], cells: Integers, extended: Floats) -> _Cells:
     rows = sum(int(np.prod(test.shape + trial.shape)) for test, trial in one.pairs)
-    entries, singles = np.empty((rows, len(cells), extended.shape[1]), dtype=np.float32), extended.astype(np.float32)
+    singles = np.ascontiguousarray(extended, dtype=np.float32)
+    entries = np.empty((rows, len(cells), singles.shape[1]), dtype=np.float32)
     for start in range(0, len(cells), _FEW):
         values = one.expression.eval(given.mesh, cells[start : start + _FEW])  # (cells, points, rows)
         by_row = np.ascontiguousarray(values.transpose(2, 0, 1), dtype=np.float32)
@@ -122,7 +123,8 @@ def _evaluated(one: CompiledModuli, given: Unknowns, dofs: list[Integers], cells
         shape = int(np.prod(test.shape)), int(np.prod(trial.shape))
         moduli.append(entries[at : at + shape[0] * shape[1]].reshape(*shape, -1))
         at += shape[0] * shape[1]
-    return _Cells([of_part[cells] for of_part in dofs], moduli)
+    by_component = [np.ascontiguousarray(of_part[cells].transpose(2, 0, 1), dtype=np.intp) for of_part in dofs]
+    return _Cells(by_component, moduli)
 
 
 def _at_points(at_nodes: Singles, table: Singles) -> Singles:
@@ -132,5 +134,4 @@ def _at_points(at_nodes: Singles, table: Singles) -> Singles:
         at_nodes: (components, cells, nodes).
         table: (directions, points, nodes).
     """
-    found = np.stack([at_nodes @ of_direction.T for of_direction in table], axis=1)
-    return found.reshape(len(at_nodes) * len(table), -1)
+    return (at_nodes[:, None] @ table.transpose(0, 2, 1)).reshape(len(at_nodes) * len(table), -1)

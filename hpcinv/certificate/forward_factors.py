@@ -46,7 +46,7 @@ class ForwardFactors:
                 model.symmetric_factors() if of_forward is None else [of_forward],
                 rounded=choice.precision == "single",
                 low_rank=model.chooser.forecast.operations >= LOW_RANK,
-                minimum_fill=choice.minimum_fill,
+                minimum_fill=model.chooser.one_factorization_has_minimum_fill,
             )
 
     @cached_property

@@ -52,7 +52,7 @@ _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
 _RESIDUAL = 0.15  # relative, at which the correction may be found
 _CHANGE = 0.3  # of the displacement in one cycle, relative; its error is then at most half of that, mostly a third
-_STRAIGHT = 1e-3  # offset of a node, relative to the size of its cell, up to which the cell counts as straight
+_STRAIGHT = 0.03  # offset of a node, relative to its cell, up to which moduli are extended: corrections change by 0.004
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
@@ -88,7 +88,7 @@ def _volume_product(model: Model, finer: Model, direction: Direction) -> Tangent
     try:
         with finer.timings("compile"):
             moduli = compiled_moduli(residual, given, JIT_OPTIONS)
-            # In curved cells moduli on the reference cell vary too much to be extended from the points of the solve.
+            # In strongly curved cells the moduli vary too much to be extended from the points of the solve.
             curved = _curved_cells(model.body.mesh)
             if given.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
                 at_all_points = compiled_moduli(residual, given, JIT_OPTIONS, degree)
@@ -100,7 +100,7 @@ def _volume_product(model: Model, finer: Model, direction: Direction) -> Tangent
 
 
 def _curved_cells(mesh: Mesh) -> npt.NDArray[np.bool_]:
-    """Return for each owned cell whether its nodes are off their places in the straight cell."""
+    """Return for each owned cell whether its nodes are far off their places in the straight cell."""
     kind, degree = kind_and_degree(mesh)
     nodes = mesh.geometry.x[mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local]]
     shapes = scalar_element(kind, 1).tabulate(0, scalar_element(kind, degree).points)[0, :, :, 0]

@@ -117,6 +117,27 @@ def compare(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> 
     assert found.unknowns == exact.unknowns
 
 
+@pytest.mark.parametrize("hexahedra", [False, True])
+def test_moduli_of_slightly_curved_cells_may_be_extended(
+    hexahedra: bool, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """About half of the cells of this sphere are curved, but not by more than the bound."""
+    size = {"inner": 1.0, "outer": 1.5, "radial": 1, "along": 3, "hexahedra": hexahedra}
+    data = sphere(hexahedra=hexahedra, geometry=2)
+    data["mesh"] |= {"parameters": size}
+    monkeypatch.setattr(two_level, "MANY", 0.0)
+    extended = estimate(data, comm)
+    monkeypatch.setattr(two_level, "_STRAIGHT", 0.0)
+    evaluated = estimate(data, comm)
+    change = np.linalg.norm(nodes(extended) - nodes(evaluated)) / np.linalg.norm(nodes(evaluated))
+    assert 0 < change < 0.01  # 0.0018 and 0.0025
+
+
+def nodes(found: Estimate) -> np.ndarray:
+    assert found.correction is not None
+    return found.correction.nodes
+
+
 def test_residuals_without_moduli_are_differentiated(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     """As those of effects of plugins whose form has none."""
 

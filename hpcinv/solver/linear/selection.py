@@ -13,6 +13,7 @@ _PATIENCE = 3  # times the Krylov iterations that are forecast for a whole solut
 _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid, for which there must be room if it is kept
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
+_FEW_RANKS = 2  # up to which a single factorization with minimum fill was seen to be faster
 _OWN = frozenset({"ksp_type", "pc_type"})
 
 
@@ -68,7 +69,7 @@ class Chooser:
         self.forecast = Forecast(unknowns.size, degree, shape_of(unknowns))
         self.room = _ROOM * available(unknowns.mesh.comm)
         self._is_slender = self.forecast.shape.aspect >= _SLENDER
-        self._has_one_rank = unknowns.mesh.comm.size == 1
+        self._ranks = unknowns.mesh.comm.size
 
     @property
     def can_factorize(self) -> bool:
@@ -79,6 +80,11 @@ class Chooser:
     def can_factorize_symmetric(self) -> bool:
         """True if there is memory for the factors L D Lᵀ, which need half of that."""
         return self.forecast.factors / 2 <= self.room
+
+    @property
+    def one_factorization_has_minimum_fill(self) -> bool:
+        """True if approximate minimum fill, which is found sooner than METIS's ordering, pays in a single one."""
+        return self._is_slender and self._ranks <= _FEW_RANKS
 
     @property
     def can_keep_multigrid(self) -> bool:
@@ -99,7 +105,7 @@ class Chooser:
             budget=math.ceil(_PATIENCE * CORRECTIONS * self.forecast.krylov),
             precision=precision,
             low_rank=low_rank,
-            minimum_fill=self._is_slender and self._has_one_rank,  # two ranks make better use of METIS's ordering
+            minimum_fill=self._is_slender and self._ranks == 1,  # two ranks make better use of METIS's ordering
             nearly_symmetric=not self._is_slender,
         )
 
