@@ -54,7 +54,7 @@ def crossing(points: Floats, first: Ints, second: Ints) -> tuple[npt.NDArray[np.
 def _straddles(points: Floats, one: Ints, other: Ints) -> npt.NDArray[np.bool_]:
     """Return whether corners of ``other`` lie on both sides of the plane of ``one``."""
     a, b, c = (points[one[:, k]] for k in range(3))
-    heights = np.stack([_volume(a, b, c, points[other[:, k]]) for k in range(3)], axis=1)
+    heights = np.einsum("nki,ni->nk", points[other] - a[:, None], np.cross(b - a, c - a))
     heights[(other[:, :, None] == one[:, None, :]).any(axis=2)] = 0.0
     return np.asarray((heights.min(axis=1) < 0) & (heights.max(axis=1) > 0))
 

@@ -161,9 +161,10 @@ def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets
         for part in _chunks(np.flatnonzero((facets >= 0) & (table.of_cell[cell, local] == facets))):
             cells = mesh.cells[cell[part]]
             nodes = cells[:, dofs]
-            # A facet may begin with another vertex than the cell's: nodes are matched as they are on straight facets.
-            here, there = of_flat @ points[cells[:, vertices]], straight @ surface.nodes[part, : len(vertices)]
-            match = np.linalg.norm(here[:, :, None] - there[:, None], axis=3).argmin(axis=2)
+            # A facet may begin with another vertex than the cell's: nodes are matched by their weights of the vertices.
+            corners = _nearest(points[cells[:, vertices]], surface.nodes[part, : len(vertices)])
+            turns, turn = np.unique(corners, axis=0, return_inverse=True)
+            match = _nearest(of_flat, straight[:, turns].swapaxes(0, 1))[turn]
             gradients = jacobians(kind, degree, points[cells], element.points[dofs])
             normal = np.linalg.solve(gradients.swapaxes(2, 3), outward[local][:, None])[..., 0]
             normal /= np.linalg.norm(normal, axis=2, keepdims=True)
@@ -177,6 +178,11 @@ def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets
     moved = points.copy()
     moved[on_it] += np.einsum("nij,nj->ni", directions, components)
     return moved
+
+
+def _nearest(points: Floats, others: Floats) -> Ints:
+    """Number (…, n) of the nearest one of ``others`` (…, m, d) to each of some points (…, n, d)."""
+    return np.asarray(np.linalg.norm(points[..., :, None, :] - others[..., None, :, :], axis=-1).argmin(axis=-1))
 
 
 def _admissible(given: MeshSource, points: Floats, least: float) -> FinerGeometry:
