@@ -5,6 +5,7 @@ The place of each entry of each element matrix is computed once, which avoids PE
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
@@ -22,6 +23,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Integers
 from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.malloc import release_freed_memory
 
 type FilledTerm = list[ElementMatrices] | fem.Form
 
@@ -104,7 +106,7 @@ class _Places:
 
     Attributes:
         first: place of the first components of each pair of nodes, (cells, nodes, nodes).
-        row: distance from there to the next row.
+        row: distance from there to the next row, of the same shape, or (cells, nodes, 1) where it is the row's length.
     """
 
     block: Block
@@ -146,20 +148,27 @@ class _Rows:
         before = np.zeros(self.owned + 1, dtype=np.int32)  # number of such entries before each row
         before[1:] = np.cumsum(np.bincount(row, minlength=self.owned))
         starts, self._diagonal = indptr[: self.owned + 1] - before, end - len(other)
-        place = np.arange(len(indices), dtype=np.int32)
-        place[:end] -= np.repeat(before[:-1], np.diff(indptr[: self.owned + 1]))
-        place[other] = np.arange(self._diagonal, end)
-        from scipy.sparse import csr_array  # slow import, needed for large bodies only
-
+        self._indptr, self._indices, self._other, self._before = indptr, indices, other, before
         self._far = np.zeros(self.count, dtype=np.int32)  # row lengths in the off-diagonal and in the diagonal block
         self._far[: self.owned] = np.diff(before)
         self._near = np.diff(indptr) - self._far
         self._far[self.owned :] = self._near[self.owned :]  # rows of ghosts are not split
-        self._place = csr_array((place, indices, indptr), shape=(self.count, len(names)))
+        self._size = self.count, len(names)
         inner = np.delete(indices[:end], other) if len(other) else indices[:end]
         self._blocks = _integers(starts, inner), _integers(before, names[indices[other]])
         self._of_ghosts = _integers(indptr[self.owned :] - end, names[indices[end:]])
         self._known: list[tuple[Integers, _Places]] = []
+
+    @cached_property
+    def _place(self) -> Any:
+        """Place of each entry as a CSR array, in the local numbers of rows and columns."""
+        from scipy.sparse import csr_array  # slow import, needed for large bodies only
+
+        end = int(self._indptr[self.owned])
+        place = np.arange(len(self._indices), dtype=np.int32)
+        place[:end] -= np.repeat(self._before[:-1], np.diff(self._indptr[: self.owned + 1]))
+        place[self._other] = np.arange(self._diagonal, end)
+        return csr_array((place, self._indices, self._indptr), shape=self._size)
 
     def matrix(self) -> tuple[PETSc.Mat, Floats, tuple[Any, ...]]:
         """Return a new matrix, the array of its values, and rows of ghosts: starts, columns, values, and names."""
@@ -196,7 +205,11 @@ class _Rows:
 
     def places(self, matrices: ElementMatrices) -> list[_Places]:
         """Return places of the entries of element matrices, block by block; they are computed once."""
-        return [self._places(matrices.cells, block) for block in matrices.blocks]
+        places = [self._places(matrices.cells, block) for block in matrices.blocks]
+        if "_place" in self.__dict__:
+            del self._place  # as large as the columns of the matrix
+            release_freed_memory()  # else the next factorization adds to what the pattern took for a while
+        return places
 
     def _places(self, cells: Integers, block: Block) -> _Places:
         for of_cells, known in self._known:
@@ -206,7 +219,11 @@ class _Rows:
         dofs = self._dofs[cells]
         rows, columns = np.broadcast_arrays(dofs[:, block.rows.leading(), None], dofs[:, None, block.columns.leading()])
         first = self.at(rows.ravel(), columns.ravel()).reshape(rows.shape)
-        places = _Places(block, first, np.where(columns < self.owned, self._near[rows], self._far[rows]))
+        if len(self._other):
+            row = np.where(columns < self.owned, self._near[rows], self._far[rows])
+        else:
+            row = self._near[rows[:, :, :1]]
+        places = _Places(block, first, row)
         self._known.append((cells, places))
         return places
 
