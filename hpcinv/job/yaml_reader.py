@@ -91,13 +91,32 @@ def read_text(text: str, where: str) -> Any:
     except _YamlFault as fault:
         raise JobError(f"{where}:{fault.line}: {fault.text}") from None
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f":{mark.line + 1}" if mark else ""
-        context = f" {error.context}" if error.context else ""
-        raise JobError(f"{where}{line}: {error.problem or 'is not valid YAML'}{context}") from None
+        raise JobError(_syntax_error(error, where)) from None
     except yaml.YAMLError as error:
         reason = getattr(error, "reason", error)
         raise JobError(f"{where}: is not valid YAML: {reason}") from None
+
+
+_REMEDIES = {
+    "tab": "indent with spaces",
+    "flow": "close each '{' by '}' and each '[' by ']', with commas between the entries",
+    "quoted": "close the quotation mark",
+    "mapping values": "put a text that contains ': ' in quotation marks, and indent the keys of a mapping alike",
+    "':'": "write 'key: value'",
+    "start any token": "put a text that begins with such a character in quotation marks",
+    "expected key": "write 'key: value', with all keys of a mapping indented alike",
+}
+
+
+def _syntax_error(error: yaml.MarkedYAMLError, where: str) -> str:
+    """Return the message for a syntax error: what was found, in which line, and what to do."""
+    mark, begin = error.problem_mark or error.context_mark, error.context_mark
+    line = f":{mark.line + 1}" if mark else ""
+    found = " ".join(filter(None, [error.problem or "is not valid YAML", error.context]))
+    remedy = next((f"; {remedy}" for part, remedy in _REMEDIES.items() if part in found), "")
+    if mark and begin and begin.line != mark.line:
+        found += f", which begins in line {begin.line + 1}"
+    return f"{where}{line}: {found}{remedy}"
 
 
 def _content(path: Path) -> bytes:

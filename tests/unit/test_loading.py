@@ -81,6 +81,25 @@ def test_what_is_no_job_file_is_reported_with_its_place(tmp_path: Path, text: st
     assert f"{tmp_path}/{message}" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        ("a: 1\n\tb: 2\n", "which begins in line 1; indent with spaces"),
+        ("a: {b: 1\nc: [1, 2\n", "close each '{' by '}' and each '[' by ']'"),
+        ("a: 'b\n", "close the quotation mark"),
+        ("a: b: c\n", "in quotation marks"),
+        ("a: 1\nb\n", "write 'key: value'"),
+        ("a: 1\n  b: 2\n", "in quotation marks, and indent the keys of a mapping alike"),
+        ("a: @b\n", "in quotation marks"),
+        ("a: 1\n- b\n", "write 'key: value', with all keys"),
+    ],
+)
+def test_syntax_errors_come_with_a_remedy(tmp_path: Path, text: str, remedy: str) -> None:
+    with pytest.raises(JobError) as caught:
+        read(tmp_path, text)
+    assert remedy in str(caught.value)
+
+
 def test_a_missing_file_suggests_a_neighbour(tmp_path: Path) -> None:
     (tmp_path / "beam.yaml").write_text("a: 1")
     with pytest.raises(JobError, match=r"baem.yaml: no such file. Did you mean 'beam.yaml'\?"):
