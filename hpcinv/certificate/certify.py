@@ -101,7 +101,7 @@ def certify(
 def _discretisation(model: Model, solution: Solution, found: Estimate | None, uncertain: float) -> Line:
     if found is None:
         forecast = finer_forecast(model)
-        tried = ", and iterations did not converge" if forecast.operations > MANY else ""
+        tried = ", and iterations do not find it" if forecast.operations > MANY else ""
         needed = f"there is no memory for {forecast.least / 1e9:.2g} GB{tried}"
         return skipped(
             DISCRETISATION, needed if model.job.certificate.estimate else "switched off: certificate.estimate"

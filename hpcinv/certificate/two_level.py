@@ -33,9 +33,11 @@ from hpcinv.assembly.tangent_product import TangentProduct
 from hpcinv.certificate.tangent_scale import tangent_scale
 from hpcinv.certificate.transfer import Transfer
 from hpcinv.effects import Direction
+from hpcinv.job.rules import NEARLY_INCOMPRESSIBLE
 from hpcinv.mesh.cells import kind_and_degree, scalar_element
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
+from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -59,7 +61,8 @@ _INCREMENT = 1e-7  # length of the difference by which the residual is different
 def correct(model: Model, solution: Solution, finer: Model) -> bool:
     """Add the correction to the state of ``finer``, the solution in finer spaces; return whether it converged.
 
-    Collective. The mesh of ``finer`` must lie where the solution was computed.
+    In the displacement form of nearly incompressible material the iterations end long before they have found the
+    correction, so they are not made there. Collective. The mesh of ``finer`` must lie where the solution was computed.
 
     Args:
         model: model of the solution, with the factors of its last tangent.
@@ -67,6 +70,8 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
             tangent by as little as the shape of cells: the factors still serve as a preconditioner.
     """
     body, direction = model.body, solution.direction
+    if model.unknowns.p is None and _stiffness_ratio(model.scene(direction)) > NEARLY_INCOMPRESSIBLE:
+        return False  # the diagonal does not tell motions that keep the volume from others
     with model.at(body.mesh.geometry.x * body.length_scale, *solution.fields):
         equilibrium = model.equilibrium(model.scene(direction))
         if equilibrium.system.tangents == 0:
@@ -80,6 +85,13 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
         model.release(equilibrium)
         model.free_multigrid()
     return converged
+
+
+def _stiffness_ratio(scene: Scene) -> float:
+    """Return the largest ratio of bulk to shear modulus of the undeformed material over the body; collective."""
+    ratios = [(ufl.as_ufl(part.bulk_modulus / part.shear_modulus), part.cells) for part in scene.parts]
+    means = CellMeans(ratios, scene.unknowns.mesh, 0)()
+    return float(scene.unknowns.mesh.comm.allreduce(float(means.x.array.max(initial=0.0)), op=MPI.MAX))
 
 
 def _volume_product(model: Model, finer: Model, direction: Direction) -> TangentProduct | None:

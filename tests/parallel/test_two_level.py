@@ -160,6 +160,21 @@ def test_iterations_that_do_not_converge_are_followed_by_a_factorization(
     assert found.shape == pytest.approx(exact.shape, rel=1e-6)
 
 
+@pytest.mark.parametrize("lam", ["490 kPa", "490 kPa*z/(1 m)"])
+def test_nearly_incompressible_displacements_are_corrected_by_a_factorization(
+    lam: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The iterations would end with half of the correction of a slender body, or less."""
+    data = standing(
+        material={"law": "neo-hookean", "mu": "10 kPa", "lam": lam},
+        discretisation={"formulation": "displacement"},
+    )
+    monkeypatch.setattr(two_level, "MANY", np.inf)
+    exact = estimate(data, comm)
+    monkeypatch.setattr(two_level, "MANY", 0.0)
+    assert estimate(data, comm).shape == pytest.approx(exact.shape, rel=1e-6)
+
+
 @pytest.mark.parallel([1, 3])
 @pytest.mark.parametrize(
     ("cell", "degrees"), [("tetrahedron", (2, 1)), ("tetrahedron", (3, 2)), ("hexahedron", (1, None))]
