@@ -43,6 +43,6 @@ def tangent_scale(scene: Scene) -> Floats:
     dofmap = unknowns.space.dofmap
     total = la.vector(dofmap.index_map, dofmap.index_map_bs)
     for diagonal, dofs in zip(diagonals, unknowns.dofs_of_cells(), strict=True):
-        np.add.at(total.array, dofs[:owned], diagonal[..., None])
+        np.add.at(total.array, dofs[:owned].ravel(), np.repeat(diagonal.ravel(), dofs.shape[2]))
     total.scatter_reverse(la.InsertMode.add)
     return np.asarray(total.array[: dofmap.index_map.size_local * dofmap.index_map_bs] ** -0.5)
