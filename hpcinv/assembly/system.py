@@ -46,11 +46,23 @@ class System:
         self.state = scene.unknowns.state
         self.tangents, self._like = 0, like
         self._path: tuple[npt.NDArray[np.float64], float] | None = None  # R(x_0, 1) and 1 - λ
-        with timings("compile"):
-            self._residual = fem.form(scene.residual, jit_options=JIT_OPTIONS)
-            self._admissibility = Admissibility(scene)
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(scene.unknowns.space)
+
+    # Equations of which only the tangent is needed, as for stability, need neither residual nor checks.
+    @cached_property
+    def _residual(self) -> fem.Form:
+        with self.timings("compile"):
+            return fem.form(self.scene.residual, jit_options=JIT_OPTIONS)
+
+    @cached_property
+    def _admissibility(self) -> Admissibility:
+        with self.timings("compile"):
+            return Admissibility(self.scene)
+
+    def compile(self) -> None:
+        """Compile residual and checks, which are else compiled when they are first needed; collective."""
+        _ = self._residual, self._admissibility
 
     @cached_property
     def _tangent(self) -> Tangent:

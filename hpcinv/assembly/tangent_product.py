@@ -7,7 +7,8 @@ points, in single precision. The spaces of the vectors may have another degree t
 moduli are evaluated, and their mesh another geometry, with the same cells on the same ranks.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import basix
@@ -23,8 +24,11 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
 
 type Singles = npt.NDArray[np.float32]
+type Places = dict[Slot, slice]
 
-_CHUNK = 2**15  # quadrature points at a time, whose gradients fit in the cache of a core
+_CHUNK = 2**13
+"""Quadrature points at a time. Gradients and duals fit in the cache of a core, and moduli are less than the 4 MB from
+which NumPy asks for huge pages: on virtual machines the first touch of these may take as long as the evaluation."""
 _FEW = 128  # cells at a time whose moduli are evaluated, which fit there too
 
 
@@ -34,11 +38,11 @@ class _Cells:
 
     Attributes:
         dofs: unknowns of displacement and pressure, (components, cells, nodes) each.
-        moduli: for each pair of slots (entries of the dual, entries of the gradient, points), times the weights.
+        moduli: (entries of all duals, entries of all gradients, points), times the weights.
     """
 
     dofs: list[npt.NDArray[np.intp]]
-    moduli: list[Singles]
+    moduli: Singles
 
 
 class TangentProduct:
@@ -64,32 +68,30 @@ class TangentProduct:
             extended = (extension(given.mesh.basix_cell().name, one.points, points) * weights[:, None]).T
             cells = owned if one.cells is None else one.cells
             chunks = np.array_split(cells, 1 + len(cells) * len(points) // _CHUNK)
-            evaluated = [_evaluated(one, given, dofs, chunk, extended) for chunk in chunks]
-            self._parts.append((one.pairs, tables, evaluated))
+            places = _places(test for test, _ in one.pairs), _places(trial for _, trial in one.pairs)
+            evaluated = [_evaluated(one, places, given, dofs, chunk, extended) for chunk in chunks]
+            self._parts.append((places, tables, evaluated))
 
     def __call__(self, x: Singles) -> Singles:
         """Return ``K x``, both at the owned unknowns."""
         self._x.array[: self._owned] = x
         self._x.scatter_forward()
         self._y.array[:] = 0.0
-        for pairs, tables, chunks in self._parts:
+        for places, tables, chunks in self._parts:
             for cells in chunks:
-                self._add(pairs, tables, cells)
+                self._add(*places, tables, cells)
         self._y.scatter_reverse(la.InsertMode.add)
         return np.array(self._y.array[: self._owned])
 
-    def _add(self, pairs: Sequence[tuple[Slot, Slot]], tables: list[Singles], cells: _Cells) -> None:
+    def _add(self, tests: Places, trials: Places, tables: list[Singles], cells: _Cells) -> None:
         at_nodes = [self._x.array[dofs] for dofs in cells.dofs]
-        gradients: dict[Slot, Singles] = {}
-        duals: dict[Slot, Singles] = {}
-        for (test, trial), moduli in zip(pairs, cells.moduli, strict=True):
-            if trial not in gradients:
-                gradients[trial] = _at_points(at_nodes[trial.part], tables[trial.part][directions_of(trial)])
-            dual = np.einsum("ijp,jp->ip", moduli, gradients[trial])
-            duals[test] = duals[test] + dual if test in duals else dual
-        for test, dual in duals.items():
-            table, dofs = tables[test.part][directions_of(test)], cells.dofs[test.part]
-            by_direction = dual.reshape(test.components, len(table), -1, table.shape[1])
+        gradients = np.empty(cells.moduli.shape[1:], dtype=np.float32)
+        for slot, rows in trials.items():
+            _at_points(at_nodes[slot.part], tables[slot.part][directions_of(slot)], gradients[rows])
+        duals = np.einsum("ijp,jp->ip", cells.moduli, gradients)
+        for slot, rows in tests.items():
+            table, dofs = tables[slot.part][directions_of(slot)], cells.dofs[slot.part]
+            by_direction = duals[rows].reshape(slot.components, len(table), -1, table.shape[1])
             integrals = sum(by_direction[:, d] @ table[d] for d in range(len(table)))
             np.add.at(self._y.array, dofs.ravel(), np.ravel(integrals))
 
@@ -110,28 +112,44 @@ def extension(kind: str, given: Floats, points: Floats) -> Floats:
     return np.asarray(at_points @ np.linalg.pinv(at_given))
 
 
-def _evaluated(one: CompiledModuli, given: Unknowns, dofs: list[Integers], cells: Integers, extended: Floats) -> _Cells:
-    rows = sum(int(np.prod(test.shape + trial.shape)) for test, trial in one.pairs)
+def _places(slots: Iterable[Slot]) -> Places:
+    """Places of the entries of slots, one slot after the other."""
+    places, at = dict[Slot, slice](), 0
+    for slot in dict.fromkeys(slots):
+        places[slot] = slice(at, at := at + math.prod(slot.shape))
+    return places
+
+
+def _evaluated(
+    one: CompiledModuli,
+    places: tuple[Places, Places],
+    given: Unknowns,
+    dofs: list[Integers],
+    cells: Integers,
+    extended: Floats,
+) -> _Cells:
     singles = np.ascontiguousarray(extended, dtype=np.float32)
-    entries = np.empty((rows, len(cells), singles.shape[1]), dtype=np.float32)
+    tests, trials = places
+    rows, columns = (max(place.stop for place in of.values()) for of in places)
+    moduli = np.zeros((rows, columns, len(cells), singles.shape[1]), dtype=np.float32)
     for start in range(0, len(cells), _FEW):
-        values = one.expression.eval(given.mesh, cells[start : start + _FEW])  # (cells, points, rows)
-        by_row = np.ascontiguousarray(values.transpose(2, 0, 1), dtype=np.float32)
-        np.matmul(by_row, singles, out=entries[:, start : start + _FEW])
-    moduli, at = [], 0
-    for test, trial in one.pairs:
-        shape = int(np.prod(test.shape)), int(np.prod(trial.shape))
-        moduli.append(entries[at : at + shape[0] * shape[1]].reshape(*shape, -1))
-        at += shape[0] * shape[1]
+        values = one.expression.eval(given.mesh, cells[start : start + _FEW])  # (cells, points, entries)
+        by_entry = np.ascontiguousarray(values.transpose(2, 0, 1), dtype=np.float32)
+        at = 0
+        for test, trial in one.pairs:
+            block = moduli[tests[test], trials[trial], start : start + _FEW]
+            of_pair = by_entry[at : (at := at + block.shape[0] * block.shape[1])]
+            np.matmul(of_pair.reshape(*block.shape[:3], -1), singles, out=block)
     by_component = [np.ascontiguousarray(of_part[cells].transpose(2, 0, 1), dtype=np.intp) for of_part in dofs]
-    return _Cells(by_component, moduli)
+    return _Cells(by_component, moduli.reshape(rows, columns, -1))
 
 
-def _at_points(at_nodes: Singles, table: Singles) -> Singles:
-    """Return values or derivatives at points, (components × directions, cells × points).
+def _at_points(at_nodes: Singles, table: Singles, values: Singles) -> None:
+    """Set values or derivatives at points, (components × directions, cells × points).
 
     Args:
         at_nodes: (components, cells, nodes).
         table: (directions, points, nodes).
     """
-    return (at_nodes[:, None] @ table.transpose(0, 2, 1)).reshape(len(at_nodes) * len(table), -1)
+    shape = len(at_nodes), len(table), at_nodes.shape[1], table.shape[1]
+    np.matmul(at_nodes[:, None], table.transpose(0, 2, 1), out=values.reshape(shape))

@@ -36,6 +36,7 @@ from dolfinx import fem
 
 from hpcinv.certificate import two_level
 from hpcinv.certificate.extension import extend
+from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import locate, position
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.refine.finer_geometry import on_mesh
@@ -165,7 +166,7 @@ def estimate(
                 state[:] = corrected
         has_values = bool(quantities) and isfinite(largest)
         corrected = _corrected(quantities, model, at_nodes, solution.direction, finer) if has_values else {}
-        displacement, delta = on_mesh(model.body.mesh, u).copy(), u
+        displacement, delta = u.copy(), u
         delta.x.array[:] -= before.x.array
         return Estimate(
             quantities={
@@ -202,7 +203,7 @@ def _moved(
     """
     u, _ = finer.solution()
     # A finer geometry has the nodes of the given one at the same places of the cells.
-    at_nodes = model.unknowns.at_nodes(on_mesh(model.body.mesh, u))
+    at_nodes = model.unknowns.at_nodes(u)
     moved = solution.sign * (at_nodes - solution.u)
     if given is not None:
         moved += given.nodes
@@ -250,14 +251,14 @@ def in_finer_spaces(model: Model, solution: Solution, given: Correction | None =
     contacts.restore(solution.contacts, finer.scales, partial(on_mesh, body.mesh))
     if (other := model.given_displacement()) is not None:
         u = fem.Function(finer.unknowns.displacement_space)
-        u.interpolate(other if given is None else given.displacement)
+        interpolate(other if given is None else given.displacement, u)
         finer.carry(u)
     with placed(model.body.mesh, _nodes(solution, given) / model.body.length_scale):
         u, p = finer.solution()
         extend(solution.displacement, u)
         if p is not None:
             assert solution.pressure is not None
-            p.interpolate(on_mesh(body.mesh, solution.pressure))
+            interpolate(solution.pressure, p)
         with finer.at(body.mesh.geometry.x * body.length_scale, u, p):
             finer.unknowns.state.x.scatter_forward()
             yield finer

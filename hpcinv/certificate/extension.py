@@ -5,7 +5,7 @@ from dolfinx import fem, la
 
 from hpcinv.mesh.cells import jacobians, kind_and_degree, scalar_element
 from hpcinv.mesh.checks import CHUNK
-from hpcinv.mesh.refine.finer_geometry import on_mesh
+from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats, Ints
 
@@ -23,7 +23,7 @@ def extend(given: fem.Function, finer: fem.Function) -> None:
         finer: function in a Lagrange space, whose values are replaced.
     """
     space, target = given.function_space, finer.function_space
-    finer.interpolate(on_mesh(target.mesh, given))
+    interpolate(given, finer)
     if target.mesh is space.mesh:
         return
     size, points = target.dofmap.bs, target.element.basix_element.points
@@ -38,7 +38,7 @@ def extend(given: fem.Function, finer: fem.Function) -> None:
         jacobian = jacobians(*kind_and_degree(space.mesh), nodes[moved], points)
         shift = np.linalg.solve(jacobian, offset[moved, :, :, None])[..., 0]  # in reference coordinates
         u, dofs = values[space.dofmap.list[cells[moved]]], target.dofmap.list[cells[moved]]
-        change = np.einsum("apn,cni,cpa->cpi", slopes, u, shift, optimize=True)
+        change = sum((slope @ u) * shift[..., a, None] for a, slope in enumerate(slopes))
         np.add.at(added.array.reshape(-1, size), dofs, change)
         np.add.at(counts.array, dofs, 1.0)
     for vector in (added, counts):

@@ -25,13 +25,11 @@ import basix
 import numpy as np
 
 from hpcinv.mesh.cells import jacobians, scalar_element
-from hpcinv.mesh.checks import det
+from hpcinv.mesh.checks import CHUNK, det
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
     from hpcinv.mesh.source import Floats
-
-_CHUNK = 50_000  # cells at a time
 
 
 @dataclass(frozen=True)
@@ -94,8 +92,8 @@ def _worst(measure: str, of: Callable[[Floats], Floats], body: Body, given: Floa
     dofmap = mesh.geometry.dofmaps[0][: mesh.topology.index_map(3).size_local]
     corners: Floats = scalar_element(kind, 1).points
     before, here = (np.inf,), (np.inf, (np.nan,) * 3)
-    for start in range(0, len(dofmap), _CHUNK):
-        cells = dofmap[start : start + _CHUNK]
+    for start in range(0, len(dofmap), CHUNK):
+        cells = dofmap[start : start + CHUNK]
         # In a mesh that is left-handed throughout, the mirror images of the cells are judged.
         middle = jacobians(kind, body.source.degree, given[cells], corners.mean(axis=0, keepdims=True))
         mirror = np.where(det(middle[:, 0]) < 0, -1.0, 1.0)[:, None, None] ** np.array([1, 0, 0])

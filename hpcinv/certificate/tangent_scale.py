@@ -6,6 +6,7 @@ import ufl
 from dolfinx import la
 
 from hpcinv.mesh.cells import jacobians, kind_and_degree
+from hpcinv.mesh.checks import CHUNK
 from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.model.scene import Scene
@@ -25,7 +26,8 @@ def tangent_scale(scene: Scene) -> Floats:
     kind, degree = kind_and_degree(mesh)
     points, weights = basix.make_quadrature(mesh.basix_cell(), scene.quadrature_degree)
     midpoint = basix.geometry(mesh.basix_cell()).mean(axis=0, keepdims=True)
-    jacobian = jacobians(kind, degree, geometry.x[geometry.dofmaps[0][:owned]], midpoint)[:, 0]
+    parts = np.array_split(geometry.dofmaps[0][:owned], 1 + owned // CHUNK)
+    jacobian = np.concatenate([jacobians(kind, degree, geometry.x[part], midpoint)[:, 0] for part in parts])
     inverse, volumes = np.linalg.inv(jacobian), np.abs(np.linalg.det(jacobian))
     mixed = unknowns.p is not None
     moduli = [

@@ -23,13 +23,9 @@ class Transfer:
         self._coarse, self._fine = given.dofs_of_cells(), finer.dofs_of_cells()
         self._given, self._finer = (_vector(unknowns) for unknowns in (given, finer))
         self._owned = tuple(len(unknowns.state.x.petsc_vec.array) for unknowns in (given, finer))
-        # A residual at an unknown of several cells counts in one of them.
-        self._counts = []
-        for dofs in self._fine:
-            cell = np.full(len(self._finer.array), -1, dtype=np.int64)
-            places = np.arange(dofs.size).reshape(dofs.shape)
-            cell[dofs] = places
-            self._counts.append(cell[dofs] == places)
+        # A residual at an unknown of several cells is divided among them.
+        counts = sum(np.bincount(fine.ravel(), minlength=len(self._finer.array)) for fine in self._fine)
+        self._shares: Floats = 1.0 / np.maximum(counts, 1)
 
     def interpolate(self, given: Floats) -> Floats:
         """Return ``P x`` of owned unknowns."""
@@ -43,9 +39,9 @@ class Transfer:
         """Return ``Pᵀ r`` of owned unknowns."""
         self._given.array[:] = 0.0
         self._finer.array[:] = 0.0
-        self._finer.array[: len(finer)] = finer
-        for table, coarse, fine, counts in zip(self._tables, self._coarse, self._fine, self._counts, strict=True):
-            np.add.at(self._given.array, coarse, table.T @ np.where(counts, self._finer.array[fine], 0.0))
+        self._finer.array[: len(finer)] = finer * self._shares[: len(finer)]
+        for table, coarse, fine in zip(self._tables, self._coarse, self._fine, strict=True):
+            np.add.at(self._given.array, coarse.ravel(), (table.T @ self._finer.array[fine]).ravel())
         self._given.scatter_reverse(la.InsertMode.add)
         return np.array(self._given.array[: self._owned[0]])
 

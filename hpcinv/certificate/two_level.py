@@ -195,31 +195,35 @@ class _FinerProblem:
     def _solution(self) -> Singles | None:
         """Return ``K⁻¹ R`` at the owned unknowns; ``None`` if the iterations do not converge."""
         r = self._scale * self._residual.astype(np.float32)  # which is enough for an estimate
-        x, last, start = np.zeros_like(r), np.zeros_like(r), self._length(r)
+        last, start = np.zeros_like(r), self._length(r)
         if start == 0.0:
-            return x
-        u = self._unknowns.owned_displacement_dofs
-        directions, products = (np.empty((_CYCLES * (_SMOOTHING + 1), len(r)), r.dtype) for _ in range(2))
-        for k in range(len(directions)):
+            return last
+        u, count = self._unknowns.owned_displacement_dofs, _CYCLES * (_SMOOTHING + 1)
+        directions, products = (np.empty((count, len(r)), r.dtype) for _ in range(2))
+        # The products are orthonormal; those of K and the directions are their combinations, columns of `triangle`.
+        triangle, shares = np.zeros((count, count)), np.zeros(count)
+        for k in range(count):
             is_smoothing = k % (_SMOOTHING + 1) < _SMOOTHING
             direction = self._scale * self._signs * r if is_smoothing else self._coarse.solve(r / self._scale)
             if not is_smoothing:
-                found, residual = x + direction, self._length(r)
+                combined = np.linalg.solve(triangle[:k, :k], shares[:k]).astype(r.dtype)
+                found, residual = combined @ directions[:k] + direction, self._length(r)
                 change, size = self._length((found - last)[u]), self._length(found[u])
                 if not np.isfinite(size + residual):
                     return None
                 if residual <= _RESIDUAL * start and change <= _CHANGE * size:
                     return found
                 last = found
+            directions[k] = direction
             product = self._scale * self._times(direction)
-            parts = self._sum(products[:k] @ product)  # products of K and earlier directions, orthonormal
-            direction -= parts @ directions[:k]
+            parts = self._sum(products[:k] @ product)
             product -= parts @ products[:k]
-            length = self._length(product)
-            directions[k], products[k] = direction / length, product / length
-            part = self._sum(products[k] @ r)
-            x += part * directions[k]
-            r -= part * products[k]
+            if not (length := self._length(product)) > 0.0:  # also if it is not a number
+                return None
+            products[k] = product / length
+            triangle[:k, k], triangle[k, k] = parts, length
+            shares[k] = share = self._sum(products[k] @ r)
+            r -= share * products[k]
         return None
 
     def _times(self, x: Singles) -> Singles:

@@ -58,6 +58,7 @@ def _rehearse(job: Job, source: MeshSource) -> None:
             model.unknowns.state.x.array[:] = 0.0
             equilibrium = method_for(model, solve.direction).equilibrium
             equilibrium.system.scene.parameters.set_load(1.0)
+            equilibrium.system.compile()
             equilibrium.compile(prescribed_motion=moved[number])
             solutions.append(solution_of(model, solve.direction, model.scene(solve.direction), ()))
             model.release(equilibrium)
@@ -86,7 +87,9 @@ def _check(model: Model, solutions: list[Solution]) -> None:
         second_variation(model, known_displacement(model))  # needed where the body is not stable
         Iterative(model.scene("forward")).pressure_scale()  # needed where factors are not affordable
     if job.certificate.round_trip == "near" and len(solutions) == 1:  # needed where corrections do not settle
-        model.release(model.equilibrium(model.scene(way_back(solution))))
+        equilibrium = model.equilibrium(model.scene(way_back(solution)))
+        equilibrium.system.compile()
+        model.release(equilibrium)
 
 
 def _held(job: Job) -> Job:

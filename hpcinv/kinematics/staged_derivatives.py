@@ -10,7 +10,7 @@ Source: Griewank & Walther, *Evaluating Derivatives*, 2008, ch. 3 and 9, doi:10.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -95,10 +95,10 @@ class Local:
             if part not in self._symbols:
                 self._symbols[part] = Variable(ufl.Constant(self._domain, part.ufl_shape))
         symbols = {part: self._symbols[part] for part in parts}
-        hidden, back = ufl.replace(expression, symbols), {symbol: part for part, symbol in symbols.items()}
-        hidden = apply_algebra_lowering(hidden)
+        hidden = apply_algebra_lowering(map_expr_dag(_Exchanged(symbols), expression))
         slopes = {part: apply_derivatives(ufl.diff(hidden, symbol)) for part, symbol in symbols.items()}
-        return [(part, ufl.replace(slope, back)) for part, slope in slopes.items() if not isinstance(slope, Zero)]
+        back = _Exchanged({symbol: part for part, symbol in symbols.items()})
+        return [(part, map_expr_dag(back, slope)) for part, slope in slopes.items() if not isinstance(slope, Zero)]
 
 
 def _outermost(expression: Any) -> list[Variable]:
@@ -121,6 +121,19 @@ def _contracted(a: Any, rank: int, b: Any) -> Any:
     j = ufl.indices(len(b.ufl_shape) - rank)
     product = (a[(*i, *k)] if i or k else a) * (b[(*k, *j)] if k or j else b)
     return ufl.as_tensor(product, (*i, *j)) if i or j else product
+
+
+class _Exchanged(MultiFunction):  # type: ignore[misc]  # UFL has no types
+    """Expressions with other variables. Unlike `ufl.replace`, this does not look at what variables consist of."""
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def __init__(self, others: Mapping[Variable, Variable]) -> None:
+        super().__init__()
+        self._others = others
+
+    def variable(self, one: Variable) -> Variable:
+        return self._others[one]
 
 
 class _Plain(MultiFunction):  # type: ignore[misc]  # UFL has no types

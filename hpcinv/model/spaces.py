@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
+from hpcinv.mesh.interpolation import interpolate
 from hpcinv.parallel.runtime import MPI
 
 type Integers = npt.NDArray[np.int32]
@@ -134,10 +135,13 @@ class Unknowns:
         self.state.x.array[self._pressure_dofs] = p.x.array
 
     def at_nodes(self, u: fem.Function) -> npt.NDArray[np.float64]:
-        """Return values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3)."""
+        """Return values of the displacement ``u`` at the geometry nodes of the mesh, (local nodes, 3).
+
+        ``u`` may be on the same cells with another geometry.
+        """
         x = self.mesh.geometry
         nodal = fem.Function(self.nodal_space)
-        nodal.interpolate(u)
+        interpolate(u, nodal)
         nodal.x.scatter_forward()  # the same on all ranks that share a node
         values = np.empty((x.x.shape[0], 3))
         dofmap = nodal.function_space.dofmap.list

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import basix
-import basix.cell
 import dolfinx
 import numpy as np
 from dolfinx import fem
@@ -33,6 +32,7 @@ from hpcinv.parallel.runtime import MPI
 SAME = (
     1e-6  # distance of nodes, relative to the cell size, up to which they count as the same (rounding of the generator)
 )
+ROUNDING = 1e-14  # distance from the surface, relative to the body, up to which a node stays where it is
 NO_CAD = "nothing is known of the true surface but this mesh"
 EDGE = 0.0025  # smallest ratio of eigenvalues of the sum of n⊗n at an edge: about 0.1 rad between normals
 # Share of its least determinant that each cell of this degree must keep. Cubic displacements cannot turn cells of
@@ -150,7 +150,8 @@ def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets
     kind, degree, points = mesh.kind, mesh.degree, mesh.points
     element = scalar_element(kind, degree)
     straight = _shapes(FACET_KIND[kind], 1, scalar_element(FACET_KIND[kind], degree).points)
-    outward = basix.cell.facet_outward_normals(basix.CellType[kind])
+    corners_of = basix.geometry(basix.CellType[kind])[sub_entities(kind, 2)]
+    along = corners_of[:, 1:3] - corners_of[:, :1]  # two tangents of each facet of the reference cell
     dyads, heights = np.zeros((len(points), 3, 3)), np.zeros_like(points)  # sums of n⊗n, and of n times a height
     one = np.empty(len(table.vertices), dtype=np.int64)
     one[table.of_cell] = np.arange(len(table.of_cell))[:, None]
@@ -165,13 +166,13 @@ def _on_surface(mesh: MeshSource, surface: CadSurface, table: FacetTable, facets
             corners = _nearest(points[cells[:, vertices]], surface.nodes[part, : len(vertices)])
             turns, turn = np.unique(corners, axis=0, return_inverse=True)
             match = _nearest(of_flat, straight[:, turns].swapaxes(0, 1))[turn]
-            gradients = jacobians(kind, degree, points[cells], element.points[dofs])
-            normal = np.linalg.solve(gradients.swapaxes(2, 3), outward[local][:, None])[..., 0]
+            tangents = jacobians(kind, degree, points[cells], element.points[dofs]) @ along[local].T
+            normal = np.cross(tangents[..., 0], tangents[..., 1])
             normal /= np.linalg.norm(normal, axis=2, keepdims=True)
             height = np.sum(normal * (surface.nodes[part[:, None], match] - points[nodes]), axis=2)
             np.add.at(dyads, nodes, normal[..., :, None] * normal[..., None, :])
             np.add.at(heights, nodes, normal * height[..., None])
-    on_it = np.flatnonzero(dyads.any(axis=(1, 2)))
+    on_it = np.flatnonzero(np.abs(heights).max(axis=1) > ROUNDING * np.ptp(surface.nodes.reshape(-1, 3), axis=0).max())
     share, directions = np.linalg.eigh(dyads[on_it])
     used = share > EDGE * share[:, -1:]
     components = np.einsum("nji,nj->ni", directions, heights[on_it]) * used / np.where(used, share, 1.0)
