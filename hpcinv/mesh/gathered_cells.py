@@ -5,7 +5,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
@@ -14,14 +13,15 @@ from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.parallel.runtime import MPI
 
-type Booleans = npt.NDArray[np.bool_]
-
+FARTHEST = 0.5
+"""Distance outside a reference cell up to which functions can be extrapolated from it."""
 _CHUNK = 20_000  # points, for memory
 _NEAR = (24, 240)  # cells with the nearest centres among which that of a point is looked for, and if it is not there
 _TRIES = 4  # of these, in which reference coordinates are computed
 _INSIDE = 1e-9  # distance outside the reference cell, by rounding errors
-_FAR = 0.5  # the same, from which more cells are looked at
-_STEPS, _CONVERGED = 12, 1e-10  # of Newton's method for reference coordinates, and their error
+_CURVED = 0.25  # error of that distance if a cell is taken for a linear one
+_FAR = 0.1  # the same, from which more cells are looked at
+_STEPS, _CONVERGED = 10, 1e-10  # of Newton's method for reference coordinates, and their error
 _LOW, _HIGH = -1.0, 2.0  # reference coordinates beyond which a cell is not extrapolated
 
 
@@ -62,9 +62,10 @@ class GatheredCells:
         return np.concatenate(self.comm.allgather(of_cells))
 
     def find(self, points: Floats) -> Places:
-        """Return the places of points (n, 3); those outside all cells are in the nearest one, and extrapolated.
+        """Return the places of points (n, 3); those outside all cells are in the nearest one, to be extrapolated.
 
-        Where none of the cells around a point has it, or near, its distance is large, at most infinite.
+        Among flat cells one may be taken beside that of the point, up to 0.1 of it. Where no cell around a point has
+        it, nor nearly, its distance is large, at most infinite.
         """
         cells, xi, outside = np.zeros(len(points), dtype=np.int64), np.empty((len(points), 3)), np.empty(len(points))
         outside[:] = np.inf
@@ -87,17 +88,20 @@ class GatheredCells:
         """Tree of the centres of the cells, the centres, and the inverse Jacobians there."""
         shapes = scalar_element(self.kind, self.degree).tabulate(0, self._middle[None])[0, 0, :, 0]
         centres = shapes @ self.nodes
-        return cKDTree(centres), centres, np.linalg.inv(jacobians(self.kind, self.degree, self.nodes, self._middle[None]))[:, 0]
+        gradients = jacobians(self.kind, self.degree, self.nodes, self._middle[None])[:, 0]
+        return cKDTree(centres), centres, np.asarray(np.linalg.inv(gradients), dtype=np.float64)
 
     def _find(self, points: Floats, near: int) -> tuple[Ints, Floats, Floats]:
         tree, centres, inverse = self._linear
         rows = np.arange(len(points))
         candidates = tree.query(points, near)[1].reshape(len(points), near)
         linear = self._middle + np.einsum("pkij,pkj->pki", inverse[candidates], points[:, None] - centres[candidates])
-        order = np.argsort(self._outside(linear), axis=1)[:, :_TRIES]
+        estimated = self._outside(linear)
+        order = np.argsort(estimated, axis=1)[:, :_TRIES]
         cells, xi, outside = candidates[rows, order[:, 0]], linear[rows, order[:, 0]], np.full(len(points), np.inf)
         for nth in order.T:
-            missing = np.flatnonzero(outside > _INSIDE)
+            may_be_better = estimated[rows, nth] < outside.clip(max=FARTHEST) + _CURVED
+            missing = np.flatnonzero((outside > _INSIDE) & may_be_better)
             of = nth[missing]
             tried = candidates[missing, of]
             found, distance = self._pulled_back(points[missing], tried, linear[missing, of])
@@ -113,12 +117,14 @@ class GatheredCells:
         error = np.full(len(points), np.inf)
         for _ in range(_STEPS):
             shapes = element.tabulate(1, xi)[:, :, :, 0]
-            missing = points - np.einsum("pn,pni->pi", shapes[0], nodes)
-            a, b, c = np.einsum("dpn,pni->dpi", shapes[1:], nodes)
+            position, a, b, c = (shapes.transpose(1, 0, 2) @ nodes).transpose(1, 0, 2)
             # Cramer's rule, which is no error where a Jacobian is singular, far outside a curved cell.
             adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
-                step = np.einsum("pij,pj->pi", adjugate, missing) / np.einsum("pi,pi->p", a, adjugate[:, 0])[:, None]
+                step = (
+                    np.einsum("pij,pj->pi", adjugate, points - position)
+                    / np.einsum("pi,pi->p", a, adjugate[:, 0])[:, None]
+                )
             step = np.nan_to_num(step, posinf=1.0, neginf=-1.0)
             before, xi = xi, (xi + step).clip(_LOW, _HIGH)
             error = np.abs(xi - before).max(axis=1)

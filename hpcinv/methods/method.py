@@ -12,7 +12,6 @@ from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.problem import Model
 
-
 NESTED = "nested iteration"
 """Strategy of a solve that begins with the solution on coarser cells."""
 

@@ -16,7 +16,7 @@ from hpcinv.effects import Direction
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh.coarser import coarser_body
-from hpcinv.mesh.gathered_cells import GatheredCells
+from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells
 from hpcinv.methods import DirectMethod, solve_direction
 from hpcinv.methods.method import NESTED, UNLOADED, Guess, Start
 from hpcinv.model.outcome import Outcome
@@ -31,7 +31,6 @@ from hpcinv.solver.problem_cache import collect_garbage
 
 _MOST_CELLS = 0.5  # share of the cells above which the coarser mesh is not worth a solve
 _EFFORT = 40  # factorizations on coarser cells after which a solve there is given up
-_FARTHEST = 0.5  # distance outside a reference cell up to which the solution there is extrapolated
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,9 @@ def _is_interrupted(model: Model, observer: Observer, solves: Sequence[Solve]) -
 
 def _line(solve: Solve) -> str:
     reached = "" if solve.outcome.accepted else f" not reached: {solve.outcome.text}"
-    return f"  load {solve.load:.4g}{reached}: {len(solve.iterations)} iterations, {solve.factorizations} factorizations"
+    return (
+        f"  load {solve.load:.4g}{reached}: {len(solve.iterations)} iterations, {solve.factorizations} factorizations"
+    )
 
 
 def _sign(solves: Sequence[Solve], model: Model, coarse: Model) -> tuple[int, str]:
@@ -213,7 +214,7 @@ def _transferred(coarse: Model, model: Model, sign: int) -> Guess | None:
         new.x.scatter_forward()  # an extrapolated value may depend on the rank by rounding errors
         farthest = max(farthest, float(places.outside.max(initial=0.0)))
         fields.append(new)
-    if model.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > _FARTHEST:
+    if model.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > FARTHEST:
         return None
     state = model.unknowns.state.x.array
     model.set_solution(fields[0], fields[1] if len(fields) > 1 else None)
