@@ -101,8 +101,8 @@ class Solver(Spec):
     nested_iteration: Annotated[
         Literal["auto", "on", "off"], Field(exclude_if=lambda nested_iteration: nested_iteration == "auto")
     ] = "auto"
-    """begin with the solution on cells 1.7 times as large, of a mesh that a generator makes: auto for large slender
-    bodies, on wherever it is possible"""
+    """begin with the solution on cells twice as large, where a generator makes the mesh: auto for large slender bodies,
+    on for all"""
     petsc: Mapping[str, PetscValue] = {}
     """PETSc options by name, without the dash"""
 

@@ -1,7 +1,7 @@
 """Nested iteration: the first solve of a job begins with the solution on coarser cells of the same generator.
 
-A large slender body that turns far needs several factorizations on the way to its full load. On cells 1.7 times as
-large each takes a tenth of the time or less, and from the solution there, at full load, one is left on the given mesh.
+A large slender body that turns far needs several factorizations on the way to its full load. On cells twice as large
+each takes a tenth of the time or less, and from the solution there, at full load, one is left on the given mesh.
 
 Source: Hackbusch, *Multi-Grid Methods and Applications*, 1985, ch. 5, doi:10.1007/978-3-662-02427-0.
 """
@@ -115,7 +115,7 @@ def _coarse_solution(
             )
         coarse = Model(_on_coarser_cells(job), body, timings)
         found = CoarseSolve(sum(body.partition.cells), coarse.unknowns.size)
-        note(f"on cells {COARSER} times as large, {found.cells} cells, {found.unknowns} unknowns:")
+        note(f"on cells {COARSER:g} times as large, {found.cells} cells, {found.unknowns} unknowns:")
         method = DirectMethod(coarse, direction, _Forwarding(observer))
     except MeshError as error:  # such a mesh may lack regions, or be inverted at a curved surface
         return None, replace(found, unused=error.message)

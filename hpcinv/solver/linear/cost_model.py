@@ -19,7 +19,7 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 
 TANGENTS, CORRECTIONS = 4, 8  # of a typical solution
-COARSER = 1.7  # factor of the cell sizes in nested iteration
+COARSER = 2.0  # factor of the cell sizes in nested iteration
 _TANGENT, _SET_UP, _MESH = 5e-6, 0.4, 1.2e-5  # s: assembly by unknown, a model's kernels, gmsh by unknown
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
