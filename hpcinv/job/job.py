@@ -296,7 +296,7 @@ class Job(Spec):
 
     @property
     def unsuited_to_nested_iteration(self) -> str:
-        """Reason why the first solve cannot begin with that on coarser cells; empty if nothing forbids it."""
+        """Reason why the first solve cannot begin with the solution on coarser cells; empty if nothing forbids it."""
         first = self.plan[0]
         if not is_generator(Path(self.mesh.file)):
             return "needs a mesh that a generator makes (.py, .geo), with coarser cells too"

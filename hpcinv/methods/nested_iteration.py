@@ -15,12 +15,13 @@ import numpy as np
 from hpcinv.effects import Direction
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
+from hpcinv.job.mesh_generators import resolution_of
 from hpcinv.mesh.coarser import coarser_body
 from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells
 from hpcinv.methods import DirectMethod, solve_direction
 from hpcinv.methods.method import NESTED, UNLOADED, Guess, Start
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.runtime import MPI
+from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.linear.cost_model import COARSER
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.load_stepping import AdaptiveSteps
@@ -96,10 +97,23 @@ def solve_nested(
 
 
 def _is_wanted(model: Model, direction: Direction) -> bool:
-    solver = model.job.solver
-    if solver.nested_iteration == "off" or model.job.unsuited_to_nested_iteration:
+    job = model.job
+    if job.solver.nested_iteration == "off" or job.unsuited_to_nested_iteration:
         return False
-    return solver.nested_iteration == "on" or model.chooser.is_nested_iteration_worth(solver, direction)
+    if job.solver.nested_iteration == "on":
+        return True
+    return model.chooser.is_nested_iteration_worth(job.solver, direction) and _has_cell_sizes(model)
+
+
+def _has_cell_sizes(model: Model) -> bool:
+    """Return whether the generator may make larger cells: not if it has numbers of divisions alone; collective."""
+    job = model.job
+
+    def on_rank_0() -> bool:
+        resolution = resolution_of(job.resolve(job.mesh.file), job.mesh.parameters)
+        return bool(resolution.sizes) or not resolution.divisions
+
+    return on_root(model.body.mesh.comm, on_rank_0)
 
 
 def _coarse_solution(
@@ -135,6 +149,8 @@ def _coarse_solution(
                 return guess, found
             fault = "the given mesh has points that are too far outside the coarser one"
         return None, replace(found, unused=fault)
+    except MeshError as error:  # an obstacle may be elsewhere
+        return None, replace(found, unused=error.message)
     finally:
         method.equilibrium.destroy()
         coarse.destroy()

@@ -34,7 +34,7 @@ class Solution:
         contacts: contacts of the job, in its order.
         state: name of the state of the body; empty in a job without states.
         start: name of the state at which the load path began; empty if that was the unloaded body.
-        coarse: report of the solve on coarser cells, with whose solution it began, if there was one.
+        coarse: report of the solve on coarser cells before it, ``None`` without one.
     """
 
     direction: Direction
