@@ -141,22 +141,29 @@ def test_prescribed_displacements_are_those_of_the_given_mesh(
     assert np.abs(nested.shape - alone.shape).max(initial=0.0) < 1e-10
 
 
-def test_a_mesh_that_is_not_coarser_is_not_used(comm: MPI.Intracomm) -> None:
-    """The cells of a transfinite mesh do not depend on sizes."""
+@pytest.mark.parametrize("choice", ["on", "auto"])
+def test_a_mesh_that_is_not_coarser_is_not_used(
+    choice: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numbers of divisions do not depend on sizes: by default no coarser mesh is made of them."""
+    monkeypatch.setattr(selection, "_WORTH_NESTED", 0.0)
     result = hpcinv.run(
         job(
-            mesh=box((3, 1, 1)),
+            mesh=box((20, 1, 1), lx=20.0),
             material={"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
-            effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 100}],
+            effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 0.1}],
             supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
             certificate="off",
-            solver={"nested_iteration": "on"},
+            solver={"nested_iteration": choice},
         ),
         comm,
     )
-    assert coarse_of(result).unused == "its generator makes 18 coarser cells in place of 18"
-    assert coarse_of(result).unknowns == 0
     assert strategies(result) == ["load steps"]
+    if choice == "auto":
+        assert result.solutions[0].coarse is None
+    else:
+        assert coarse_of(result).unused == "its generator makes 120 coarser cells in place of 120"
+        assert coarse_of(result).unknowns == 0
 
 
 def test_a_mesh_with_inverted_cells_is_not_used(comm: MPI.Intracomm) -> None:
