@@ -20,7 +20,7 @@ from hpcinv.parallel.runtime import MPI
 
 TANGENTS, CORRECTIONS = 4, 8  # of a typical solution
 COARSER = 2.0  # factor of the cell sizes in nested iteration
-_TANGENT, _SET_UP, _MESH = 5e-6, 0.4, 1.2e-5  # s: assembly by unknown, a model's kernels, gmsh by unknown
+_TANGENT, _SET_UP, _MESH = 5e-6, 0.4, 1.2e-5  # s: assembly by unknown; one more model; gmsh by unknown
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
@@ -58,15 +58,16 @@ class Forecast:
         shape = replace(self.shape, cut=self.shape.cut / COARSER**2)
         return Forecast(round(self.unknowns / COARSER**3), self.degree, shape)
 
-    def nested_gain(self, tangents: int) -> float:
+    def nested_gain(self, tangents: int, ranks: int = 1) -> float:
         """Return the time that nested iteration saves by the time that it takes.
 
         Args:
             tangents: number of them on the way from the unloaded body, of which one is left.
+            ranks: which share tangents, but not the work of gmsh.
         """
         coarser = self.coarser
-        spent = _SET_UP + _MESH * coarser.unknowns + tangents * coarser.tangent
-        return (tangents - 1) * self.tangent / spent
+        spent = _SET_UP + _MESH * coarser.unknowns + tangents * coarser.tangent / ranks
+        return (tangents - 1) * self.tangent / ranks / spent
 
     @property
     def tangent(self) -> float:

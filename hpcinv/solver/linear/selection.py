@@ -117,7 +117,7 @@ class Chooser:
         """Return whether the solution on coarser cells clearly saves time, as on large slender bodies that turn far."""
         if not self._is_slender or self._choose(solver).configuration != "direct":
             return False
-        return self.forecast.nested_gain(_TANGENTS[direction]) >= _WORTH_NESTED
+        return self.forecast.nested_gain(_TANGENTS[direction], self._ranks) >= _WORTH_NESTED
 
     def _choose(self, solver: Solver) -> Choice:
         fallback = "direct" if self.can_factorize else None

@@ -176,6 +176,8 @@ def test_nested_iteration_is_taken_where_it_clearly_pays(
     found = {direction for direction in directions if chooser.is_nested_iteration_worth(Solver(), direction)}
     assert found == expected
     assert not chooser.is_nested_iteration_worth(Solver(linear="iterative"), "forward")
+    chooser._ranks = 1000  # the coarser mesh is made on one
+    assert not chooser.is_nested_iteration_worth(Solver(), "forward")
 
 
 def test_a_coarser_mesh_has_an_eighth_of_the_unknowns() -> None:
