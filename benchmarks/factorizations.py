@@ -1,8 +1,11 @@
 """Factors in double and single precision, with and without blocks of low rank, and the iterative solver.
 
-Seconds are those of the solver (wall), kernels compiled; other work on the machine lengthens them.
+Seconds are those of the solver (wall), kernels compiled; other work on the machine lengthens them. They
+include a solve on coarser cells (nested iteration), whose tangents are counted by themselves; its mesh and the transfer
+from it are in the column of meshes.
 
 Command: python benchmarks/factorizations.py [--sizes 41000 160000] [--analyses inverse forward] [--repeat 1]
+With and without nested iteration: python benchmarks/factorizations.py --bodies beam --solvers single --nested off on
 """
 
 from __future__ import annotations
@@ -21,14 +24,28 @@ SOLVERS: Mapping[str, Mapping[str, Any]] = {
     "single, low rank": {"linear": "direct", "petsc": {"pc_precision": "single", "mat_mumps_icntl_35": 2}},
     "iterative": {"linear": "iterative"},
 }
-FIGURES = ("tangents factorized", "corrections", "Krylov", "solver (s)", "factorizations (s)", "MB")
+FIGURES = (
+    "tangents factorized",
+    "on coarser cells",
+    "corrections",
+    "Krylov",
+    "solver (s)",
+    "factorizations (s)",
+    "meshes, transfer (s)",
+    "MB",
+)
 
 
 def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     bodies = {"beam": beam, "block": block}
     jobs: dict[str, tuple[JobData, int]] = {
-        f"{name}, about {size}, {analysis}, {solver}": (
-            of(size, analysis=analysis, solver=settings, certificate=WITHOUT_CERTIFICATE),
+        f"{name}, about {size}, {analysis}, {solver}{'' if nested == 'auto' else f', nested iteration {nested}'}": (
+            of(
+                size,
+                analysis=analysis,
+                solver={**settings, "nested_iteration": nested},
+                certificate=WITHOUT_CERTIFICATE,
+            ),
             1,
         )
         for size in options.sizes
@@ -37,15 +54,18 @@ def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
         for analysis in options.analyses
         for solver, settings in SOLVERS.items()
         if solver in options.solvers
+        for nested in options.nested
     }
     found = {
         name: {
             "unknowns": of[0].unknowns,
             "tangents factorized": of[0].count("factorizations"),
+            "on coarser cells": sum(one["factorizations"] for one in map(_coarse, of[0].found["solutions"])),
             "corrections": of[0].count("newton_iterations"),
             "Krylov": sum(solution["linear"]["iterations"] for solution in of[0].found["solutions"]),
             "solver (s)": median(of, lambda run: run.solver),
             "factorizations (s)": median(of, lambda run: run.phases["factorization"]),
+            "meshes, transfer (s)": median(of, lambda run: run.phases.get("transfer", 0.0) + run.phases["mesh"]),
             "MB": median(of, lambda run: sum(run.memory)) / 1e6,
             "fallback": of[0].found["solutions"][0]["linear"]["fallback"] or "",
         }
@@ -64,10 +84,17 @@ def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     ]
 
 
+def _coarse(solution: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Report of the solve on coarser cells, of none without one."""
+    found: Mapping[str, Any] = solution.get("coarse", {"factorizations": 0})
+    return found
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=[41_000, 160_000], help="unknowns, about")
     parser.add_argument("--bodies", nargs="+", default=["beam", "block"])
     parser.add_argument("--analyses", nargs="+", default=["inverse", "forward"])
     parser.add_argument("--solvers", nargs="+", choices=SOLVERS, default=list(SOLVERS))
+    parser.add_argument("--nested", nargs="+", choices=("auto", "on", "off"), default=["auto"], help="nested iteration")
     measure(parser, factorizations)

@@ -10,6 +10,7 @@ from hpcinv.job.job import Job
 from hpcinv.mesh.moved import placed
 from hpcinv.methods import solve_direction
 from hpcinv.methods.method import Guess, Start
+from hpcinv.methods.nested_iteration import solve_nested
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
@@ -92,13 +93,17 @@ def run(
                         start = replace(start, origin=solutions[solve.start].fields)
                     progress.state(job, number)
                     snapshots.begin(number, model, solve.direction)
+                    coarse = None
                     with progress.phase("solving", announced=False):
-                        found = solve_direction(model, solve.direction, start, observer)
+                        if number == 0 and start.is_unloaded:
+                            found, coarse = solve_nested(model, solve.direction, observer, progress.note)
+                        else:
+                            found = solve_direction(model, solve.direction, start, observer)
                         report.check_not_stopped(solutions, found, model.job.state)
                         scene = model.scene(solve.direction)
                         solution = solution_of(model, solve.direction, scene, found.solves, found.load, found.linear)
                     before = "" if solve.start is None else solutions[solve.start].state
-                    solutions.append(replace(solution, start=before))
+                    solutions.append(replace(solution, start=before, coarse=coarse))
             report.check_reached(solutions)
             solution = solutions[number]
             if number == 0 or solve.job.state:

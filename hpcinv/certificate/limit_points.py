@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from hpcinv.certificate.check import Line, Verdict, skipped
+from hpcinv.methods.method import NESTED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -59,7 +60,10 @@ def _line(solution: Solution, *, may_be_spurious: bool) -> Line:
         return skipped(LIMIT_POINTS, "an iterative solver does not provide the sign of the tangent's determinant")
     changes = len({signs[0][0], *(of_solve[-1] for of_solve in signs)}) - 1
     if not changes:
-        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, "no limit point on the way")
+        # A coarse solve with a limit point on its path, or another sign at the end of it, is not used.
+        nested = any(s.strategy == NESTED and s.outcome.accepted for s in solution.solves)
+        note = "no limit point on the way" + (", which was followed on coarser cells" if nested else "")
+        return Line(LIMIT_POINTS, 0.0, "", rule, Verdict.PASS, note)
     note = "another shape may carry the same load: compare with smaller steps"
     if may_be_spurious:
         note = f"a mode that may be spurious (see the line on stability), or {note}"

@@ -17,6 +17,7 @@ from hpcinv.files.untrusted import REFUSED, applies, is_asked
 from hpcinv.job.definitions import RESERVED, resolve
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
+from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.rules import (
     read_demands,
@@ -294,6 +295,24 @@ class Job(Spec):
         return uncertain_parameters(self.sensitivities, _all_owners(dict(self)))
 
     @property
+    def unsuited_to_nested_iteration(self) -> str:
+        """Reason why the first solve cannot begin with the solution on coarser cells; empty if nothing forbids it."""
+        first = self.plan[0]
+        if not is_generator(Path(self.mesh.file)):
+            return "needs a mesh that a generator makes (.py, .geo), with coarser cells too"
+        if self.solver.strategy != "adaptive":
+            return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
+        if self.method != "direct" and first.direction == "inverse":
+            return "needs 'method: direct'"
+        if self.accuracy:
+            return (
+                "cannot be combined with 'accuracy', whose search has the solutions on its earlier meshes to begin with"
+            )
+        if first.direction == "forward" and any(effect.functions(1) for effect in first.job.effects):
+            return "is not possible with a contact whose pressure or nearest points are found by iteration"
+        return ""
+
+    @property
     def has_derivatives(self) -> bool:
         """True if solutions have derivatives; those of contact with a rigid obstacle have none."""
         return _have_derivatives(self.effects, self.states)
@@ -563,6 +582,8 @@ class Job(Spec):
         for key in ("analysis", "first"):
             if self.states and key in self.model_fields_set:
                 yield (key,), "is not valid with 'states', one of which is the given one; remove it"
+        if self.solver.nested_iteration == "on" and (text := self.unsuited_to_nested_iteration):
+            yield ("solver", "nested_iteration"), text
         given_rest = any(state.given and state.is_rest for state in self.states)
         is_reference = given_rest if self.states else self.directions[0] == "forward"
         mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")

@@ -98,6 +98,11 @@ class Solver(Spec):
     """keep a factorized tangent as long as it converges well"""
     linear: Literal["auto", "direct", "iterative"] = "auto"
     """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto decides by size, shape and memory"""
+    nested_iteration: Annotated[
+        Literal["auto", "on", "off"], Field(exclude_if=lambda nested_iteration: nested_iteration == "auto")
+    ] = "auto"
+    """begin with the solution on cells twice as large, where a generator makes the mesh: auto for large slender bodies,
+    on for all"""
     petsc: Mapping[str, PetscValue] = {}
     """PETSc options by name, without the dash"""
 

@@ -108,11 +108,14 @@ class Body:
         return region.cells
 
 
-def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_report) -> MeshSource:
+def read_source(
+    spec: MeshSpec, path: Path, report: Callable[[str], None] = no_report, size_factor: float = 1.0
+) -> MeshSource:
     """Read or generate the mesh on this process, in metres and with the requested geometry degree; not collective.
 
     Args:
         report: called with the expected number of cells before a generator makes them.
+        size_factor: factor of the cell sizes that a generator chooses.
 
     Raises:
         MeshError: the file is missing, unreadable or not a mesh.
@@ -123,7 +126,8 @@ def read_source(spec: MeshSpec, path: Path, report: Callable[[str], None] = no_r
         if path.suffix in GENERATORS:
             parameters = spec.parameters if spec.unit == 1.0 else in_unit(path, spec.parameters, spec.unit)
             monitor = MeshingMonitor(spec.maximum_cells, report)
-            source = GENERATORS[path.suffix](path, parameters, spec.geometry_degree, monitor).in_metres(spec.unit)
+            generate = GENERATORS[path.suffix]
+            source = generate(path, parameters, spec.geometry_degree, monitor, size_factor).in_metres(spec.unit)
         elif spec.size is not None and spec.is_surface:
             from hpcinv.mesh.imaging import BODY, surface_mesh  # loads VTK
 

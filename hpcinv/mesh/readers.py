@@ -26,10 +26,10 @@ from hpcinv.parallel.runtime import MPI
 
 
 def build_python(
-    path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor
+    path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor, size_factor: float = 1.0
 ) -> MeshSource:
     """Mesh a generator: a Python file whose ``build(gmsh, *, size=0.002, …)`` meshes the current model, in metres."""
-    with session(path.stem) as gmsh:
+    with session(path.stem, size_factor) as gmsh:
         try:
             build = runpy.run_path(str(path)).get("build")
             if not callable(build):
@@ -49,9 +49,11 @@ def build_python(
         return _of_degree(gmsh, path, degree)
 
 
-def build_geo(path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor) -> MeshSource:
+def build_geo(
+    path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor, size_factor: float = 1.0
+) -> MeshSource:
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
-    with session(path.stem) as gmsh:
+    with session(path.stem, size_factor) as gmsh:
         for name, value in parameters.items():
             gmsh.parser.setNumber(name, [value])
         _merge(gmsh, path)  # not open, which would discard the numbers set above
@@ -107,7 +109,7 @@ def _of_degree(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     return dataclasses.replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
 
 
-GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, MeshingMonitor], MeshSource]] = {
+GENERATORS: dict[str, Callable[[Path, Mapping[str, Value], int | None, MeshingMonitor, float], MeshSource]] = {
     ".py": build_python,
     ".geo": build_geo,
 }

@@ -12,6 +12,9 @@ from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.problem import Model
 
+NESTED = "nested iteration"
+"""Strategy of a solve that begins with the solution on coarser cells."""
+
 
 @dataclass(frozen=True)
 class Guess:
@@ -21,11 +24,13 @@ class Guess:
         displacement: values of the degrees of freedom of the displacement, in m.
         pressure: values of the degrees of freedom of the pressure, in Pa; ``None`` in the displacement form.
         sign: sign of the tangent's determinant in the similar problem's solution, 0 if it is not known.
+        strategy: name of the solve from it, for reports.
     """
 
     displacement: Floats
     pressure: Floats | None
     sign: int = 0
+    strategy: str = "guess"
 
     def solve(self, model: Model, equilibrium: Equilibrium) -> Solve:
         """Solve the equations of a model at full load from the guess.
@@ -39,7 +44,7 @@ class Guess:
             p.x.array[:] = self.pressure
         model.set_solution(u, p)
         solve = equilibrium.solve(1.0, model.job.solver.tolerance, begins_near=True)
-        solve = replace(solve, strategy="guess")
+        solve = replace(solve, strategy=self.strategy)
         if solve.outcome.accepted and self.sign and solve.signs and solve.signs[-1] != self.sign:
             return replace(solve, outcome=Outcome.ANOTHER_PATH)
         return solve
@@ -62,6 +67,11 @@ class Start:
     solves: tuple[Solve, ...] = ()
     guess: Guess | None = None
     origin: tuple[Function, Function | None] | None = None
+
+    @property
+    def is_unloaded(self) -> bool:
+        """True for the unloaded body, of which nothing is known."""
+        return self.solution is None and self.guess is None and self.origin is None and not self.solves
 
 
 UNLOADED = Start()

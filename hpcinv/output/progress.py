@@ -329,6 +329,10 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
         title = solution.get("state", solution["direction"])
         if solution["linear"] and solution["linear"]["fallback"]:
             lines.append(f"  {title}: {solution['linear']['fallback']}")
+        if coarse := solution.get("coarse"):
+            with_it = f"not used: {coarse['unused']}" if coarse["unused"] else "the path was followed there"
+            effort = f"{coarse['unknowns']} unknowns, {_count(coarse['factorizations'], 'factorization')}"
+            lines.append(f"  {title}: on coarser cells {effort}; {with_it}")
         lines.append(
             f"  {title}: J from {_number(solution['J']['min'])} to {_number(solution['J']['max'])}, "
             f"strain energy {_number(solution['strain_energy'])} J"

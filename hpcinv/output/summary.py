@@ -117,6 +117,7 @@ def _solution(solution: Solution, displacement: int) -> dict[str, Any]:
         "degrees": {"displacement": displacement, "pressure": pressure},
         "load": solution.load,
         "factorizations": solution.factorizations,
+        **({"coarse": solution.coarse.as_data()} if solution.coarse else {}),
         "iterations": sum(s.position_residual is not None for s in solution.solves),
         "newton_iterations": sum(len(s.iterations) for s in solution.solves),
         "linear": solution.linear

@@ -7,6 +7,7 @@ from dolfinx.fem import Function
 
 from hpcinv.effects import Direction
 from hpcinv.mesh.source import Floats
+from hpcinv.methods.nested_iteration import CoarseSolve
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
@@ -33,6 +34,7 @@ class Solution:
         contacts: contacts of the job, in its order.
         state: name of the state of the body; empty in a job without states.
         start: name of the state at which the load path began; empty if that was the unloaded body.
+        coarse: report of the solve on coarser cells before it, ``None`` without one.
     """
 
     direction: Direction
@@ -51,6 +53,7 @@ class Solution:
     prestrain_stress: Function | None = None
     state: str = ""
     start: str = ""
+    coarse: CoarseSolve | None = None
 
     @property
     def sign(self) -> int:

@@ -29,7 +29,7 @@ from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 
 ROOT = Path(__file__).parents[2]
-NOT_OF_EVERY_JOB = {"errors.expected_shape", "states", "solutions[].state"}
+NOT_OF_EVERY_JOB = {"errors.expected_shape", "states", "solutions[].state", "solutions[].coarse"}
 
 
 def job(**other: Any) -> Job:

@@ -212,6 +212,12 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"solver": {"tolerance": "1e-8"}}, "solver.tolerance: must be a number, not '1e-8'"),
     ({"solver": {"maximum_iterations": True}}, "solver.maximum_iterations: must be a whole number, not True"),
     ({"solver": {"reuse_tangent": 1}}, "solver.reuse_tangent: must be true or false, not 1"),
+    ({"solver": {"nested_iteration": "yes"}}, "solver.nested_iteration: must be 'auto', 'on' or 'off', not 'yes'"),
+    (
+        {"solver": {"nested_iteration": "on", "strategy": "fixed"}},
+        "solver.nested_iteration: needs 'strategy: adaptive'",
+    ),
+    ({"solver": {"nested_iteration": "on"}, "method": "aitken"}, "solver.nested_iteration: needs 'method: direct'"),
     ({"solver": {"petsc": {"-ksp_type": "cg"}}}, "solver.petsc.-ksp_type: is written without the dash: ksp_type"),
     ({"solver": {"petsc": {"a": [1]}}}, "solver.petsc.a: must be text, a number, true, false or nothing"),
     ({"checkpoint": {"every": -1}}, "checkpoint.every: must be at least 0, not -1"),
@@ -263,6 +269,27 @@ def test_each_mistake_is_told_by_its_place(
     assert [p for p in found if message in p], found
     for problem in found:
         assert not JARGON.search(problem)
+
+
+def test_nested_iteration_needs_a_generator_and_no_search(problems: Callable[[Edit], list[str]]) -> None:
+    def with_file(job: dict[str, Any]) -> None:
+        job["mesh"] = {"file": "../meshes/beam.msh"}
+        job["solver"] = {"nested_iteration": "on"}
+
+    def with_search(job: dict[str, Any]) -> None:
+        job["quantities"] = [{"name": "tip", "of": "uy", "at": [0, 0, 0]}]
+        job["accuracy"] = {"tip": "1 mm"}
+        job["solver"] = {"nested_iteration": "on"}
+
+    def with_contact(job: dict[str, Any]) -> None:
+        floor = {"shape": "plane", "point": [0, 0, 0], "normal": [0, 1, 0]}
+        job["analysis"] = "forward"
+        job["effects"] = [{"effect": "contact", "region": "clamp", "obstacle": floor}]
+        job["solver"] = {"nested_iteration": "on"}
+
+    assert any("solver.nested_iteration: needs a mesh that a generator makes" in p for p in problems(with_file))
+    assert any("solver.nested_iteration: cannot be combined with 'accuracy'" in p for p in problems(with_search))
+    assert any("solver.nested_iteration: is not possible with a contact" in p for p in problems(with_contact))
 
 
 @pytest.mark.parametrize("key", ["mesh", "material"])

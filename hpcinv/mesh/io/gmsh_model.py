@@ -43,8 +43,12 @@ def _load() -> Any:
 
 
 @contextmanager
-def session(name: str) -> Iterator[Any]:
-    """Context with gmsh and an empty model; quiet, with one thread and fixed defaults: meshes are repeatable."""
+def session(name: str, size_factor: float = 1.0) -> Iterator[Any]:
+    """Context with gmsh and an empty model; quiet, with one thread and fixed defaults: meshes are repeatable.
+
+    Args:
+        size_factor: factor of all cell sizes, except those of transfinite meshes.
+    """
     gmsh = _load()
     if gmsh.isInitialized():
         raise MeshError(
@@ -55,6 +59,7 @@ def session(name: str) -> Iterator[Any]:
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)
+        gmsh.option.setNumber("Mesh.MeshSizeFactor", size_factor)
         gmsh.model.add(name)
         with ended_by_signals():
             yield gmsh

@@ -19,6 +19,8 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 
 TANGENTS, CORRECTIONS = 4, 8  # of a typical solution
+COARSER = 2.0  # factor of the cell sizes in nested iteration
+_TANGENT, _SET_UP, _MESH = 5e-6, 0.4, 1.2e-5  # s: assembly by unknown; one more model; gmsh by unknown
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
@@ -49,6 +51,29 @@ class Forecast:
         finer = degree / self.degree
         shape = replace(self.shape, cut=self.shape.cut * finer**2)
         return Forecast(round(self.unknowns * finer**3), degree, shape)
+
+    @property
+    def coarser(self) -> Forecast:
+        """The forecast on cells `COARSER` times as large."""
+        shape = replace(self.shape, cut=self.shape.cut / COARSER**2)
+        return Forecast(round(self.unknowns / COARSER**3), self.degree, shape)
+
+    def nested_gain(self, tangents: int, ranks: int = 1) -> float:
+        """Return the time that nested iteration saves by the time that it takes.
+
+        Args:
+            tangents: number of them on the way from the unloaded body, of which one is left.
+            ranks: which share tangents, but not the work of gmsh.
+        """
+        coarser = self.coarser
+        spent = _SET_UP + _MESH * coarser.unknowns + tangents * coarser.tangent / ranks
+        return (tangents - 1) * self.tangent / ranks / spent
+
+    @property
+    def tangent(self) -> float:
+        """Time of one tangent and its factorization (s)."""
+        factorization = self.factorization if self.operations < SINGLE else self._in_single
+        return _TANGENT * self.unknowns * self.degree**2 / 4 + factorization
 
     @property
     def entries(self) -> float:
@@ -86,10 +111,14 @@ class Forecast:
         if self.operations < SINGLE:
             return TANGENTS * self.factorization
         factorizations = TANGENTS * (1 - 0.5 / self.shape.aspect)  # chunky bodies can keep more factors
-        compressed = 0.7 if self.operations >= LOW_RANK else 1.0
-        in_single = compressed * (self.operations / 1e11 + 7e-9 * self.entries)
         refinement = 6e-10 * self.entries + 2e-7 * self.unknowns
-        return factorizations * in_single + CORRECTIONS * _REFINEMENTS * refinement
+        return factorizations * self._in_single + CORRECTIONS * _REFINEMENTS * refinement
+
+    @property
+    def _in_single(self) -> float:
+        """Time of one factorization in single precision (s)."""
+        compressed = 0.7 if self.operations >= LOW_RANK else 1.0
+        return compressed * (self.operations / 1e11 + 7e-9 * self.entries)
 
     @property
     def iterative(self) -> float:

@@ -1,8 +1,10 @@
 """Choice of the linear solver's configuration: by the job, or by size, shape and available memory."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from hpcinv.effects import Direction
 from hpcinv.job.settings import Solver
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.available_memory import available
@@ -14,6 +16,8 @@ _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid, for which there must be room if it is kept
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
 _FEW_RANKS = 2  # up to which a single factorization with minimum fill was seen to be faster
+_WORTH_NESTED = 3.0  # least gain of nested iteration: the coarser mesh may need kernels of its own, compiled once
+_TANGENTS: Mapping[Direction, int] = {"inverse": 3, "forward": 6}  # of slender bodies that turn far
 _OWN = frozenset({"ksp_type", "pc_type"})
 
 
@@ -108,6 +112,12 @@ class Chooser:
             minimum_fill=self._is_slender and self._ranks == 1,  # two ranks make better use of METIS's ordering
             nearly_symmetric=not self._is_slender,
         )
+
+    def is_nested_iteration_worth(self, solver: Solver, direction: Direction) -> bool:
+        """Return whether the solution on coarser cells clearly saves time, as on large slender bodies that turn far."""
+        if not self._is_slender or self._choose(solver).configuration != "direct":
+            return False
+        return self.forecast.nested_gain(_TANGENTS[direction], self._ranks) >= _WORTH_NESTED
 
     def _choose(self, solver: Solver) -> Choice:
         fallback = "direct" if self.can_factorize else None

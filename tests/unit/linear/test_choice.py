@@ -9,6 +9,7 @@ from helpers.verification import box, job
 
 import hpcinv.solver.linear.selection
 from hpcinv import run
+from hpcinv.job.settings import Solver
 from hpcinv.mesh import build_body
 from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.runtime import MPI
@@ -150,3 +151,36 @@ def test_minimum_fill_is_for_few_ranks(comm: MPI.Intracomm) -> None:
     body = model(box((2, 2, 20), lz=40.0), comm)
     assert not body.chooser.choose(body.job.solver).minimum_fill
     assert body.chooser.one_factorization_has_minimum_fill is (comm.size == 2)
+
+
+@pytest.mark.parametrize(
+    ("shape", "unknowns", "expected"),
+    [
+        (Shape(cut=431, aspect=24), 125_000, {"inverse", "forward"}),
+        (Shape(cut=195, aspect=24), 38_000, {"forward"}),
+        (Shape(cut=90, aspect=24), 12_000, set()),
+        (Shape(cut=3_000, aspect=1), 125_000, set()),  # one factorization is enough anyway
+    ],
+)
+def test_nested_iteration_is_taken_where_it_clearly_pays(
+    shape: Shape, unknowns: int, expected: set[str], comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def forecast(*_: Any) -> Forecast:
+        return Forecast(unknowns, 2, shape)
+
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "Forecast", forecast)
+    monkeypatch.setattr(hpcinv.solver.linear.selection, "shape_of", lambda _: shape)
+    chooser = Chooser(model(box((1, 1, 1)), comm).unknowns, 2)
+    chooser.room = 1e12
+    directions: tuple[Any, ...] = ("inverse", "forward")
+    found = {direction for direction in directions if chooser.is_nested_iteration_worth(Solver(), direction)}
+    assert found == expected
+    assert not chooser.is_nested_iteration_worth(Solver(linear="iterative"), "forward")
+    chooser._ranks = 1000  # the coarser mesh is made on one
+    assert not chooser.is_nested_iteration_worth(Solver(), "forward")
+
+
+def test_a_coarser_mesh_has_an_eighth_of_the_unknowns() -> None:
+    coarser = Forecast(80_000, 2, Shape(cut=400, aspect=20)).coarser
+    assert coarser.unknowns == 10_000
+    assert coarser.shape == Shape(cut=100, aspect=20)

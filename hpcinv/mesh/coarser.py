@@ -1,0 +1,43 @@
+"""The body on larger cells, made by the generator of its mesh."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from hpcinv.errors import MeshError
+from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh.body import Body, build_body, read_source
+from hpcinv.mesh.source import MeshSource
+from hpcinv.parallel.runtime import on_root
+from hpcinv.quantity.expressions import Expression
+
+
+def coarser_body(
+    body: Body,
+    spec: MeshSpec,
+    regions: Mapping[str, Expression],
+    *,
+    resolve: Callable[[str], Path],
+    size_factor: float,
+    most: float,
+) -> Body:
+    """Return the body on cells larger by a factor, by gmsh's ``Mesh.MeshSizeFactor``; collective.
+
+    Args:
+        spec: mesh of the job, from a generator.
+        resolve: makes the path in the job one that can be opened.
+        most: largest number of cells, as a share of the cells of ``body``.
+
+    Raises:
+        MeshError: the same on every rank: the generator makes no such mesh, or not an admissible one.
+    """
+    comm, found = body.mesh.comm, list[MeshSource]()
+    cells = sum(body.partition.cells)
+
+    def on_rank_0() -> None:
+        source = read_source(spec, resolve(spec.file), size_factor=size_factor)
+        if len(source.cells) > most * cells:
+            raise MeshError(f"its generator makes {len(source.cells):,} coarser cells in place of {cells:,}")
+        found.append(source)
+
+    on_root(comm, on_rank_0)
+    return build_body(spec, regions, comm, resolve=resolve, given=found[0] if found else None)

@@ -1,0 +1,139 @@
+"""Points of one body in the cells of another mesh of it, of which every rank has all cells."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from scipy.spatial import cKDTree
+
+from hpcinv.mesh.cells import jacobians, kind_and_degree, scalar_element, vertex_count
+from hpcinv.mesh.regions import Mesh
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.parallel.runtime import MPI
+
+FARTHEST = 0.5
+"""Distance outside a reference cell up to which functions can be extrapolated from it."""
+_CHUNK = 20_000  # points, for memory
+_NEAR = (24, 240)  # cells with the nearest centres among which that of a point is looked for, and if it is not there
+_TRIES = 4  # of these, in which reference coordinates are computed
+_INSIDE = 1e-9  # distance outside the reference cell, by rounding errors
+_CURVED = 0.25  # error of that distance if a cell is taken for a linear one
+_FAR = 0.1  # the same, from which more cells are looked at
+_STEPS, _CONVERGED = 10, 1e-10  # of Newton's method for reference coordinates, and their error
+_LOW, _HIGH = -1.0, 2.0  # reference coordinates beyond which a cell is not extrapolated
+
+
+@dataclass(frozen=True)
+class Places:
+    """Cells (n,) of points, their reference coordinates (n, 3), and their distance (n,) outside the reference cell."""
+
+    cells: Ints
+    xi: Floats
+    outside: Floats
+
+
+class GatheredCells:
+    """All cells of a distributed mesh on every rank; made collectively.
+
+    A rank needs about 500 bytes for each cell of second degree, and as much for the values of a function.
+
+    Args:
+        scale: factor of the mesh's coordinates.
+
+    Attributes:
+        nodes: coordinates (cells, nodes, 3) of their geometry nodes.
+    """
+
+    def __init__(self, mesh: Mesh, scale: float = 1.0) -> None:
+        self.comm: MPI.Intracomm = mesh.comm
+        self.kind, self.degree = kind_and_degree(mesh)
+        self._owned = mesh.topology.index_map(3).size_local
+        self.nodes = self._gathered(mesh.geometry.x[mesh.geometry.dofmaps[0][: self._owned]] * scale)
+        self._middle: Floats = scalar_element(self.kind, 1).points[: vertex_count(self.kind)].mean(axis=0)
+
+    def values(self, function: fem.Function) -> Floats:
+        """Return the values (cells, nodes, components) of a function's degrees of freedom in each cell; collective."""
+        dofmap = function.function_space.dofmap
+        return self._gathered(function.x.array.reshape(-1, dofmap.bs)[dofmap.list[: self._owned]])
+
+    def _gathered(self, of_cells: Floats) -> Floats:
+        return np.concatenate(self.comm.allgather(of_cells))
+
+    def find(self, points: Floats) -> Places:
+        """Return the places of points (n, 3); those outside all cells are in the nearest one, to be extrapolated.
+
+        Among flat cells one may be taken beside that of the point, up to 0.1 of it. Where no cell around a point has
+        it, nor nearly, its distance is large, at most infinite.
+        """
+        cells, xi, outside = np.zeros(len(points), dtype=np.int64), np.empty((len(points), 3)), np.empty(len(points))
+        outside[:] = np.inf
+        for near in _NEAR:
+            missing = np.flatnonzero(outside > _FAR)
+            for part in np.array_split(missing, 1 + len(missing) // (_CHUNK * _NEAR[0] // near)):
+                cells[part], xi[part], outside[part] = self._find(points[part], min(near, len(self.nodes)))
+        return Places(cells, xi, outside)
+
+    def evaluate(self, places: Places, element: Any, values: Floats) -> Floats:
+        """Return values (n, components) at places, from `values` of a function with a scalar Basix element."""
+        found = np.empty((len(places.cells), values.shape[2]))
+        for part in np.array_split(np.arange(len(found)), 1 + len(found) // _CHUNK):
+            shapes = element.tabulate(0, places.xi[part])[0].reshape(len(part), -1)
+            found[part] = np.einsum("pn,pni->pi", shapes, values[places.cells[part]])
+        return found
+
+    @cached_property
+    def _linear(self) -> tuple[cKDTree, Floats, Floats]:
+        """Tree of the centres of the cells, the centres, and the inverse Jacobians there."""
+        shapes = scalar_element(self.kind, self.degree).tabulate(0, self._middle[None])[0, 0, :, 0]
+        centres = shapes @ self.nodes
+        gradients = jacobians(self.kind, self.degree, self.nodes, self._middle[None])[:, 0]
+        return cKDTree(centres), centres, np.asarray(np.linalg.inv(gradients), dtype=np.float64)
+
+    def _find(self, points: Floats, near: int) -> tuple[Ints, Floats, Floats]:
+        tree, centres, inverse = self._linear
+        rows = np.arange(len(points))
+        candidates = tree.query(points, near)[1].reshape(len(points), near)
+        linear = self._middle + np.einsum("pkij,pkj->pki", inverse[candidates], points[:, None] - centres[candidates])
+        estimated = self._outside(linear)
+        order = np.argsort(estimated, axis=1)[:, :_TRIES]
+        cells, xi, outside = candidates[rows, order[:, 0]], linear[rows, order[:, 0]], np.full(len(points), np.inf)
+        for nth in order.T:
+            may_be_better = estimated[rows, nth] < outside.clip(max=FARTHEST) + _CURVED
+            missing = np.flatnonzero((outside > _INSIDE) & may_be_better)
+            of = nth[missing]
+            tried = candidates[missing, of]
+            found, distance = self._pulled_back(points[missing], tried, linear[missing, of])
+            better = distance < outside[missing]
+            cells[missing[better]] = tried[better]
+            xi[missing[better]], outside[missing[better]] = found[better], distance[better]
+        return cells, xi, outside
+
+    def _pulled_back(self, points: Floats, cells: Ints, xi: Floats) -> tuple[Floats, Floats]:
+        """Return reference coordinates of points in cells by Newton's method from ``xi``, and distances outside."""
+        element, nodes = scalar_element(self.kind, self.degree), self.nodes[cells]
+        xi = xi.clip(_LOW, _HIGH)
+        error = np.full(len(points), np.inf)
+        for _ in range(_STEPS):
+            shapes = element.tabulate(1, xi)[:, :, :, 0]
+            position, a, b, c = (shapes.transpose(1, 0, 2) @ nodes).transpose(1, 0, 2)
+            # Cramer's rule, which is no error where a Jacobian is singular, far outside a curved cell.
+            adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = (
+                    np.einsum("pij,pj->pi", adjugate, points - position)
+                    / np.einsum("pi,pi->p", a, adjugate[:, 0])[:, None]
+                )
+            step = np.nan_to_num(step, posinf=1.0, neginf=-1.0)
+            before, xi = xi, (xi + step).clip(_LOW, _HIGH)
+            error = np.abs(xi - before).max(axis=1)
+            if (error <= _CONVERGED).all():
+                break
+        at_end = ((xi == _LOW) | (xi == _HIGH)).any(axis=1)
+        return xi, np.where((error <= _CONVERGED) & ~at_end, self._outside(xi), np.inf)
+
+    def _outside(self, xi: Floats) -> Floats:
+        """Distance (…) of reference coordinates (…, 3) from the reference cell, at most 0 inside."""
+        beyond = xi.sum(axis=-1) if self.kind == "tetrahedron" else xi.max(axis=-1)
+        return np.asarray(np.maximum(-xi.min(axis=-1), beyond - 1))

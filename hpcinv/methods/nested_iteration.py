@@ -1,0 +1,241 @@
+"""Nested iteration: the first solve of a job begins with the solution on coarser cells of the same generator.
+
+A large slender body that turns far needs several factorizations on the way to its full load. On cells twice as large
+each takes a tenth of the time or less, and from the solution there, at full load, one is left on the given mesh.
+
+Source: Hackbusch, *Multi-Grid Methods and Applications*, 1985, ch. 5, doi:10.1007/978-3-662-02427-0.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hpcinv.effects import Direction
+from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
+from hpcinv.job.mesh_generators import resolution_of
+from hpcinv.mesh.coarser import coarser_body
+from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells
+from hpcinv.methods import DirectMethod, solve_direction
+from hpcinv.methods.method import NESTED, UNLOADED, Guess, Start
+from hpcinv.model.outcome import Outcome
+from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.solver.linear.cost_model import COARSER
+from hpcinv.solver.linear.selection import Used
+from hpcinv.solver.load_stepping import AdaptiveSteps
+from hpcinv.solver.newton import NewtonIteration, Solve
+from hpcinv.solver.observer import Observer, SolvedDirection
+from hpcinv.solver.problem import Model
+from hpcinv.solver.problem_cache import collect_garbage
+
+_MOST_CELLS = 0.5  # share of the cells above which the coarser mesh is not worth a solve
+_EFFORT = 40  # factorizations on coarser cells after which a solve there is given up
+
+
+@dataclass(frozen=True)
+class CoarseSolve:
+    """Report of the solve on coarser cells.
+
+    Attributes:
+        cells, unknowns: their numbers; 0 if there is no such mesh.
+        solves: all solves on the way to the full load.
+        unused: reason why the given mesh's solution was not found from it; empty if it was.
+    """
+
+    cells: int = 0
+    unknowns: int = 0
+    solves: tuple[Solve, ...] = ()
+    unused: str = ""
+
+    @property
+    def factorizations(self) -> int:
+        return sum(solve.factorizations for solve in self.solves)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the entry of the summary, as JSON data."""
+        return {
+            "cells": self.cells,
+            "unknowns": self.unknowns,
+            "factorizations": self.factorizations,
+            "newton_iterations": sum(len(solve.iterations) for solve in self.solves),
+            "load": max((solve.load for solve in self.solves if solve.outcome.accepted), default=0.0),
+            "unused": self.unused or None,
+        }
+
+
+def solve_nested(
+    model: Model, direction: Direction, observer: Observer, note: Callable[[str], None]
+) -> tuple[SolvedDirection, CoarseSolve | None]:
+    """Solve as `solve_direction` from the unloaded body, or from the solution on coarser cells; collective.
+
+    Without that, or if Newton's method rejects it, the path begins with the unloaded body.
+
+    Args:
+        model: of the first solve of a job, whose mesh is at its given coordinates.
+        note: called with lines of text on the coarse solve.
+
+    Returns:
+        The report, with one on the coarse solve if there was one.
+    """
+    if not _is_wanted(model, direction):
+        return solve_direction(model, direction, UNLOADED, observer), None
+    guess, coarse = _coarse_solution(model, direction, observer, note)
+    collect_garbage(model.body.mesh.comm)  # before the first factorization on the given mesh
+    if _is_interrupted(model, observer, coarse.solves):
+        choice = model.chooser.choose(model.job.solver)
+        used = Used(choice.configuration, choice.why, None)
+        return SolvedDirection(direction, (), 0.0, used, stopped=True, can_restart=False, unused_options=None), coarse
+    if coarse.unused:
+        note(f"  not used: {coarse.unused}")
+    found = solve_direction(model, direction, Start(guess=guess), observer)
+    first = next((solve for solve in found.solves if solve.strategy == NESTED), None)
+    if first is not None and not first.outcome.accepted:
+        coarse = replace(coarse, unused=first.outcome.text)
+    return found, coarse
+
+
+def _is_wanted(model: Model, direction: Direction) -> bool:
+    job = model.job
+    if job.solver.nested_iteration == "off" or job.unsuited_to_nested_iteration:
+        return False
+    if job.solver.nested_iteration == "on":
+        return True
+    return model.chooser.is_nested_iteration_worth(job.solver, direction) and _has_cell_sizes(model)
+
+
+def _has_cell_sizes(model: Model) -> bool:
+    """Return whether the generator may make larger cells: not if it has numbers of divisions alone; collective."""
+    job = model.job
+
+    def on_rank_0() -> bool:
+        resolution = resolution_of(job.resolve(job.mesh.file), job.mesh.parameters)
+        return bool(resolution.sizes) or not resolution.divisions
+
+    return on_root(model.body.mesh.comm, on_rank_0)
+
+
+def _coarse_solution(
+    model: Model, direction: Direction, observer: Observer, note: Callable[[str], None]
+) -> tuple[Guess | None, CoarseSolve]:
+    """Return the solution on coarser cells as a guess, ``None`` if it cannot be one, and a report; collective."""
+    job, timings = model.job, model.timings
+    found = CoarseSolve()
+    try:
+        with timings("mesh"):
+            body = coarser_body(
+                model.body, job.mesh, job.regions, resolve=job.resolve, size_factor=COARSER, most=_MOST_CELLS
+            )
+        coarse = Model(_on_coarser_cells(job), body, timings)
+        found = CoarseSolve(sum(body.partition.cells), coarse.unknowns.size)
+        note(f"on cells {COARSER:g} times as large, {found.cells} cells, {found.unknowns} unknowns:")
+        method = DirectMethod(coarse, direction, _Forwarding(observer))
+    except MeshError as error:  # such a mesh may lack regions, or be inverted at a curved surface
+        return None, replace(found, unused=error.message)
+    try:
+        for solve in _limited(method.solves()):
+            found = replace(found, solves=(*found.solves, solve))
+            note(_line(solve))
+            if _is_interrupted(coarse, observer, (solve,)):
+                return None, replace(found, unused=Outcome.INTERRUPTED.text)
+        if method.reached < 1.0:
+            return None, replace(found, unused=f"the load was not reached there: {found.solves[-1].outcome.text}")
+        sign, fault = _sign(found.solves, model, coarse)
+        if not fault:
+            with timings("transfer"):
+                guess = _transferred(coarse, model, sign)
+            if guess is not None:
+                return guess, found
+            fault = "the given mesh has points that are too far outside the coarser one"
+        return None, replace(found, unused=fault)
+    except MeshError as error:  # an obstacle may be elsewhere
+        return None, replace(found, unused=error.message)
+    finally:
+        method.equilibrium.destroy()
+        coarse.destroy()
+
+
+def _on_coarser_cells(job: Job) -> Job:
+    """Return the job with a solver that ends soon: the error of coarser cells is larger than its tolerance."""
+    tolerance = max(job.solver.tolerance, AdaptiveSteps.path_tolerance)
+    return job.model_copy(update={"solver": job.solver.model_copy(update={"tolerance": tolerance, "rescue": ()})})
+
+
+class _Forwarding(Observer):
+    """Observer that forwards iterations and requests to stop: nothing else of a coarse solve concerns the others."""
+
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
+
+    def iteration(self, iteration: NewtonIteration) -> None:
+        self._observer.iteration(iteration)
+
+    def stop_asked(self) -> bool:
+        return self._observer.stop_asked()
+
+
+def _limited(solves: Iterator[Solve]) -> Iterator[Solve]:
+    spent = 0
+    for solve in solves:
+        yield solve
+        spent += solve.factorizations
+        if spent > _EFFORT:
+            return
+
+
+def _is_interrupted(model: Model, observer: Observer, solves: Sequence[Solve]) -> bool:
+    """Return whether a request to stop ended the last solve, or there is one now; collective."""
+    here = observer.stop_asked() or any(solve.outcome is Outcome.INTERRUPTED for solve in solves)
+    return bool(model.body.mesh.comm.allreduce(here, op=MPI.LOR))
+
+
+def _line(solve: Solve) -> str:
+    reached = "" if solve.outcome.accepted else f" not reached: {solve.outcome.text}"
+    return (
+        f"  load {solve.load:.4g}{reached}: {len(solve.iterations)} iterations, {solve.factorizations} factorizations"
+    )
+
+
+def _sign(solves: Sequence[Solve], model: Model, coarse: Model) -> tuple[int, str]:
+    """Return the sign that the determinant of the tangent has on the given mesh if no limit point is passed there.
+
+    Each pressure unknown is a negative eigenvalue of a stable state: an odd number more changes the sign. It is 0
+    where it is not known, neither here nor there; and there is a reason why the solution cannot be used, or none.
+    """
+    accepted = [solve.signs for solve in solves if solve.outcome.accepted and solve.signs]
+    if not accepted:
+        may_tell = model.chooser.choose(model.job.solver).configuration == "direct"
+        return 0, "no sign of the tangent's determinant is known there" if may_tell else ""
+    sign = accepted[-1][-1]
+    if any(signs[-1] != sign for signs in accepted) or accepted[0][0] != sign or any(s.limit_point for s in solves):
+        return 0, "the path has a limit point there"
+    odd = (model.unknowns.pressure_size - coarse.unknowns.pressure_size) % 2
+    return (-sign if odd else sign), ""
+
+
+def _transferred(coarse: Model, model: Model, sign: int) -> Guess | None:
+    """Return the state of ``coarse`` on the mesh of ``model``; ``None`` if that has points far outside; collective."""
+    cells = GatheredCells(coarse.body.mesh, coarse.body.length_scale)
+    farthest = 0.0
+    pairs = zip(model.solution(), coarse.solution(), coarse.unknowns.scalar_elements, strict=False)
+    fields = []
+    for new, old, element in pairs:
+        space = new.function_space
+        owned = space.dofmap.index_map.size_local
+        points = space.tabulate_dof_coordinates()[:owned] * model.body.length_scale
+        places = cells.find(points)
+        values = cells.evaluate(places, element, cells.values(old))
+        new.x.array[: values.size] = values.ravel()
+        new.x.scatter_forward()  # an extrapolated value may depend on the rank by rounding errors
+        farthest = max(farthest, float(places.outside.max(initial=0.0)))
+        fields.append(new)
+    if model.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > FARTHEST:
+        return None
+    state = model.unknowns.state.x.array
+    model.set_solution(fields[0], fields[1] if len(fields) > 1 else None)
+    for one in model.supports.prescribed:
+        state[one.dofs] = one.full[one.nodes]
+    u, p = model.solution()
+    state[:] = 0.0
+    return Guess(np.array(u.x.array), None if p is None else np.array(p.x.array), sign, NESTED)
