@@ -37,10 +37,12 @@ class _Cells:
     """Some cells, with what does not change between products.
 
     Attributes:
+        cells: their numbers.
         dofs: unknowns of displacement and pressure, (components, cells, nodes) each.
         moduli: (entries of all duals, entries of all gradients, points), times the weights.
     """
 
+    cells: Integers
     dofs: list[npt.NDArray[np.intp]]
     moduli: Singles
 
@@ -82,6 +84,28 @@ class TangentProduct:
                 self._add(*places, tables, cells)
         self._y.scatter_reverse(la.InsertMode.add)
         return np.array(self._y.array[: self._owned])
+
+    def stiffness(self, most: int) -> tuple[Integers, Singles]:
+        """Return about ``most`` owned cells, spread evenly, and how stiff each is against displacements of its nodes.
+
+        That is the sum over the nodes of ``‖K_ii‖/√3`` (Frobenius), with the 3 × 3 block of the cell's part of K at
+        node i. It does not depend on how reference and current body are turned.
+        """
+        gradient = Slot(0, 3, is_gradient=True)
+        step = math.ceil(sum(len(one.cells) for *_, chunks in self._parts for one in chunks) / most)
+        found, values = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.float32)]
+        for (tests, trials), tables, chunks in self._parts:
+            if gradient not in tests or gradient not in trials:
+                continue
+            table = tables[0][directions_of(gradient)]
+            products = np.einsum("aqi,bqi->abqi", table, table)
+            for one in chunks:
+                moduli = one.moduli[tests[gradient], trials[gradient]]
+                some = moduli.reshape(3, 3, 3, 3, -1, table.shape[1])[..., ::step, :]
+                blocks = np.einsum("cadbnq,abqi->nicd", some, products, optimize=True)
+                found.append(one.cells[::step])
+                values.append(np.linalg.norm(blocks, axis=(2, 3)).sum(axis=1) / math.sqrt(3))
+        return np.concatenate(found), np.concatenate(values)
 
     def _add(self, tests: Places, trials: Places, tables: list[Singles], cells: _Cells) -> None:
         at_nodes = [self._x.array[dofs] for dofs in cells.dofs]
@@ -141,7 +165,7 @@ def _evaluated(
             of_pair = by_entry[at : (at := at + block.shape[0] * block.shape[1])]
             np.matmul(of_pair.reshape(*block.shape[:3], -1), singles, out=block)
     by_component = [np.ascontiguousarray(of_part[cells].transpose(2, 0, 1), dtype=np.intp) for of_part in dofs]
-    return _Cells(by_component, moduli.reshape(rows, columns, -1))
+    return _Cells(cells, by_component, moduli.reshape(rows, columns, -1))
 
 
 def _at_points(at_nodes: Singles, table: Singles, values: Singles) -> None:

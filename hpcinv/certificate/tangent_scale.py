@@ -1,5 +1,7 @@
 """Scale of the unknowns by the diagonals of stiffness and of the pressures' mass, without their matrices."""
 
+from collections.abc import Sequence
+
 import basix
 import numpy as np
 import ufl
@@ -10,13 +12,14 @@ from hpcinv.mesh.checks import CHUNK
 from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.model.scene import Scene
+from hpcinv.model.spaces import Unknowns
 
 _PRESSURES = 2.0
 """Factor of the pressures' mass that needs the fewest iterations; half of it, or twice as much, needs a few more."""
 
 
-def tangent_scale(scene: Scene) -> Floats:
-    """Return ``1/√d`` of the owned unknowns of a scene, in scaled units; collective.
+def diagonals_of_cells(scene: Scene) -> list[Floats]:
+    """Return diagonals ``d`` (owned cells, nodes) for displacements and pressures, in scaled units; collective.
 
     ``d`` is ``∫ 2μ |∇φ_i|² dx`` for a displacement, and twice the diagonal of `Scene.pressure_mass` for a pressure. The
     cells count as affine, with the Jacobian matrix at their midpoints: a preconditioner needs no more.
@@ -42,7 +45,12 @@ def tangent_scale(scene: Scene) -> Floats:
     if mixed:
         values = unknowns.scalar_elements[1].tabulate(0, points)[0]
         diagonals.append(_PRESSURES * of_cells[:, 1:] * (weights @ values**2))
-    dofmap = unknowns.space.dofmap
+    return diagonals
+
+
+def tangent_scale(unknowns: Unknowns, diagonals: Sequence[Floats]) -> Floats:
+    """Return ``1/√d`` of the owned unknowns, with the sums d of `diagonals_of_cells`; collective."""
+    dofmap, owned = unknowns.space.dofmap, len(diagonals[0])
     total = la.vector(dofmap.index_map, dofmap.index_map_bs)
     for diagonal, dofs in zip(diagonals, unknowns.dofs_of_cells(), strict=True):
         np.add.at(total.array, dofs[:owned], diagonal[..., None])

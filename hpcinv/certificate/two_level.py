@@ -30,14 +30,12 @@ from hpcinv.assembly.compiled_moduli import CompiledModuli, compiled_moduli
 from hpcinv.assembly.csr_tangent import surface_tangent
 from hpcinv.assembly.moduli import UnsupportedForm
 from hpcinv.assembly.tangent_product import TangentProduct
-from hpcinv.certificate.tangent_scale import tangent_scale
+from hpcinv.certificate.tangent_scale import diagonals_of_cells, tangent_scale
 from hpcinv.certificate.transfer import Transfer
 from hpcinv.effects import Direction
-from hpcinv.job.rules import NEARLY_INCOMPRESSIBLE
 from hpcinv.mesh.cells import kind_and_degree, scalar_element
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
-from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -54,6 +52,8 @@ _SMOOTHING = 8  # iterations with the diagonal before one with the factors
 _CYCLES = 10  # of these
 _RESIDUAL = 0.15  # relative, at which the correction may be found
 _CHANGE = 0.3  # of the displacement in one cycle, relative; its error is then at most half of that, mostly a third
+_STIFFEST = 4.0  # ratio of stiffnesses up to which corrections are right to a fifth
+_SAMPLE = 500  # cells of each rank by which it is found
 _STRAIGHT = 0.03  # offset of a node, relative to its cell, up to which moduli are extended: corrections change by 0.004
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
@@ -61,8 +61,10 @@ _INCREMENT = 1e-7  # length of the difference by which the residual is different
 def correct(model: Model, solution: Solution, finer: Model) -> bool:
     """Add the correction to the state of ``finer``, the solution in finer spaces; return whether it converged.
 
-    In the displacement form of nearly incompressible material the iterations end long before they have found the
-    correction, so they are not made there. Collective. The mesh of ``finer`` must lie where the solution was computed.
+    Iterations are not made where the body is much stiffer than by its shear modulus, as against stiff fibres, or
+    changes of volume in the displacement form: they would end long before they have found the correction, since the
+    diagonal does not tell soft motions from stiff ones there. Collective. The mesh of ``finer`` must lie where the
+    solution was computed.
 
     Args:
         model: model of the solution, with the factors of its last tangent.
@@ -70,8 +72,6 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
             tangent by as little as the shape of cells: the factors still serve as a preconditioner.
     """
     body, direction = model.body, solution.direction
-    if model.unknowns.p is None and _stiffness_ratio(model.scene(direction)) > NEARLY_INCOMPRESSIBLE:
-        return False  # the diagonal does not tell motions that keep the volume from others
     with model.at(body.mesh.geometry.x * body.length_scale, *solution.fields):
         equilibrium = model.equilibrium(model.scene(direction))
         if equilibrium.system.tangents == 0:
@@ -85,13 +85,6 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
         model.release(equilibrium)
         model.free_multigrid()
     return converged
-
-
-def _stiffness_ratio(scene: Scene) -> float:
-    """Return the largest ratio of bulk to shear modulus of the undeformed material over the body; collective."""
-    ratios = [(ufl.as_ufl(part.bulk_modulus / part.shear_modulus), part.cells) for part in scene.parts]
-    means = CellMeans(ratios, scene.unknowns.mesh, 0)()
-    return float(scene.unknowns.mesh.comm.allreduce(float(means.x.array.max(initial=0.0)), op=MPI.MAX))
 
 
 def _volume_product(model: Model, finer: Model, direction: Direction) -> TangentProduct | None:
@@ -176,7 +169,9 @@ class _FinerProblem:
         for condition in self._conditions:
             prescribed[condition.dof_indices()[0]] = True
         self._prescribed = prescribed[: len(self._residual)]
-        self._scale = tangent_scale(scene).astype(np.float32)
+        diagonals = diagonals_of_cells(scene)
+        self._scale = tangent_scale(self._unknowns, diagonals).astype(np.float32)
+        self._stiffness = diagonals[0].sum(axis=1)
         self._signs = np.ones_like(self._scale)
         if self._unknowns.p is not None:
             self._signs[self._unknowns.owned_pressure_dofs] = -1.0
@@ -192,8 +187,19 @@ class _FinerProblem:
         self._b.destroy()
         return x is not None
 
+    def _is_too_stiff(self) -> bool:
+        """Return whether a tenth of the cells is much stiffer than by the shear modulus of the undeformed material."""
+        if self._volume_product is None:
+            return False
+        cells, stiffness = self._volume_product.stiffness(_SAMPLE)
+        ratios = np.concatenate(self._comm.allgather(stiffness / self._stiffness[cells]))
+        # A ratio that is not a number does not count: the iterations find out.
+        return bool(np.count_nonzero(ratios > _STIFFEST) > 0.1 * len(ratios))
+
     def _solution(self) -> Singles | None:
-        """Return ``K⁻¹ R`` at the owned unknowns; ``None`` if the iterations do not converge."""
+        """Return ``K⁻¹ R`` at the owned unknowns; ``None`` if iterations do not find it."""
+        if self._is_too_stiff():
+            return None
         r = self._scale * self._residual.astype(np.float32)  # which is enough for an estimate
         last, start = np.zeros_like(r), self._length(r)
         if start == 0.0:

@@ -61,8 +61,6 @@ class Part:
         dilatation: volumetric strain θ.
         shear_modulus: μ of the undeformed material.
         volumetric_modulus: Λ, ``None`` if it is infinite.
-        bulk_modulus: of the undeformed material, ``None`` if it is infinite; more than Λ where the energy has other
-            volumetric terms.
         inelastic_volume: J_g.
     """
 
@@ -76,7 +74,6 @@ class Part:
     dilatation: Any
     shear_modulus: Any
     volumetric_modulus: Any
-    bulk_modulus: Any
     inelastic_volume: Any
 
     @property
@@ -285,7 +282,6 @@ def _part(
         theta,
         law.shear_modulus(p),
         modulus,
-        None if law.is_incompressible else law.bulk_modulus(p),
         J_g,
     )
 

@@ -160,19 +160,31 @@ def test_iterations_that_do_not_converge_are_followed_by_a_factorization(
     assert found.shape == pytest.approx(exact.shape, rel=1e-6)
 
 
-@pytest.mark.parametrize("lam", ["490 kPa", "490 kPa*z/(1 m)"])
-def test_nearly_incompressible_displacements_are_corrected_by_a_factorization(
-    lam: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+STIFF: dict[str, dict[str, Any]] = {
+    "fibres": {
+        "material": {"law": "transversely-isotropic", "mu": "5 kPa", "k": "200 kPa", "kappa": "30 kPa"},
+        "fibres": {"fibre": {"direction": [2 / 3, -1 / 3, 2 / 3], "given_on": "reference"}},
+    },
+    "nearly incompressible displacements": {
+        "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "490 kPa*z/(1 m)"},
+        "discretisation": {"formulation": "displacement"},
+    },
+}
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("name", STIFF)
+def test_corrections_of_stiff_bodies_are_found_by_a_factorization(
+    name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The iterations would end with half of the correction of a slender body, or less."""
-    data = standing(
-        material={"law": "neo-hookean", "mu": "10 kPa", "lam": lam},
-        discretisation={"formulation": "displacement"},
-    )
+    """The iterations would end with half of the correction, or less, in slender bodies."""
+    data = standing(**STIFF[name])
     monkeypatch.setattr(two_level, "MANY", np.inf)
     exact = estimate(data, comm)
     monkeypatch.setattr(two_level, "MANY", 0.0)
     assert estimate(data, comm).shape == pytest.approx(exact.shape, rel=1e-6)
+    monkeypatch.setattr(two_level, "_STIFFEST", np.inf)
+    assert estimate(data, comm).shape != pytest.approx(exact.shape, rel=1e-3)
 
 
 @pytest.mark.parallel([1, 3])
