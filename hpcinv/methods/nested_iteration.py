@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.assembly.tangent import as_for
 from hpcinv.effects import Direction
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
@@ -81,7 +82,8 @@ def solve_nested(
     """
     if not _is_wanted(model, direction):
         return solve_direction(model, direction, UNLOADED, observer), None
-    guess, coarse = _coarse_solution(model, direction, observer, note)
+    with as_for(sum(model.body.partition.cells)):  # with the kernels of the given mesh
+        guess, coarse = _coarse_solution(model, direction, observer, note)
     collect_garbage(model.body.mesh.comm)  # before the first factorization on the given mesh
     if _is_interrupted(model, observer, coarse.solves):
         choice = model.chooser.choose(model.job.solver)

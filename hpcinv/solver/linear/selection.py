@@ -16,7 +16,7 @@ _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid, for which there must be room if it is kept
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
 _FEW_RANKS = 2  # up to which a single factorization with minimum fill was seen to be faster
-_WORTH_NESTED = 3.0  # least gain of nested iteration: the coarser mesh may need kernels of its own, compiled once
+_WORTH_NESTED = 3.0  # least gain of nested iteration by the forecast, which is rough
 _TANGENTS: Mapping[Direction, int] = {"inverse": 3, "forward": 6}  # of slender bodies that turn far
 _OWN = frozenset({"ksp_type", "pc_type"})
 
