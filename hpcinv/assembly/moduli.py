@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from ufl.algorithms import expand_derivatives
-from ufl.classes import Derivative, Variable, Zero
+from ufl.classes import Derivative, Variable
 from ufl.corealg.traversal import unique_post_traversal
 
+from hpcinv.kinematics.kinematics import LABEL
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, without_stages
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
@@ -159,20 +160,21 @@ def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
             for where, f in ((tests, of(test)), (trials, of(trial))):
                 where[slot] = f, ufl.variable(ufl.Constant(mesh, f.ufl_shape))
     at_a_point = _at_a_point(integrand, unknowns, state, tests, trials)
-    K, volume = ufl.JacobianInverse(mesh), abs(ufl.JacobianDeterminant(mesh))
     local = Local(mesh.ufl_domain())
-    jacobians = {slot: Jacobian(symbol, local) for slot, (_, symbol) in trials.items()}
+    duals = {slot: Jacobian(symbol, local).of(at_a_point) for slot, (_, symbol) in tests.items()}
+    duals = {slot: dual for slot, dual in duals.items() if dual is not None}
+    stages = (e for dual in duals.values() for e in unique_post_traversal(dual) if isinstance(e, Variable))
+    H = next((one for one in stages if one.label() == LABEL), None)
+    jacobians = {slot: Jacobian(symbol, local, through=H) for slot, (_, symbol) in trials.items()}
     there, entries = [], list[Any]()
-    for test_slot, (_, symbol) in tests.items():
-        dual = expand_derivatives(ufl.diff(at_a_point, symbol))
-        if isinstance(dual, Zero):
-            continue
-        for trial_slot, jacobian in jacobians.items():
-            moduli = jacobian.of(dual)
-            if moduli is not None:
-                there.append((test_slot, trial_slot))
-                entries += _entries(moduli, test_slot, trial_slot, K)
-    vector = ufl.replace(volume * ufl.as_vector(entries), {symbol: f for f, symbol in trials.values()})
+    for test, dual in duals.items():
+        for trial, jacobian in jacobians.items():
+            if (moduli := jacobian.of(dual)) is not None:
+                there.append((test, trial))
+                entries += [moduli[at] for at in np.ndindex(moduli.ufl_shape)] if moduli.ufl_shape else [moduli]
+    J, volume = ufl.Jacobian(mesh), abs(ufl.JacobianDeterminant(mesh))
+    values = {symbol: ufl.dot(f, J) if slot.is_gradient else f for slot, (f, symbol) in trials.items()}
+    vector = ufl.replace(volume * ufl.as_vector(entries), values)
     return TangentModuli(tuple(there), without_stages(vector))
 
 
@@ -183,18 +185,19 @@ def _at_a_point(
     tests: dict[Slot, tuple[Any, Variable]],
     trials: dict[Slot, tuple[Any, Variable]],
 ) -> Any:
-    """Return the integrand with symbols for unknowns, test functions and their gradients.
+    """Return the integrand with symbols for unknowns, test functions and their gradients on the reference cell.
 
-    In derivatives, UFL splits functions of a mixed space: the gradient of the displacement becomes rows of the gradient
-    of all unknowns.
+    Gradients are ``∂/∂x_l = K_bl ∂/∂ξ_b``, with coordinates ``ξ`` of the reference cell. In derivatives, UFL splits
+    functions of a mixed space: the gradient of the displacement becomes rows of the gradient of all unknowns.
     """
     symbols: dict[Any, Any] = {}
+    K = ufl.JacobianInverse(unknowns.mesh)
     for whole, of_parts in ((unknowns.test, tests), (state, trials)):
-        symbols |= dict(of_parts.values())
+        found = {slot: ufl.dot(symbol, K) if slot.is_gradient else symbol for slot, (_, symbol) in of_parts.items()}
+        symbols |= {f: found[slot] for slot, (f, _) in of_parts.items()}
         if unknowns.p is not None:
             values, gradients = (
-                [symbol for slot, (_, symbol) in of_parts.items() if slot.is_gradient == wanted]
-                for wanted in (False, True)
+                [one for slot, one in found.items() if slot.is_gradient == wanted] for wanted in (False, True)
             )
             symbols[whole] = ufl.as_vector([*values[0], values[1]])
             symbols[ufl.grad(whole)] = ufl.as_tensor([*(gradients[0][i, :] for i in range(3)), gradients[1]])
@@ -218,14 +221,3 @@ def _has_other_derivatives(expression: Any, known: Collection[Any], functions: C
             return True
         left.extend(one.ufl_operands)
     return False
-
-
-def _entries(moduli: Any, test: Slot, trial: Slot, K: Any) -> list[Any]:
-    """Return components of moduli, with gradients by coordinates of the reference cell: ``∂/∂x_l = K_bl ∂/∂ξ_b``."""
-    axes = len(moduli.ufl_shape)
-    of_gradients = [0 if test.part else 1] if test.is_gradient else []
-    of_gradients += [axes - 1] if trial.is_gradient else []
-    for axis in of_gradients:
-        before, after, (b, l) = ufl.indices(axis), ufl.indices(axes - 1 - axis), ufl.indices(2)
-        moduli = ufl.as_tensor(moduli[(*before, l, *after)] * K[b, l], (*before, b, *after))
-    return [moduli[at] for at in np.ndindex(moduli.ufl_shape)] if axes else [moduli]

@@ -29,9 +29,14 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 import ufl
+from ufl.classes import Label, Variable
 
 from hpcinv.kinematics.stable_functions import log1p_remainder
 from hpcinv.kinematics.staged_derivatives import stage
+
+LABEL = Label(1_000_000)
+"""Label of ``H``, by which laws are differentiated. UFL's running number would change the kernels of each scene, and a
+small number might be used by a variable of a law."""
 
 
 class Measures(Protocol):
@@ -203,10 +208,15 @@ class Kinematics(ABC):
         self.integration = integration
         self._at = ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))
 
+    @cached_property
+    def H(self) -> Variable:
+        """Displacement gradient with respect to the reference body, ``∂u/∂X``, a stage of derivatives."""
+        return Variable(self._H, LABEL)
+
     @property
     @abstractmethod
-    def H(self) -> Any:
-        """Displacement gradient with respect to the reference body, ``∂u/∂X``."""
+    def _H(self) -> Any:
+        """`H` as an expression of the displacement."""
 
     @property
     @abstractmethod
@@ -353,7 +363,7 @@ class ForwardKinematics(Kinematics):
     sign = 1
 
     @property
-    def H(self) -> Any:
+    def _H(self) -> Any:
         return self._h
 
     @cached_property
@@ -377,13 +387,9 @@ class InverseKinematics(Kinematics):
     def F_inverse(self) -> Any:
         return ufl.Identity(3) + self._h
 
-    @cached_property
-    def _F(self) -> Any:
-        return ufl.inv(self.F_inverse)
-
-    @cached_property
-    def H(self) -> Any:
-        return -self._h * self._F
+    @property
+    def _H(self) -> Any:
+        return -self._h * ufl.inv(self.F_inverse)
 
     def Grad(self, v: Any) -> Any:
-        return ufl.grad(v) * self._F
+        return ufl.grad(v) * (ufl.Identity(3) + self.H)

@@ -25,11 +25,11 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from ufl.classes import Label, Variable
+from ufl.classes import Variable
 
 from hpcinv.effects import Effect
 from hpcinv.job.job import Job
-from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
+from hpcinv.kinematics.kinematics import LABEL, Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
@@ -42,10 +42,6 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.nondimensional import Scales
-
-LABEL = Label(1_000_000)
-"""Label of ``H``, by which laws are differentiated. UFL's running number would change the kernels of each scene, and a
-small number might be used by a variable of a law."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +127,7 @@ class Scene:
             name.removeprefix("fibres."): _unit(kin.given, family.given_on, par.of(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))
         }
-        self.H = H = Variable(kin.H, LABEL)
+        self.H = H = kin.H
         total = Deformation(H, directions)
         strains = [
             (effect, strain)

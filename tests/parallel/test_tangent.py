@@ -136,3 +136,22 @@ def test_stages_leave_derivatives_as_they_are(comm: MPI.Intracomm) -> None:
     for ours, theirs in (gradients, hessians):
         assert np.abs(ours - theirs).max() < 1e-14 * np.abs(theirs).max()
     assert np.abs(hessians).max() > 1
+
+
+def test_a_jacobian_through_a_stage_is_the_same(comm: MPI.Intracomm) -> None:
+    """An expression that depends on the variable through the stage, through others, and directly."""
+    mesh = create_unit_cube(comm, 1, 1, 1)
+    constant = fem.Constant(mesh, np.random.default_rng(4).normal(scale=0.3, size=(3, 3)))
+    h = ufl.variable(constant)
+    H = ufl.variable(-h * ufl.inv(ufl.Identity(3) + h))
+    E, volume = ufl.variable(ufl.sym(H) + H.T * H / 2), ufl.variable(ufl.det(ufl.Identity(3) + h))
+    stress = volume * ufl.variable(ufl.tr(E) * volume) * E * (ufl.Identity(3) + H).T + h
+    symbol = ufl.variable(constant)
+    theirs = expand_derivatives(ufl.diff(ufl.replace(without_stages(stress), {constant: symbol}), symbol))
+    local = Local(mesh.ufl_domain())
+    entries = [e[at] for e in (Jacobian(h, local, H).of(stress), theirs) for at in np.ndindex(e.ufl_shape)]
+    compiled = fem.Expression(without_stages(ufl.as_vector(entries)), np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
+    ours, expected = compiled.eval(mesh, np.zeros(1, dtype=np.int32)).reshape(2, 81)
+    assert np.abs(ours - expected).max() < 1e-13 * np.abs(expected).max()
+    assert np.abs(expected).max() > 1
+    assert Jacobian(h, local, H).of(ufl.variable(ufl.tr(ufl.variable(constant)))) is None
