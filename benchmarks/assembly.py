@@ -68,7 +68,9 @@ CASES: dict[str, dict[str, Any]] = {
 }
 FLAGS = (
     ["-O1"],
+    ["-O1", "-mavx"],
     ["-O2"],
+    ["-O2", "-mavx"],
     ["-O1", "-ftree-vectorize", "-march=native"],
     ["-O2", "-march=native"],
     ["-O3", "-march=native"],
