@@ -18,6 +18,8 @@ from hpcinv.job.fingerprint import file_digest
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.export import save
+from hpcinv.mesh.io import isolated
+from hpcinv.mesh.io.isolated import run_isolated
 
 VTU = """<?xml version="1.0"?>
 <VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">
@@ -153,6 +155,27 @@ def test_what_ends_gmsh_is_told(tmp_path: Path, meshes: Path, capfd: pytest.Capt
     message = refused(path, re.sub(rb"\n2 1 ", b"\n-1 1 ", path.read_bytes()))  # a group of dimension -1
     assert "gmsh cannot read it: it crashed (SIGSEGV)" in message
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_file_that_gmsh_has_read_is_not_tried_again(
+    tmp_path: Path, meshes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = read_source(spec(meshes / "box.py"), meshes / "box.py")
+    path = tmp_path / "a.msh"
+    save(path, mesh, mesh.points * np.random.default_rng().uniform(1.0, 2.0))  # no earlier test has read it
+    tried = list[str]()
+
+    def counted(action: str, file: Path) -> subprocess.CompletedProcess[bytes]:
+        tried.append(action)
+        return run_isolated(action, file)
+
+    monkeypatch.setattr(isolated, "run_isolated", counted)
+    first, second = (read_source(spec(path), path) for _ in range(2))
+    assert tried == ["msh"]
+    assert np.array_equal(first.points, second.points)
+    save(path, mesh, 2 * first.points)  # another content under the same name
+    read_source(spec(path), path)
+    assert len(tried) == 2
 
 
 def test_an_msh_file_cut_anywhere_is_told_or_whole(tmp_path: Path) -> None:
