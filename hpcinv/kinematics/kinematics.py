@@ -35,8 +35,8 @@ from hpcinv.kinematics.stable_functions import log1p_remainder
 from hpcinv.kinematics.staged_derivatives import stage
 
 LABEL = Label(1_000_000)
-"""Label of ``H``, by which laws are differentiated. UFL's running number would change the kernels of each scene, and a
-small number might be used by a variable of a law."""
+"""Label of `Kinematics.H`. UFL's running number would change the kernels of each scene, and a small number might be
+used by a variable of a law."""
 
 
 class Measures(Protocol):
@@ -210,7 +210,11 @@ class Kinematics(ABC):
 
     @cached_property
     def H(self) -> Variable:
-        """Displacement gradient with respect to the reference body, ``∂u/∂X``, a stage of derivatives."""
+        """Displacement gradient with respect to the reference body, ``∂u/∂X``, a stage of derivatives.
+
+        It is not the variable by which laws are differentiated, which leaves fibres and strains as they are that are
+        given on the current body.
+        """
         return Variable(self._H, LABEL)
 
     @property

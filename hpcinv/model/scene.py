@@ -25,23 +25,24 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from ufl.classes import Variable
+from ufl.classes import Label, Variable
 
 from hpcinv.effects import Effect
 from hpcinv.job.job import Job
-from hpcinv.kinematics.kinematics import LABEL, Deformation, Kinematics, OtherState
+from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.kinematics.staged_derivatives import gradient, without_stages
 from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.parameters import ParameterDerivative, Parameters
-from hpcinv.model.quadrature_values import CellMeans, QuadratureValues
+from hpcinv.model.scene_means import OfPart, SceneMeans
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.jit import JIT_OPTIONS
-from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.nondimensional import Scales
+
+LABEL = Label(1_000_001)
+"""Label of ``H``, by which laws are differentiated; fixed and large as that of the kinematics."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,6 @@ class Scene:
 
     Attributes:
         residual: UFL form, linear in the test functions of ``unknowns``.
-        strain_energy: UFL form of the energy stored in the body (scaled stress × length³).
         J: volume ratio; mesh_J: the determinant that must be positive at every point.
         H: displacement gradient, the variable of all expressions in `parts`.
 
@@ -127,7 +127,7 @@ class Scene:
             name.removeprefix("fibres."): _unit(kin.given, family.given_on, par.of(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(of_effects))
         }
-        self.H = H = kin.H
+        self.H = H = Variable(kin.H, LABEL)
         total = Deformation(H, directions)
         strains = [
             (effect, strain)
@@ -145,19 +145,16 @@ class Scene:
             for i, law in enumerate(job.laws.values())
         )
         residual: Any = 0
-        energy: Any = 0
         for number, one in enumerate(self.parts):
             dx = integration.part(number)
             residual += kin.dV(ufl.inner(one.P, kin.Grad(unknowns.v)), dx)
             if one.constraint is not None:
                 residual -= kin.dV(one.constraint * unknowns.q, dx)
-            energy += kin.dV(one.energy, dx)
         for effect, load, p in of_effects:
             work = effect.virtual_work(kin, unknowns.v, load, p)
             if work is not None:
                 residual -= work
         self.residual = residual
-        self.strain_energy = energy
         self.J = total.J
         self.mesh_J = kin.mesh_J
 
@@ -176,8 +173,13 @@ class Scene:
 
     @cached_property
     def means(self) -> SceneMeans:
-        """Compiled means over cells, volume ratios and strain energy."""
-        return SceneMeans(self)
+        """Compiled means over cells, volume ratios and strain energy, to be evaluated in any state."""
+        volume = self.kinematics.volumes[0]
+        parts = [
+            OfPart(cells, sigma, self.J, part.energy * volume)
+            for part, (sigma, cells) in zip(self.parts, self.cauchy_stress, strict=True)
+        ]
+        return SceneMeans(parts, self.prestrain_stress, self.unknowns.mesh, self.quadrature_degree)
 
     @cached_property
     def parameter_derivative(self) -> ParameterDerivative:
@@ -215,30 +217,6 @@ class Scene:
         for strain in self._own:
             F0 = (ufl.Identity(3) + strain) * F0
         return without_stages(F0)
-
-
-class SceneMeans:
-    """Evaluations of a scene in its present state, at the present coordinates of the mesh, in scaled units.
-
-    Attributes:
-        cauchy_stress: returns the means of the Cauchy stress in each cell, (3, 3).
-        prestrain_stress: the same of the prestrain stress, ``None`` without prestrain.
-        J: returns the means of the volume ratio in each cell.
-        J_at_points: volume ratio at the quadrature points.
-    """
-
-    def __init__(self, scene: Scene) -> None:
-        mesh, degree = scene.unknowns.mesh, scene.quadrature_degree
-        self.cauchy_stress = CellMeans(scene.cauchy_stress, mesh, degree)
-        own = scene.prestrain_stress
-        self.prestrain_stress = CellMeans(own, mesh, degree) if own else None
-        self.J = CellMeans([(scene.J, None)], mesh, degree)
-        self.J_at_points = QuadratureValues(scene.J, mesh, degree)
-        self._energy, self._comm = fem.form(scene.strain_energy, jit_options=JIT_OPTIONS), mesh.comm
-
-    def strain_energy(self) -> float:
-        """Return the energy stored in the body; collective."""
-        return float(self._comm.allreduce(fem.assemble_scalar(self._energy), op=MPI.SUM))
 
 
 def _part(

@@ -100,29 +100,28 @@ def solution_of(
     """Evaluate the model's present state, a solution at a load factor, in SI units; collective."""
     body, length, stress = model.body, model.scales.length, model.scales.stress
     with model.timings("compile"):
-        means = scene.means
+        evaluate = scene.means
     with model.timings("evaluation"):
         scene.parameters.set_load(load)
         u, p = model.solution()
-        sigma = means.cauchy_stress()
-        sigma.x.array[:] *= stress
-        own = None if means.prestrain_stress is None else means.prestrain_stress()
-        if own is not None:
-            own.x.array[:] *= stress
+        means = evaluate()
+        for one in (means.cauchy_stress, means.prestrain_stress):
+            if one is not None:
+                one.x.array[:] *= stress
         return Solution(
             direction=direction,
             mesh_nodes=body.mesh.geometry.x * length,
             u=model.unknowns.at_nodes(u),
             displacement=u,
             pressure=p,
-            J=means.J(),
-            cauchy_stress=sigma,
-            J_range=means.J_at_points.range(),
-            strain_energy=means.strain_energy() * stress * length**3,
+            J=means.J,
+            cauchy_stress=means.cauchy_stress,
+            J_range=means.J_range,
+            strain_energy=means.strain_energy * stress * length**3,
             solves=solves,
             load=load,
             linear=linear,
             contacts=scene.contacts.reports(model.scales),
-            prestrain_stress=own,
+            prestrain_stress=means.prestrain_stress,
             state=model.job.state,
         )

@@ -14,9 +14,10 @@ from dolfinx.mesh import create_unit_cube
 from pydantic import ValidationError
 from ufl.classes import Variable
 
-from hpcinv.kinematics.kinematics import LABEL, Deformation
+from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.materials import laws
 from hpcinv.materials.formula import Formula
+from hpcinv.model.scene import LABEL
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.schema import at, problems_in
 from hpcinv.quantity.units import Dimension

@@ -15,13 +15,14 @@ from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 from ufl.classes import Variable
 
-from hpcinv.kinematics.kinematics import LABEL, Deformation
+from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.kinematics.ufl_formulas import UFL_FUNCTIONS
 from hpcinv.materials.formula import Formula
 from hpcinv.materials.formula_law.algebras import FLOATS
 from hpcinv.materials.formula_law.coefficients import ONE, ZERO, Coefficient
 from hpcinv.materials.formula_law.invariants import PrincipalStretches, families_in, invariants
 from hpcinv.materials.formula_law.jet import JET_FUNCTIONS, Jet, Strains
+from hpcinv.model.scene import LABEL
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression

@@ -19,9 +19,10 @@ from mpmath import mp
 from ufl.classes import Variable
 
 from hpcinv.fitting.homogeneous import Response
-from hpcinv.kinematics.kinematics import LABEL, Deformation
+from hpcinv.kinematics.kinematics import Deformation
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.isochoric import DILATATIONS
+from hpcinv.model.scene import LABEL
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.quantity.expressions import Expression
