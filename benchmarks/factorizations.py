@@ -1,8 +1,8 @@
 """Factors in double and single precision, with and without blocks of low rank, and the iterative solver.
 
-Seconds are those of the solver (wall), kernels compiled; other work on the machine lengthens them. They
-include a solve on coarser cells (nested iteration), whose tangents are counted by themselves; its mesh and the transfer
-from it are in the column of meshes.
+Seconds are wall time of one rank, kernels compiled: of the whole solver, of its factorizations ("factors"), and of
+meshes, that of the job included, with the transfer between them. The solver includes a solve on coarser cells (nested
+iteration), whose tangents are counted by themselves ("on coarse").
 
 Command: python benchmarks/factorizations.py [--sizes 41000 160000] [--analyses inverse forward] [--repeat 1]
 With and without nested iteration: python benchmarks/factorizations.py --bodies beam --solvers single --nested off on
@@ -24,22 +24,13 @@ SOLVERS: Mapping[str, Mapping[str, Any]] = {
     "single, low rank": {"linear": "direct", "petsc": {"pc_precision": "single", "mat_mumps_icntl_35": 2}},
     "iterative": {"linear": "iterative"},
 }
-FIGURES = (
-    "tangents factorized",
-    "on coarser cells",
-    "corrections",
-    "Krylov",
-    "solver (s)",
-    "factorizations (s)",
-    "meshes, transfer (s)",
-    "MB",
-)
+FIGURES = ("tangents", "on coarse", "corrections", "Krylov", "solver", "factors", "transfer", "MB")
 
 
 def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     bodies = {"beam": beam, "block": block}
     jobs: dict[str, tuple[JobData, int]] = {
-        f"{name}, about {size}, {analysis}, {solver}{'' if nested == 'auto' else f', nested iteration {nested}'}": (
+        f"{name} {size // 1000}k {analysis}, {solver}{'' if nested == 'auto' else f', nested {nested}'}": (
             of(
                 size,
                 analysis=analysis,
@@ -59,13 +50,13 @@ def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     found = {
         name: {
             "unknowns": of[0].unknowns,
-            "tangents factorized": of[0].count("factorizations"),
-            "on coarser cells": sum(one["factorizations"] for one in map(_coarse, of[0].found["solutions"])),
+            "tangents": of[0].count("factorizations"),
+            "on coarse": sum(one["factorizations"] for one in map(_coarse, of[0].found["solutions"])),
             "corrections": of[0].count("newton_iterations"),
             "Krylov": sum(solution["linear"]["iterations"] for solution in of[0].found["solutions"]),
-            "solver (s)": median(of, lambda run: run.solver),
-            "factorizations (s)": median(of, lambda run: run.phases["factorization"]),
-            "meshes, transfer (s)": median(of, lambda run: run.phases.get("transfer", 0.0) + run.phases["mesh"]),
+            "solver": median(of, lambda run: run.solver),
+            "factors": median(of, lambda run: run.phases["factorization"]),
+            "transfer": median(of, lambda run: run.phases.get("transfer", 0.0) + run.phases["mesh"]),
             "MB": median(of, lambda run: sum(run.memory)) / 1e6,
             "fallback": of[0].found["solutions"][0]["linear"]["fallback"] or "",
         }
@@ -74,7 +65,7 @@ def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
     return [
         Findings(
             f"factorizations: 1 rank, medians of {options.repeat}",
-            ("body, analysis, solver", "unknowns", *FIGURES, "fallback"),
+            ("seconds", "unknowns", *FIGURES, "fallback"),
             [
                 (name, f"{of['unknowns']}", *(f"{of[title]:.4g}" for title in FIGURES), of["fallback"])
                 for name, of in found.items()

@@ -12,16 +12,17 @@ import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.element_matrices import Block, ElementMatrices
 from hpcinv.assembly.moduli import Term, UnsupportedForm
+from hpcinv.assembly.pattern import pattern_of
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
-from hpcinv.model.spaces import Integers
+from hpcinv.model.spaces import Integers, Unknowns
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.malloc import release_freed_memory
 
@@ -39,12 +40,10 @@ class FilledTangent:
 
     def __init__(self, scene: Scene, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
         self._unknowns, self._options = scene.unknowns, dict(jit_options)
-        unknowns, options, space = scene.unknowns, self._options, scene.unknowns.space
+        unknowns, options = scene.unknowns, self._options
         self._volume = [ElementMatrices(m, unknowns) for m in compiled_moduli(scene.residual, unknowns, options)]
         surface = surface_tangent(scene.residual, unknowns.state)
         self._surface = None if surface is None else fem.form(surface, jit_options=options)
-        mass = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
-        self._any_form = fem.form(mass, jit_options=options)
 
     def term(self, term: Term) -> FilledTerm:
         """Return a term that can be added to the tangent; collective."""
@@ -64,7 +63,7 @@ class FilledTangent:
         Args:
             like: another tangent on the same unknowns, whose pattern is used.
         """
-        rows = like._rows if isinstance(like, FilledTangent) else _Rows(self._any_form)
+        rows = like._rows if isinstance(like, FilledTangent) else _Rows(self._unknowns)
         self._rows: _Rows = rows
         A, values, (starts, columns, of_ghosts, names) = rows.matrix()
         prescribed = np.zeros(rows.count, dtype=bool)
@@ -125,22 +124,15 @@ class _Rows:
 
     The array begins with PETSc's diagonal and off-diagonal blocks of the owned rows, which PETSc uses without copies.
     Rows of ghosts follow, whose values are sent to other ranks.
-
-    Args:
-        form: any form on the space of the unknowns.
     """
 
-    def __init__(self, form: fem.Form) -> None:
-        dofmap = form.function_spaces[0].dofmap
+    def __init__(self, unknowns: Unknowns) -> None:
+        dofmap = unknowns.space.dofmap
         self._nodes, self._bs = nodes, bs = dofmap.index_map, dofmap.index_map_bs
-        pattern = fem.create_sparsity_pattern(form)
-        pattern.finalize()
-        A = la.matrix_csr(pattern, dtype=np.float32)  # for its structure
-        self.owned, self.count = bs * nodes.size_local, bs * (len(A.indptr) - 1)
-        self._dofs = _unrolled(dofmap.map(), bs)
-        names = _unrolled(_global(A.index_map(1)), bs).astype(PETSc.IntType)
-        indptr, indices = _by_entries(A.indptr, A.indices, bs)
-        del A, pattern
+        pattern = pattern_of(unknowns)
+        indptr, indices, names = pattern.starts, pattern.columns, pattern.names.astype(PETSc.IntType)
+        self.owned, self.count = bs * nodes.size_local, len(indptr) - 1
+        self._dofs = _unrolled(dofmap.list, bs)
         end = int(indptr[self.owned])  # of the owned rows
         other = np.flatnonzero(indices[:end] >= self.owned)  # last in each row
         row = np.searchsorted(indptr, other, side="right") - 1
@@ -235,18 +227,6 @@ def surface_tangent(residual: Any, state: fem.Function) -> Any:
         return None
     tangent = expand_derivatives(ufl.derivative(ufl.Form(surface), state))
     return None if tangent.empty() else tangent
-
-
-def _by_entries(indptr: Any, indices: Any, bs: int) -> tuple[Integers, Integers]:
-    """Return CSR rows and columns of entries from a CSR pattern of blocks."""
-    if bs == 1:
-        return np.array(indptr, dtype=np.int32), np.array(indices)
-    blocks = np.diff(indptr)
-    lengths = np.repeat(bs * blocks, bs)
-    found = np.concatenate([[0], np.cumsum(lengths)])
-    begins = np.repeat(bs * indptr[:-1], bs)  # of the columns of the same row of blocks
-    columns = _unrolled(indices, bs)
-    return found.astype(np.int32), columns[np.arange(found[-1]) - np.repeat(found[:-1] - begins, lengths)]
 
 
 def _unrolled(blocks: npt.NDArray[Any], bs: int) -> npt.NDArray[Any]:

@@ -61,7 +61,7 @@ class System:
             return Admissibility(self.scene)
 
     def compile(self) -> None:
-        """Compile residual and checks, which are else compiled when they are first needed; collective."""
+        """Compile residual and checks now, and not when they are first needed; collective."""
         _ = self._residual, self._admissibility
 
     @cached_property

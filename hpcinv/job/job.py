@@ -305,9 +305,7 @@ class Job(Spec):
         if self.method != "direct" and first.direction == "inverse":
             return "needs 'method: direct'"
         if self.accuracy:
-            return (
-                "cannot be combined with 'accuracy', whose search has the solutions on its earlier meshes to begin with"
-            )
+            return "cannot be combined with 'accuracy', whose search begins with the solution on the mesh before"
         if first.direction == "forward" and any(effect.functions(1) for effect in first.job.effects):
             return "is not possible with a contact whose pressure or nearest points are found by iteration"
         return ""

@@ -178,6 +178,7 @@ class _Forwarding(Observer):
 
 
 def _limited(solves: Iterator[Solve]) -> Iterator[Solve]:
+    """Yield solves until their factorizations are more than a coarse solution is worth (`_EFFORT`)."""
     spent = 0
     for solve in solves:
         yield solve

@@ -1,0 +1,98 @@
+"""Sparsity pattern of a tangent, found node by node.
+
+The unknowns of a node are consecutive, and in the same cells: pairs of nodes, a sixth or a ninth as many as pairs of
+unknowns, are found by DOLFINx, and unrolled.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import cpp, la
+
+from hpcinv.model.spaces import Integers, Unknowns
+
+_TAG = 1
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Rows of local unknowns, those of ghosts included, in the manner of CSR.
+
+    Attributes:
+        starts, columns: where each row begins, and its columns in ascending order: local unknowns, then those of nodes
+            that this rank has not.
+        names: global number of each column, (all columns,).
+    """
+
+    starts: Integers
+    columns: Integers
+    names: npt.NDArray[np.int64]
+
+
+def pattern_of(unknowns: Unknowns) -> Pattern:
+    """Return the pattern of integrals over cells; collective.
+
+    The unknowns of each node must be consecutive (`Unknowns.has_whole_nodes`).
+    """
+    dofmap, mesh = unknowns.space.dofmap, unknowns.mesh
+    unknown_map, bs = dofmap.index_map, dofmap.index_map_bs
+    of_cells = unknowns.dofs_of_cells()
+    components = np.zeros(bs * (unknown_map.size_local + unknown_map.num_ghosts), dtype=np.int32)  # at first ones
+    for part in of_cells:
+        components[part[:, :, 0]] = part.shape[2]
+    first = np.flatnonzero(components)  # unknown of each local node
+    number = np.cumsum(components > 0, dtype=np.int32) - 1
+    names = bs * unknown_map.local_range[0] + first
+
+    nodes = _node_map(unknown_map, bs, first)
+    pattern = cpp.la.SparsityPattern(mesh.comm, [nodes, nodes], [1, 1])
+    owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
+    for cell in number[np.concatenate([part[:owned_cells, :, 0] for part in of_cells], axis=1)]:
+        pattern.insert(cell, cell)
+    pattern.finalize()
+    graph = la.matrix_csr(pattern, dtype=np.float32)  # which tells the map of the columns, unlike the pattern
+    starts, columns = graph.indptr, graph.indices
+    described = la.vector(graph.index_map(1), 2, dtype=np.int64)  # first unknown and components
+    at = described.array.reshape(-1, 2)
+    at[: nodes.size_local] = np.stack([names, components[first]], axis=1)[: nodes.size_local]
+    described.scatter_forward()
+    names, widths = at.T
+    begins = np.cumsum(widths) - widths
+    found = _by_unknowns(starts, columns, widths[: len(starts) - 1], begins, widths)
+    return Pattern(*found, _ranges(names, widths))
+
+
+def _node_map(unknowns: Any, bs: int, first: npt.NDArray[np.int64]) -> Any:
+    """Return DOLFINx's map of the nodes with these local unknowns; collective."""
+    owned = int(np.searchsorted(first, bs * unknowns.size_local))
+    begin = unknowns.comm.exscan(owned) or 0
+    numbers = la.vector(unknowns, bs, dtype=np.int64)
+    numbers.array[first[:owned]] = begin + np.arange(owned)
+    numbers.scatter_forward()
+    ghosts = first[owned:]
+    owners = np.asarray(unknowns.owners)[ghosts // bs - unknowns.size_local]
+    return cpp.common.IndexMap(unknowns.comm, owned, numbers.array[ghosts], owners.astype(np.int32), _TAG)
+
+
+def _by_unknowns(
+    starts: npt.NDArray[Any], columns: npt.NDArray[Any], rows: npt.NDArray[Any], begins: Any, widths: Any
+) -> tuple[Integers, Integers]:
+    """Return rows and columns of unknowns from rows and columns of nodes.
+
+    Args:
+        rows: number of unknowns of each node with a row.
+        begins, widths: first unknown, and number of unknowns, of each node with a column.
+    """
+    of_node = _ranges(begins[columns], widths[columns])  # columns of a row of each node
+    ends = np.concatenate([[0], np.cumsum(widths[columns])])
+    node_starts, lengths = ends[starts[:-1]], ends[starts[1:]] - ends[starts[:-1]]
+    unrolled = np.concatenate([[0], np.cumsum(np.repeat(lengths, rows))])
+    return unrolled.astype(np.int32), of_node[_ranges(np.repeat(node_starts, rows), np.repeat(lengths, rows))]
+
+
+def _ranges(begins: npt.NDArray[Any], lengths: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return ``begin, begin + 1, …`` of each length, one range after the other."""
+    ends = np.cumsum(lengths)
+    return np.repeat(begins - (ends - lengths), lengths) + np.arange(ends[-1] if len(ends) else 0)
