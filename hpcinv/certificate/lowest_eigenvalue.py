@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import dot
@@ -146,7 +145,7 @@ class _Search:
         sizes, basis = np.linalg.eigh(scale[:, None] * mass * scale)
         kept = sizes > 1e-12 * sizes[-1]
         basis = scale[:, None] * basis[:, kept] / np.sqrt(sizes[kept])
-        values, vectors = scipy.linalg.eigh(basis.T @ (energy + constraint) @ basis)
+        values, vectors = np.linalg.eigh(basis.T @ (energy + constraint) @ basis)
         shares = basis @ vectors[:, 0]
         shares = self._comm.bcast(shares)  # the same on all ranks to the last digit
         value = float(self._comm.bcast(values[0]))

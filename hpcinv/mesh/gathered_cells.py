@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from scipy.spatial import cKDTree
 
 from hpcinv.mesh.cells import jacobians, kind_and_degree, scalar_element, vertex_count
 from hpcinv.mesh.regions import Mesh
@@ -84,8 +83,10 @@ class GatheredCells:
         return found
 
     @cached_property
-    def _linear(self) -> tuple[cKDTree, Floats, Floats]:
+    def _linear(self) -> tuple[Any, Floats, Floats]:
         """Tree of the centres of the cells, the centres, and the inverse Jacobians there."""
+        from scipy.spatial import cKDTree  # slow import, needed for nested iteration only
+
         shapes = scalar_element(self.kind, self.degree).tabulate(0, self._middle[None])[0, 0, :, 0]
         centres = shapes @ self.nodes
         gradients = jacobians(self.kind, self.degree, self.nodes, self._middle[None])[:, 0]
