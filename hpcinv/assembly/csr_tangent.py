@@ -14,6 +14,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.compiled_moduli import compiled_moduli
@@ -154,8 +155,6 @@ class _Rows:
     @cached_property
     def _place(self) -> Any:
         """Place of each entry as a CSR array, in the local numbers of rows and columns."""
-        from scipy.sparse import csr_array  # slow import, needed for large bodies only
-
         end = int(self._indptr[self.owned])
         place = np.arange(len(self._indices), dtype=np.int32)
         place[:end] -= np.repeat(self._before[:-1], np.diff(self._indptr[: self.owned + 1]))

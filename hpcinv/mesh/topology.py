@@ -5,6 +5,8 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from hpcinv.mesh.cells import sub_entities
 from hpcinv.mesh.source import Ints
@@ -64,9 +66,6 @@ class FacetTable:
 
 def connected(cells: Ints, nodes: int) -> Ints:
     """Connected component (c,) of each cell, from 0; cells that share a node are in the same component."""
-    from scipy.sparse import coo_array  # slow imports, of which only rank 0 has need
-    from scipy.sparse.csgraph import connected_components
-
     ends = np.repeat(cells[:, 0], cells.shape[1]), cells.ravel()
     graph = coo_array((np.ones(cells.size, dtype=bool), ends), shape=(nodes, nodes))
     _, component = connected_components(graph, directed=False)
