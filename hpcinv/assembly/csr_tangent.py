@@ -70,9 +70,7 @@ class FilledTangent:
         prescribed = np.zeros(rows.count, dtype=bool)
         for condition in conditions:
             prescribed[condition.dof_indices()[0]] = True
-        of_prescribed = rows.of(prescribed)
-        owned = np.flatnonzero(prescribed[: rows.owned]).astype(np.int32)
-        diagonal = rows.at(owned, owned)
+        of_prescribed, diagonal = rows.of(prescribed)
 
         def assemble(terms: Sequence[FilledTerm] = ()) -> None:
             A.zeroEntries()
@@ -151,6 +149,7 @@ class _Rows:
         self._blocks = _integers(starts, inner), _integers(before, names[indices[other]])
         self._of_ghosts = _integers(indptr[self.owned :] - end, names[indices[end:]])
         self._known: list[tuple[Integers, _Places]] = []
+        self._last: tuple[npt.NDArray[np.bool_], Integers, Integers] | None = None
 
     @cached_property
     def _place(self) -> Any:
@@ -186,13 +185,19 @@ class _Rows:
             return np.zeros(0, dtype=np.int32)
         return np.asarray(self._place[rows, columns], dtype=np.int32)
 
-    def of(self, unknowns: npt.NDArray[np.bool_]) -> Integers:
-        """Return places of all entries in the rows and columns of some local unknowns."""
-        place = self._place
-        columns = np.zeros(place.shape[1], dtype=bool)
-        columns[: len(unknowns)] = unknowns
-        chosen: Integers = place.data[np.repeat(unknowns, np.diff(place.indptr)) | columns[place.indices]]
-        return chosen
+    def of(self, unknowns: npt.NDArray[np.bool_]) -> tuple[Integers, Integers]:
+        """Return places of all entries in the rows and columns of some local unknowns, and of those on the diagonal.
+
+        They are kept for the next matrix, which mostly has the same supports.
+        """
+        if self._last is None or not np.array_equal(self._last[0], unknowns):
+            place = self._place
+            columns = np.zeros(place.shape[1], dtype=bool)
+            columns[: len(unknowns)] = unknowns
+            chosen: Integers = place.data[np.repeat(unknowns, np.diff(place.indptr)) | columns[place.indices]]
+            owned = np.flatnonzero(unknowns[: self.owned]).astype(np.int32)
+            self._last = unknowns, chosen, self.at(owned, owned)
+        return self._last[1:]
 
     def places(self, matrices: ElementMatrices) -> list[_Places]:
         """Return places of the entries of element matrices, block by block; they are computed once."""
