@@ -13,7 +13,7 @@ from dolfinx import cpp, la
 
 from hpcinv.model.spaces import Integers, Unknowns
 
-_TAG = 1
+_TAG = 1  # of messages by which ranks agree on a map
 
 
 @dataclass(frozen=True)
