@@ -23,7 +23,12 @@ from hpcinv.errors import OutputError
 from hpcinv.parallel import kernel_files, ownership
 from hpcinv.parallel.jit import refuse_foreign
 
-SMALL: Mapping[str, Any] = {**CUBE, "discretisation": {"displacement": 1}, "output": {"fields": False, "mesh": []}}
+SMALL: Mapping[str, Any] = {
+    **CUBE,
+    "discretisation": {"displacement": 1},
+    "quantities": [{"name": "stress", "of": "von_mises", "on": "block", "reduce": "mean"}],
+    "output": {"fields": False, "mesh": []},
+}
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
 
 # A compiler that notes which kernel it compiles, and waits before that for as long as there is a file 'hold'.
