@@ -64,8 +64,10 @@ def compiled_moduli(
     points, weights = basix.make_quadrature(mesh.basix_cell(), of_form if degree is None else degree)
     differentiated = None if isinstance(form, Term) else functions.index(unknowns.state)
     name, directory = _name(whole.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
-    record = mesh.comm.bcast(read_record(name, directory) if mesh.comm.rank == 0 else None)
-    kernels = [] if record is None else [_Kernel.from_data(one) for one in json.loads(record)]
+    recorded, record = mesh.comm.bcast((name, read_record(name, directory)) if mesh.comm.rank == 0 else None)
+    # Flags depend on the processor: rank 0 may know of kernels that this one cannot run.
+    is_known = record is not None and recorded == name
+    kernels = [_Kernel.from_data(one) for one in json.loads(record)] if is_known else []
     found = [_loaded(kernel, functions, constants, directory) for kernel in kernels]
     loaded = [one for one in found if one is not None]
     if not mesh.comm.allreduce(len(loaded) == len(parts), op=MPI.LAND):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
@@ -14,6 +15,7 @@ from helpers.verification import box, deform, job
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
+from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent import CompiledTangent, FilledTangent, as_for, tangent_of
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, gradient, without_stages
@@ -155,3 +157,22 @@ def test_a_jacobian_through_a_stage_is_the_same(comm: MPI.Intracomm) -> None:
     assert np.abs(ours - expected).max() < 1e-13 * np.abs(expected).max()
     assert np.abs(expected).max() > 1
     assert Jacobian(h, local, H).of(ufl.variable(ufl.tr(ufl.variable(constant)))) is None
+
+
+@pytest.mark.parallel([2])
+def test_a_rank_with_other_flags_takes_kernels_of_its_own(comm: MPI.Intracomm, tmp_path: Path) -> None:
+    """As on a node whose processor has not the instructions of that of rank 0."""
+    given = job(**MIXED)
+    body = build_body(given.mesh, given.regions, comm, resolve=given.resolve)
+    scene = Model(given, body, Timings()).scene("inverse")
+    deform(scene.unknowns)
+    flags = ["-O1", "-g0", f"-DRANK={comm.rank}"]
+    options = JIT_OPTIONS | {"cffi_extra_compile_args": flags, "cache_dir": Path(comm.bcast(str(tmp_path)))}
+    cells = np.arange(1, dtype=np.int32)
+    (usual,) = compiled_moduli(scene.residual, scene.unknowns, JIT_OPTIONS)
+    for _ in range(2):  # without a record, and with that of rank 0
+        (found,) = compiled_moduli(scene.residual, scene.unknowns, options)
+        files = comm.allgather(found.expression.file)
+        assert files[0] != files[1]
+        expected = usual.expression.eval(scene.unknowns.mesh, cells)
+        assert np.array_equal(found.expression.eval(scene.unknowns.mesh, cells), expected)
