@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.command_line import environment
+from helpers.command_line import environment, hpcinv
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 
 from hpcinv.errors import MeshError
@@ -20,6 +20,7 @@ from hpcinv.mesh.checks import check
 from hpcinv.mesh.export import save
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.io.isolated import run_isolated
+from hpcinv.parallel import jit
 
 VTU = """<?xml version="1.0"?>
 <VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">
@@ -162,8 +163,10 @@ def test_a_file_that_gmsh_has_read_is_not_tried_again(
 ) -> None:
     mesh = read_source(spec(meshes / "box.py"), meshes / "box.py")
     path = tmp_path / "a.msh"
-    save(path, mesh, mesh.points * np.random.default_rng().uniform(1.0, 2.0))  # no earlier test has read it
+    save(path, mesh, mesh.points)
     tried = list[str]()
+    monkeypatch.setattr(jit, "DIRECTORY", tmp_path / "records")
+    monkeypatch.setattr(jit, "_PLACES", (tmp_path / "records",))
 
     def counted(action: str, file: Path) -> subprocess.CompletedProcess[bytes]:
         tried.append(action)
@@ -176,6 +179,16 @@ def test_a_file_that_gmsh_has_read_is_not_tried_again(
     save(path, mesh, 2 * first.points)  # another content under the same name
     read_source(spec(path), path)
     assert len(tried) == 2
+
+
+def test_a_mesh_is_read_where_the_directory_of_kernels_is_refused(tmp_path: Path, meshes: Path) -> None:
+    kernels = tmp_path / "kernels"
+    kernels.mkdir()
+    kernels.chmod(0o777)
+    mesh = meshes / "pdms-beam-sagging.msh"
+    done = hpcinv(1, "mesh", "partition", mesh, "a.bp", "--parts", 2, cwd=tmp_path, HPCINV_KERNELS=str(kernels))
+    assert done.returncode == 0, done.stderr
+    assert not list(kernels.iterdir())
 
 
 def test_an_msh_file_cut_anywhere_is_told_or_whole(tmp_path: Path) -> None:

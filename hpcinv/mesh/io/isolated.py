@@ -1,14 +1,14 @@
 """Mesh files read in a separate process, because VTK and gmsh may crash on damaged files."""
 
-import hashlib
 import signal
 import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
-from hpcinv.errors import MeshError
-from hpcinv.parallel.jit import DIRECTORY, read_record, write_record
+from hpcinv.errors import MeshError, OutputError
+from hpcinv.job.fingerprint import file_digest
 
 _PROGRAM = Path(__file__).with_name("isolated_reader.py")
 
@@ -22,13 +22,22 @@ def run_isolated(action: str, path: Path) -> subprocess.CompletedProcess[bytes]:
 def check_readable_by_gmsh(path: Path, called: Path) -> None:
     """Raise ``MeshError``, which names ``called``, for an MSH file on which gmsh crashes.
 
-    That takes as long as to read the file, so that a record beside the kernels tells of the files that were read.
+    That takes as long as reading the file. So a record beside the kernels tells which files gmsh has read.
     """
-    with path.open("rb") as file:
-        record = f"msh_{hashlib.file_digest(file, 'sha256').hexdigest()}_{version('gmsh')}"
-    if read_record(record, DIRECTORY) is not None:
+    records, name = _records(), f"msh_{file_digest(called)}_{version('gmsh')}"
+    if records is not None and records.read_record(name, records.DIRECTORY) is not None:
         return
     if (code := run_isolated("msh", path).returncode) < 0:
         end = signal.Signals(-code).name
         raise MeshError(f"{called}: gmsh cannot read it: it crashed ({end})", "Is the file complete?")
-    write_record(record, "gmsh reads it", DIRECTORY)
+    if records is not None:
+        records.write_record(name, "gmsh reads it", records.DIRECTORY)
+
+
+def _records() -> Any:
+    """Return the module that keeps records, ``None`` if it refuses its directory: reading a mesh needs no kernels."""
+    try:
+        from hpcinv.parallel import jit
+    except OutputError:
+        return None
+    return jit
