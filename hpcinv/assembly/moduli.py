@@ -161,8 +161,8 @@ def _moduli(integrand: Any, unknowns: Unknowns, state: Any) -> TangentModuli:
                 where[slot] = f, ufl.variable(ufl.Constant(mesh, f.ufl_shape))
     at_a_point = _at_a_point(integrand, unknowns, state, tests, trials)
     local = Local(mesh.ufl_domain())
-    duals = {slot: Jacobian(symbol, local).of(at_a_point) for slot, (_, symbol) in tests.items()}
-    duals = {slot: dual for slot, dual in duals.items() if dual is not None}
+    by_tests = {slot: Jacobian(symbol, local).of(at_a_point) for slot, (_, symbol) in tests.items()}
+    duals = {slot: dual for slot, dual in by_tests.items() if dual is not None}
     stages = (e for dual in duals.values() for e in unique_post_traversal(dual) if isinstance(e, Variable))
     H = next((one for one in stages if one.label() == LABEL), None)
     jacobians = {slot: Jacobian(symbol, local, through=H) for slot, (_, symbol) in trials.items()}

@@ -59,17 +59,20 @@ class Jacobian:
     def __init__(self, by: Variable, local: Local, through: Variable | None = None) -> None:
         self._by, self._local = by, local
         self._known: dict[Variable, Any] = {}  # of stages
-        self._of_through = None if through is None else self._stage_by_stage(through.ufl_operands[0])
-        if through is not None and self._of_through is not None:
+        self._through: tuple[int, Jacobian, Any] | None = None  # rank of that stage, Jacobians by it, and its own
+        if through is not None and (inner := self._of_stage(through)) is not None:
+            self._through = len(through.ufl_shape), Jacobian(through, local), inner
             self._known[through] = None  # fixed in what is added stage by stage from here on
-            self._by_through = Jacobian(through, local)
 
     def of(self, expression: Any) -> Any:
         """Return the Jacobian of an expression, ``None`` if it does not depend on the variable."""
         total = self._stage_by_stage(expression)
-        if self._of_through is None or (outer := self._by_through.of(expression)) is None:
+        if self._through is None:
             return total
-        share = _contracted(outer, len(self._of_through.ufl_shape) - len(self._by.ufl_shape), self._of_through)
+        rank, by_through, inner = self._through
+        if (outer := by_through.of(expression)) is None:
+            return total
+        share = _contracted(outer, rank, inner)
         return share if total is None else total + share
 
     def _stage_by_stage(self, expression: Any) -> Any:

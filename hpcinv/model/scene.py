@@ -36,7 +36,7 @@ from hpcinv.model.contacts import Contacts
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.parameters import ParameterDerivative, Parameters
-from hpcinv.model.scene_means import OfPart, SceneMeans
+from hpcinv.model.scene_means import PartExpressions, SceneMeans
 from hpcinv.model.spaces import Unknowns
 from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.nondimensional import Scales
@@ -176,7 +176,7 @@ class Scene:
         """Compiled means over cells, volume ratios and strain energy, to be evaluated in any state."""
         volume = self.kinematics.volumes[0]
         parts = [
-            OfPart(cells, sigma, self.J, part.energy * volume)
+            PartExpressions(cells, sigma, self.J, part.energy * volume)
             for part, (sigma, cells) in zip(self.parts, self.cauchy_stress, strict=True)
         ]
         return SceneMeans(parts, self.prestrain_stress, self.unknowns.mesh, self.quadrature_degree)

@@ -33,7 +33,7 @@ class Means:
 
 
 @dataclass(frozen=True)
-class OfPart:
+class PartExpressions:
     """What is evaluated in a part of the body, as UFL expressions in scaled units.
 
     Attributes:
@@ -58,7 +58,7 @@ class SceneMeans:
 
     def __init__(
         self,
-        parts: Sequence[OfPart],
+        parts: Sequence[PartExpressions],
         prestrain_stress: Sequence[tuple[Any, Cells | None]],
         mesh: Mesh,
         quadrature_degree: int,
