@@ -1,7 +1,7 @@
 """Sparsity pattern of a tangent, found node by node.
 
-The unknowns of a node are consecutive, and in the same cells: pairs of nodes, a sixth or a ninth as many as pairs of
-unknowns, are found by DOLFINx, and unrolled.
+The unknowns of a node are consecutive, and belong to the same cells. So DOLFINx finds the pairs of nodes, a sixth or a
+ninth as many as pairs of unknowns, and each is then replaced by the pairs of their unknowns.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Pattern:
 
     Attributes:
         starts, columns: where each row begins, and its columns in ascending order: local unknowns, then those of nodes
-            that this rank has not.
+            that are not on this rank.
         names: global number of each column, (all columns,).
     """
 

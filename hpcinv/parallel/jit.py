@@ -107,7 +107,10 @@ def _environment() -> list[str]:
 
 
 def _has_avx() -> bool:
-    """Return whether the processor has AVX, as those of x86 have since 2011: long kernels take half the time."""
+    """Return whether the processor has AVX, with which long kernels take half the time.
+
+    x86 processors have had it since 2011.
+    """
     with suppress(OSError), Path("/proc/cpuinfo").open() as file:
         return any(line.startswith("flags") and "avx" in line.split() for line in islice(file, _LINES_OF_A_PROCESSOR))
     return False
