@@ -35,7 +35,8 @@ def section(bench: Bench, options: argparse.Namespace) -> list[Findings]:
 
 def phases(runs: dict[str, list[MeasuredRun]], repeat: int) -> Findings:
     """Microseconds per unknown in each phase, and the share outside of kernels, PETSc and MPI."""
-    names = dict.fromkeys(("mesh", "set-up", *SOLVER, "certificate"))
+    expected = ("mesh", "set-up", *SOLVER, "certificate")
+    names = {name: None for name in expected if any(name in of[0].phases for of in runs.values())}
     names |= {name: None for of in runs.values() for name in of[0].phases if name != "compile"}
     found = {body: {name: median(of, partial(_phase, name=name)) for name in names} for body, of in runs.items()}
     unknowns = {body: of[0].unknowns for body, of in runs.items()}

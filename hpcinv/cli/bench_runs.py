@@ -25,8 +25,17 @@ from hpcinv.quantity.keys import look_up
 
 type JobData = Mapping[str, Any]
 
-SOLVER = ("residual", "tangent", "factorization", "linear solve", "newton", "admissibility check")
-"""Phases from the first assembly to the solution."""
+SOLVER = (
+    "residual",
+    "tangent",
+    "factorization",
+    "linear solve",
+    "newton",
+    "admissibility check",
+    "coarser mesh",
+    "transfer",
+)
+"""Phases from the first assembly to the solution; the last two are those of nested iteration."""
 WITHOUT_CERTIFICATE = "off"
 _STREAM_LENGTH, _STREAM_REPEATS = 10_000_000, 10  # larger than any cache
 

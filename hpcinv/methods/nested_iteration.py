@@ -125,7 +125,7 @@ def _coarse_solution(
     job, timings = model.job, model.timings
     found = CoarseSolve()
     try:
-        with timings("mesh"):
+        with timings("coarser mesh"):
             body = coarser_body(
                 model.body, job.mesh, job.regions, resolve=job.resolve, size_factor=COARSER, most=_MOST_CELLS
             )

@@ -29,8 +29,8 @@ def _prepare_environment() -> None:
     # PETSc's signal handlers would end a run that a signal only asks to stop.
     if "-no_signal_handler" not in (options := os.environ.get("PETSC_OPTIONS", "")):
         os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
-    # NumPy asks for huge pages where it puts large arrays. In memory that is kept, the next factorization gets them one
-    # by one, which takes longer than its operations do on virtual machines.
+    # NumPy asks for huge pages where it puts large arrays. Factorizations get that memory later, and on virtual
+    # machines the first touch of each page takes milliseconds.
     os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
     keep_freed_memory()
 

@@ -1,9 +1,10 @@
-"""Freed memory stays with the process, and is there for whoever asks how much there is."""
+"""Freed memory stays with the process, in pages of the usual size, and is there for whoever asks how much there is."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from helpers.command_line import environment
@@ -31,3 +32,28 @@ def test_freed_memory_is_kept_until_it_is_given_back() -> None:
     assert full > 190e6
     assert kept > 0.9 * full
     assert given_back < 0.1 * full
+
+
+PAGES = """
+import hpcinv.parallel.runtime
+import numpy as np
+block = np.ones(4_000_000)
+at, inside, found = block.ctypes.data + block.nbytes // 2, False, None
+for line in open("/proc/self/smaps"):
+    first = line.split()[0]
+    if "-" in first and not first.endswith(":"):
+        low, high = (int(of, 16) for of in first.split("-"))
+        inside = low <= at < high
+    elif inside and first == "VmFlags:":
+        found = "hg" in line.split()
+print(found)
+"""
+
+
+@pytest.mark.skipif(not Path("/sys/kernel/mm/transparent_hugepage").exists(), reason="a kernel without huge pages")
+@pytest.mark.parametrize("asked", [None, "0", "1"])
+def test_numpy_asks_for_huge_pages_only_if_the_user_says_so(asked: str | None) -> None:
+    """On virtual machines the first touch of each takes milliseconds, in the factorization that gets this memory."""
+    settings = environment() | ({} if asked is None else {"NUMPY_MADVISE_HUGEPAGE": asked})
+    done = subprocess.run([sys.executable, "-c", PAGES], env=settings, check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == str(asked == "1")
