@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,7 +57,8 @@ class Line:
 def at_most(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
     """Return the line of a value that should be small; a value that is not finite fails."""
     verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
-    return Line(name, value, unit, f"warning above {warn:g}, fail above {fail:g}", verdict, note)
+    rule = f"warning above {warn:g}" + (f", fail above {fail:g}" if fail < math.inf else "")
+    return Line(name, value, unit, rule, verdict, note)
 
 
 def at_least(name: str, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:

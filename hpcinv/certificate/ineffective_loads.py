@@ -28,7 +28,7 @@ def ineffective_loads(model: Model) -> Iterator[Line]:
     ]
     if found:
         rule = "number; warning above 0"
-        note = f"{', '.join(found)}: the shape knows nothing of it"
+        note = f"{', '.join(found)}: the shape does not depend on it"
         yield Line(NAME, float(len(found)), "", rule, Verdict.WARN, note)
 
 

@@ -25,7 +25,7 @@ def cells(model: Model, solution: Solution) -> Iterator[Line]:
     for worst in worst_cells(body, given, moved, model.quadrature_degree):
         # The moved mesh need not be better than the given one.
         enough = 0.1 * min(max(worst.before, 0.0), 1.0)
-        note = f"{worst.before:.3g} in the {before}; at ({_point(worst.at)}) m"
+        note = f"{worst.before:.3g} in the {before}; at ({_point(worst.at)}) m of the computed body"
         yield at_least(f"worst cell, by its {worst.measure}", worst.value, warn=enough, fail=0.0, note=note)
     for plane in symmetry_planes(model.job, body, given, moved):
         name = f"depth beyond the plane of symmetry '{plane.region}', relative to the body"

@@ -17,4 +17,5 @@ def interpolate(given: fem.Function, taken: fem.Function) -> None:
     values, found = (f.x.array.reshape(-1, here.dofmap.bs) for f in (given, taken))
     cells = np.arange(len(here.dofmap.list))
     for part in np.array_split(cells, 1 + len(cells) // CHUNK):
-        found[here.dofmap.list[part]] = matrix @ values[there.dofmap.list[part]]
+        with np.errstate(invalid="ignore", over="ignore"):  # values of a solve that failed may not be finite
+            found[here.dofmap.list[part]] = matrix @ values[there.dofmap.list[part]]

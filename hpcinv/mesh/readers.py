@@ -28,12 +28,15 @@ from hpcinv.parallel.runtime import MPI
 def build_python(
     path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor, size_factor: float = 1.0
 ) -> MeshSource:
-    """Mesh a generator: a Python file whose ``build(gmsh, *, size=0.002, …)`` meshes the current model, in metres."""
+    """Mesh a generator: a Python file whose ``build(gmsh, *, size: Size = 0.002, …)`` meshes the model, in metres."""
     with session(path.stem, size_factor) as gmsh:
         try:
             build = runpy.run_path(str(path)).get("build")
             if not callable(build):
-                raise MeshError(f"{path}: no function 'build'", "Write: def build(gmsh, *, size=0.002) -> None: …")
+                raise MeshError(
+                    f"{path}: no function 'build'",
+                    "Write: from hpcinv.quantity import Size; def build(gmsh, *, size: Size = 0.002): …",
+                )
             with monitored(gmsh, path, monitor):
                 build(gmsh, **parameters)
         except HpcinvError:

@@ -75,7 +75,7 @@ def build_regions(
         except HpcinvError as exc:
             error = exc
         except (ArithmeticError, TypeError, ValueError) as exc:
-            error = MeshError(f"region '{name}': '{condition}' cannot be evaluated: {exc}")
+            error = MeshError(f"{source.path}: region '{name}': '{condition}' cannot be evaluated: {exc}")
         agree(mesh.comm, error)
         regions[name] = region = _region(mesh, name, "geometric", facets, cells)
         if region.facet_count == region.cell_count == 0:

@@ -71,7 +71,7 @@ class Laplace:
         if not converged:
             raise MeshError(
                 f"{self._body.source.path}: Laplace's equation was not solved in {_ITERATIONS} iterations",
-                "Are the cells of the mesh well shaped?",
+                "Improve the worst cells of the mesh.",
             )
         solution.x.scatter_forward()
         return solution

@@ -35,7 +35,7 @@ class Outcome(enum.Enum):
     ANOTHER_PATH = "the solution found there does not belong to the path from the unloaded body"
     CONTACT_LIMIT = (
         "the pressure of a rigid obstacle did not settle: the penetration remains above the tolerated one",
-        "Raise effects.penalty tenfold, or effects.penetration; refine the mesh where the body touches.",
+        "Raise effects[i].penalty tenfold, or effects[i].penetration; refine the mesh where the body touches.",
     )
     STEP_LIMIT = "the path was followed for as many steps as it may"
     INTERRUPTED = "interrupted by a signal"

@@ -229,4 +229,4 @@ def check_png(path: Path) -> None:
     if path.suffix.lower() != ".png":
         raise OutputError(f"{path}: pictures are PNG files", f"Name it {path.with_suffix('.png').name}.")
     if not path.parent.is_dir():
-        raise OutputError(f"{path.parent}: no such directory")
+        raise OutputError(f"{path.parent}: no such directory", "Make it first, or name another one.")

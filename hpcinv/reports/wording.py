@@ -64,7 +64,8 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
     sure = [f"{len(passed)} of {len(checked)} checks pass."] if checked else ["No check was made."]
     if left := len(lines) - len(checked):
         sure.append(f"{left} {'check was' if left == 1 else 'checks were'} not made.")
-    sure += _accuracy(certificate)
+    if verdict != "fail":  # an estimate supposes that there is such a body
+        sure += _accuracy(certificate)
     doubts = [line for line in checked if line not in passed]
     sure += [f"{_named(line)}: {line['verdict']}. {_sentence(line['note'])}".strip() for line in doubts]
     after = [_NEXT[verdict]]

@@ -13,9 +13,9 @@ class Diagnosis(enum.Enum):
 
     LIMIT_POINT = (
         "the load reaches a maximum here (limit point): no solution near by carries more",
-        "It is the most that is carried on the way from the unloaded body: lower the load. Beyond this limit point the"
-        " load falls; only on a path that turns a second time does it rise to the full load again (strategy:"
-        " arc-length, limit_points: 2).",
+        "Check the load, the stiffness and their units first. If they are right, this is the most that is carried on"
+        " the way from the unloaded body: lower the load. Beyond this limit point the load falls; only on a path that"
+        " turns a second time does it rise to the full load again (strategy: arc-length, limit_points: 2).",
     )
     LEAST_LOAD = (
         "the load reaches a minimum here (limit point): no solution near by carries less",
@@ -46,7 +46,7 @@ class Diagnosis(enum.Enum):
     )
     LOSS_OF_STABILITY = (
         "the body lost its stability on the way (the tangent's determinant changed its sign): it would buckle or snap",
-        "Lower the load, or hold the body as it is held in truth. Where it buckles sideways, a small imperfection of"
+        "Lower the load, or hold the body as it is held in reality. Where it buckles sideways, a small imperfection of"
         " its shape or load lets it be followed.",
     )
     BRANCHING = (
@@ -82,7 +82,7 @@ class Diagnosis(enum.Enum):
         "Raise solver.maximum_steps (strategy: arc-length), or lower solver.minimum_step.",
     )
     NOT_FINITE = (
-        "the residual is not finite: a stress or a load exceeds all numbers",
+        "the residual is not finite: a stress or a load overflows",
         "Check the units of loads and material, and the formulas of the job; try a smaller solver.minimum_step.",
     )
     NOT_CONVERGED = (

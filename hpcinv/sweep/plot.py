@@ -42,9 +42,9 @@ def plot(
     finished = [i for i, status in enumerate(table["status"]) if status != "open"]
     rows = [i for i in finished if all(table[name][i] not in (None, "") for name in over)]
     if not rows:
-        raise JobError(f"{plan.path}: no case with {' and '.join(over)} is finished")
+        raise JobError(f"{plan.path}: no case with {' and '.join(over)} is finished", "Begin with 'sweep run'.")
     if quantity != FAILURES and all(table[quantity][i] is None for i in rows):
-        raise JobError(f"{plan.path}: no finished case has a value of {quantity}")
+        raise JobError(f"{plan.path}: no finished case has a value of {quantity}", "Name another quantity.")
     logarithmic = {parameter_name(key) for key in log_uniform(plan)}
     places = [_positions([table[name][i] for i in rows]) for name in over]
     scales = [

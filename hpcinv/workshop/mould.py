@@ -48,7 +48,10 @@ def mould(part: Solid, wall: float, split: Split | None) -> list[Solid]:
     low, high = part.points.min(axis=0) - wall, part.points.max(axis=0) + wall
     whole = manifold3d.Manifold.cube(tuple(high - low)).translate(tuple(low)) - solid
     if whole.status() != manifold3d.Error.NoError:
-        raise MeshError(f"the mould could not be made: {whole.status().name}")
+        raise MeshError(
+            f"the mould could not be made: {whole.status().name}",
+            "Does the body pass through itself? The certificate of the run tells where.",
+        )
     if split is None:
         return [_solid(whole)]
     normal = [0.0, 0.0, 0.0]

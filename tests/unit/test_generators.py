@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.typed import files
 
 from hpcinv.job.mesh_generators import in_unit, parameters_of, read_parameters, resolution_of
 
@@ -164,3 +165,17 @@ def test_a_gmsh_script_takes_quantities_in_si(tmp_path: Path) -> None:
     path = tmp_path / "m.geo"
     path.write_text(GEO)
     assert read_parameters(path, {"size": "2 mm"}, 1e-3) == ({"size": 0.002}, [])
+
+
+def test_the_generator_on_the_page_about_jobs_meshes_a_bar_with_its_regions(tmp_path: Path) -> None:
+    from hpcinv.mesh.cell_count import MeshingMonitor
+    from hpcinv.mesh.readers import build_python
+
+    path = tmp_path / "bar.py"
+    path.write_text(files(Path(__file__).parents[2] / "docs" / "start" / "jobs.md")[path.name])
+    values, problems = read_parameters(path, {"length": "6 cm", "size": "10 mm"})
+    assert (values, problems) == (pytest.approx({"length": 0.06, "size": 0.01}), [])
+    source = build_python(path, values, 2, MeshingMonitor(10_000))
+    assert {group.name for group in source.groups} == {"clamp", "bar"}
+    assert source.points.max(axis=0) == pytest.approx([0.06, 0.02, 0.01])
+    assert resolution_of(path, values).sizes

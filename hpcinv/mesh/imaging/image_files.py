@@ -48,7 +48,10 @@ def _unpack(path: Path, to: Path) -> None:
             while part := packed.read(_CHUNK):
                 written += file.write(part)
                 if written > most:
-                    raise MeshError(f"{path}: is more than the {most / 1e9:.1f} GB of memory that are available")
+                    raise MeshError(
+                        f"{path}: is more than the {most / 1e9:.1f} GB of memory that are available",
+                        "Crop the image or resample it.",
+                    )
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise MeshError(f"{path}: cannot be read as an image: {error}", "Is the file complete?") from None
 

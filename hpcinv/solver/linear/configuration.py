@@ -43,7 +43,7 @@ class Configuration(ABC):
         self.test.precise = precise
 
     def set_rough(self, *, rough: bool) -> None:
-        """Solve roughly from now on, as other iterations can make up for, or as accurately as before."""
+        """Loosen the tolerance from now on, where other iterations make up for that, or restore it."""
         self.test.rough = rough
 
     @property

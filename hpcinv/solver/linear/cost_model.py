@@ -63,7 +63,7 @@ class Forecast:
 
         Args:
             tangents: number of them on the way from the unloaded body, of which one is left.
-            ranks: which share tangents, but not the work of gmsh.
+            ranks: number of ranks, which share the tangents; gmsh runs on one.
         """
         coarser = self.coarser
         spent = _SET_UP + _MESH * coarser.unknowns + tangents * coarser.tangent / ranks
