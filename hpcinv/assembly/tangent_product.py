@@ -26,9 +26,7 @@ from hpcinv.model.spaces import Integers, Unknowns
 type Singles = npt.NDArray[np.float32]
 type Places = dict[Slot, slice]
 
-_CHUNK = 2**13
-"""Quadrature points at a time. Gradients and duals fit in the cache of a core, and moduli are less than the 4 MB from
-which NumPy asks for huge pages: on virtual machines the first touch of these may take as long as the evaluation."""
+_CHUNK = 2**15  # quadrature points at a time, whose gradients and duals fit in the cache of a core
 _FEW = 128  # cells at a time whose moduli are evaluated, which fit there too
 
 
