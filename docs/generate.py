@@ -60,7 +60,8 @@ REMEDIES = {
     " where springs hold it (`elastic-foundation`).",
     "worst cell": "Refine the mesh at the place that the note names. A folded cell is no solution: the load may be"
     " more than the body can carry.",
-    "depth beyond the plane": "The body would pass through its mirror image: as for facets that cross.",
+    "depth beyond the plane": "If it is a plane of symmetry, the body would pass through its mirror image: as for"
+    " facets that cross. If it is a wall or a rest, the body passes beside it.",
     "boundary facets that cross": "No such body can be made. Check load and stiffness; where parts touch in the loaded"
     " body, their contact carries a load that the job does not have.",
     "round trip": "`geometry_degree: 2`: straight cells carry only their vertices, and close no better than their size"

@@ -231,7 +231,7 @@ def _finer_body(model: Model, given: Correction | None) -> tuple[Body, str]:
 
 def _of_further_states(model: Model) -> str:
     """Why the error of the geometry is left out in states that are solved from this one; collective."""
-    if model.body.source.degree < model.job.discretisation.displacement:
+    if not model.is_isoparametric:
         return "of the rest shape, only the nodes of the mesh are carried (see mesh.geometry_degree)"
     body, unknown = model.body.with_finer_geometry
     return unknown if body is None or body is model.body else "it is known for the given mesh only"

@@ -1,13 +1,19 @@
 """Factors of the forward tangent at a solution, or multigrid in their place, which stability and round trip share.
 
+An inverse solution on cells whose geometry is of lower degree than the displacement is no equilibrium on the moved
+mesh, of which only the nodes of the geometry have moved. There stability is judged at the state in which the solve
+back ends.
+
 Factors of the solve on up to eight ranks are taken, if they are symmetric and have the inertia of the tangent at the
 end.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,6 +22,8 @@ from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
 from hpcinv.certificate.multigrid_solver import MultigridSolver
 
 if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
     from hpcinv.results.solution import Solution
     from hpcinv.solver.equilibrium import Equilibrium
     from hpcinv.solver.problem import Model
@@ -27,10 +35,23 @@ LOW_RANK = 3e10
 
 
 class ForwardFactors:
-    """Factors L D Lᵀ of the symmetric part of the forward tangent at a solution, made when they are first needed."""
+    """Factors L D Lᵀ of the symmetric part of the forward tangent at a solution, made when they are first needed.
+
+    Attributes:
+        solution: the solution, with the fields at which the tangent is assembled.
+        moved: distance of these from the solution, relative to the displacement: 0 if that is an equilibrium on the
+            mesh itself, infinite as long as no equilibrium is known.
+    """
 
     def __init__(self, model: Model, solution: Solution) -> None:
-        self._model, self._solution = model, solution
+        self._model, self.solution = model, solution
+        self.moved = 0.0 if solution.direction == "forward" or model.is_isoparametric else math.inf
+
+    def move_to_equilibrium(self, u: Function, p: Function | None, distance: float) -> None:
+        """Take displacement (m) and pressure (Pa) from the solve back, unless the solution is an equilibrium itself."""
+        if self.moved:
+            self.destroy()
+            self.solution, self.moved = replace(self.solution, displacement=u, pressure=p), distance
 
     @cached_property
     def factors(self) -> SymmetricFactors | None:
@@ -58,7 +79,7 @@ class ForwardFactors:
     @property
     def affordable(self) -> bool:
         """True if there is memory for the factors, and they take no longer than a share of an iterative solve."""
-        chooser, solution = self._model.chooser, self._solution
+        chooser, solution = self._model.chooser, self.solution
         if solution.linear is not None and solution.linear.configuration == "iterative":
             solve = chooser.forecast.multigrid_time(
                 solution.factorizations, sum(one.linear_iterations for one in solution.solves)
@@ -71,7 +92,7 @@ class ForwardFactors:
     @contextmanager
     def tangent(self) -> Iterator[Equilibrium]:
         """Context with the forward tangent assembled, in which mesh and state of the model are the solution's."""
-        model, solution = self._model, self._solution
+        model, solution = self._model, self.solution
         with model.at(solution.reference_nodes, *solution.fields):
             equilibrium = model.equilibrium(model.scene("forward", known_displacement(model)))
             equilibrium.system.linearise(1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -10,17 +11,18 @@ from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, known_displacement
 from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
 from hpcinv.certificate.multigrid_solver import MultigridSolver
+from hpcinv.certificate.round_trip import STRAIGHT, WARN, solved_back
+from hpcinv.certificate.symmetry import symmetry_planes
 
 if TYPE_CHECKING:
     from hpcinv.certificate.forward_factors import ForwardFactors
-    from hpcinv.results.solution import Solution
     from hpcinv.solver.problem import Model
 
 STABILITY = "stability: unstable directions"
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
 
 
-def stability(model: Model, solution: Solution, forward: ForwardFactors) -> Iterator[Line]:
+def stability(model: Model, forward: ForwardFactors) -> Iterator[Line]:
     """Yield the line on unstable directions of the loaded body; collective.
 
     A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
@@ -34,22 +36,41 @@ def stability(model: Model, solution: Solution, forward: ForwardFactors) -> Iter
     if not model.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
         return
-    if not forward.affordable:
-        yield _by_iteration(model, solution, forward)
+    if forward.moved == math.inf and model.job.certificate.round_trip == "off":
+        solved_back(model, forward.solution, forward)
+    if forward.moved == math.inf:
+        note = f"no equilibrium of the body that was found is known, since the solve back found none: {STRAIGHT}"
+        yield Line(STABILITY, None, "", _RULE, Verdict.UNDECIDED, note)
         return
+    line = _by_factors(model, forward) if forward.affordable else _by_iteration(model, forward)
+    if forward.moved > WARN and line.verdict is Verdict.FAIL:  # the given shape may be on this side of the limit
+        line = replace(line, verdict=Verdict.UNDECIDED)
+    yield replace(line, note="; ".join([line.note, *_left_out(model, forward)]))
+
+
+def _left_out(model: Model, forward: ForwardFactors) -> Iterator[str]:
+    """Yield what the line on stability leaves out."""
+    nodes = forward.solution.mesh_nodes
+    if planes := [f"'{plane.region}'" for plane in symmetry_planes(model.job, model.body, nodes, nodes)]:
+        yield f"motions that are not symmetric about {', '.join(planes)} are left out"
+    if forward.moved > WARN:
+        yield f"of the state in which the solve back ends, {forward.moved:.1%} of the displacement away: {STRAIGHT}"
+
+
+def _by_factors(model: Model, forward: ForwardFactors) -> Line:
+    """Return the line by the inertia of the forward tangent."""
     found = None if forward.factors is None else forward.factors.inertia
     pressures = model.unknowns.pressure_size
     # Zeros count: a singular tangent is not stable. Each pressure contributes one that is negative or zero.
     unstable = None if found is None else found.negative + found.zero - pressures
     if found is None or unstable is None or unstable < 0:
-        yield skipped(STABILITY, "the tangent could not be factorized")
-    elif unstable == 0:
-        yield _stable(found.asymmetry)
-    else:
-        yield _unstable(unstable, confirm(model, solution), is_mixed=pressures > 0)
+        return skipped(STABILITY, "the tangent could not be factorized")
+    if unstable == 0:
+        return _stable(found.asymmetry)
+    return _unstable(unstable, confirm(model, forward.solution), is_mixed=pressures > 0)
 
 
-def _by_iteration(model: Model, solution: Solution, forward: ForwardFactors) -> Line:
+def _by_iteration(model: Model, forward: ForwardFactors) -> Line:
     """Return the line by the lowest eigenvalue of the forward tangent, which is found without factors."""
     lowest = lowest_eigenvalue(forward.multigrid, model.supports, model.timings)
     if lowest is None:
@@ -58,7 +79,7 @@ def _by_iteration(model: Model, solution: Solution, forward: ForwardFactors) -> 
     if not lowest.is_negative:
         how = f"estimated: the reciprocal of the lowest eigenvalue that was found is known to {lowest.error:.0%}"
         return _stable(lowest.asymmetry, how)
-    with assembled(model, solution) as matrix:
+    with assembled(model, forward.solution) as matrix:
         with model.timings("factorization"):
             solver = MultigridSolver(matrix, model.scene("forward", known_displacement(model)))
         again = lowest_eigenvalue(solver, model.supports, model.timings, lowest.direction)
@@ -83,14 +104,15 @@ def _stable(asymmetry: float, how: str = "") -> Line:
 def _unstable(count: int, confirmed: Confirmed | None, *, is_mixed: bool) -> Line:
     """Return the line for ``count`` eigenvalues of the tangent that are not positive, some of them ``confirmed``."""
     if confirmed is not None and confirmed.directions:
-        note = "confirmed negative eigenvalues: the loaded body would buckle or snap away from this state"
-        if confirmed.directions < count:
-            note += f"; of the {count} that the forward tangent has, the others may be spurious modes of the elements"
         # For a tangent that is not symmetric, the symmetric part can prove stability but not instability. The
         # asymmetry is that of the confirmation, since the solve's quadrature can make follower loads asymmetric.
         kind = _without_potential(confirmed.asymmetry)
+        does = "might buckle, snap away or flutter" if kind else "would buckle or snap away from this state"
+        note = f"confirmed negative eigenvalues: the loaded body {does}"
+        if confirmed.directions < count:
+            note += f"; of the {count} that the forward tangent has, the others may be spurious modes of the elements"
         verdict = Verdict.WARN if kind else Verdict.FAIL
-        note = f"{note}; {kind}" if kind else note
+        note = f"{note}; {kind}, which proves no instability" if kind else note
         return Line(STABILITY, float(confirmed.directions), "", _RULE, verdict, note)
     if confirmed is None:
         why = "they could not be confirmed: no factors of the form for that, or no convergence"

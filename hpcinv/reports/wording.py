@@ -14,7 +14,7 @@ MEANINGS: Mapping[str, str] = {
     " large where the mesh is too coarse or locks.",
     "discretisation error": "How far the nodes are estimated to be from where an infinitely fine mesh would have them.",
     "worst cell": "Quality of the worst element of the body that was found: near zero it is flat or folded.",
-    "depth beyond the plane": "How far the body reaches through its own plane of symmetry.",
+    "depth beyond the plane": "How far the body reaches through a support that may be its plane of symmetry.",
     "boundary facets that cross": "Whether the body that was found passes through itself.",
     "round trip": "The body that was found is solved back; the distance from the given body must vanish.",
     "stability": "Whether the loaded body is in stable equilibrium, or would buckle or snap away.",

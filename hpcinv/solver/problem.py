@@ -114,6 +114,11 @@ class Model:
         self._are_supports_checked = system is not None or not self._has_springs
 
     @property
+    def is_isoparametric(self) -> bool:
+        """True if the cells' geometry has the degree of the displacement: the moved mesh is then the moved body."""
+        return self.body.source.degree >= self.job.discretisation.displacement
+
+    @property
     def _has_springs(self) -> bool:
         return any(effect.holds for effect in self.job.effects)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from hpcinv.certificate.certify import DISCRETISATION
 from hpcinv.certificate.check import Certificate
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.certificate.inertia import factorize_symmetric
+from hpcinv.certificate.shape import cells
 from hpcinv.mesh import build_body
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
@@ -353,6 +355,40 @@ def test_a_way_back_that_is_not_found_is_not_decided(comm: MPI.Intracomm) -> Non
     found = line(result, "round trip")
     assert found.verdict is Verdict.UNDECIDED
     assert "stopped at load factor" in found.note
+
+
+@pytest.mark.parametrize("geometry_degree", [1, 2])
+def test_fixed_points_on_straight_cells_do_not_fail(geometry_degree: int, comm: MPI.Intracomm) -> None:
+    """They are an equilibrium on the mesh that they move: the residual is evaluated on the given one."""
+    one = job(
+        mesh=box((4, 2, 2), lx=1.0, ly=0.3, lz=0.3) | {"geometry_degree": geometry_degree},
+        material={"law": "neo-hookean", "young": 1e6, "poisson": 0.3},
+        effects=[{"effect": "gravity", "acceleration": [0, 0, -1], "density": 1000}],
+        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+        method="sellier",
+        certificate="quick",
+    )
+    residual = hpcinv.run(one, comm).certificate.lines[0]
+    print(residual)
+    assert residual.verdict is (Verdict.PASS if geometry_degree == 2 else Verdict.WARN)
+    assert ("sellier" in residual.note) == (geometry_degree == 1)
+    assert (residual.value or 0.0) > (1e-3 if geometry_degree == 1 else 0.0)
+
+
+def test_a_body_that_hangs_beside_its_rest_does_not_fail(comm: MPI.Intracomm) -> None:
+    """The support may be a plane of symmetry or a rest that ends there: nothing in the job tells which."""
+    one = job(
+        mesh=box((2, 2, 2)),
+        material={"law": "neo-hookean", "mu": 1.0, "lam": 4.0},
+        supports=[{"region": "x1", "fix": ["x", "y", "z"]}, {"region": "z0", "fix": ["z"]}],
+    )
+    body = build_body(one.mesh, {}, comm, resolve=one.resolve)
+    given = body.mesh.geometry.x * body.length_scale
+    solution: Any = SimpleNamespace(mesh_nodes=given, other_nodes=given - [0.0, 0.0, 0.3])
+    (depth,) = (one for one in cells(Model(one, body, Timings()), solution) if one.name.startswith("depth beyond"))
+    assert depth.verdict is Verdict.WARN
+    assert "unless this is a wall" in depth.note
+    assert "fail" not in depth.rule
 
 
 def test_verdicts() -> None:

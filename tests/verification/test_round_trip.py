@@ -110,9 +110,12 @@ def test_what_is_no_solution_does_not_pass(direction: str, form: str, curved: bo
         assert case.line(case.perturbed(change)).verdict is not Verdict.PASS
 
 
-@pytest.mark.parametrize(("direction", "factorizations"), [("inverse", 1), ("forward", 0)])  # or those of the solve
+# Forward, the factors of the solve serve; on straight cells, stability is that of another state.
+@pytest.mark.parametrize(
+    ("direction", "curved", "factorizations"), [("inverse", True, 1), ("inverse", False, 2), ("forward", False, 0)]
+)
 def test_one_factorization_serves_round_trip_and_stability(
-    direction: str, factorizations: int, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+    direction: str, curved: bool, factorizations: int, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     count = 0
 
@@ -124,7 +127,7 @@ def test_one_factorization_serves_round_trip_and_stability(
     factorized = inertia._factorized
     monkeypatch.setattr(inertia, "_factorized", factorize)
     certificate = NO_CERTIFICATE | {"round_trip": "near", "stability": True}
-    one = cantilever(direction, "mixed", curved=False, certificate=certificate)
+    one = cantilever(direction, "mixed", curved=curved, certificate=certificate)
     result = hpcinv.run(one, comm)
     assert count == factorizations
     verdicts = {line.name.split(",")[0]: line.verdict for line in result.certificate.lines}
