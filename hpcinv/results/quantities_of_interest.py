@@ -34,6 +34,11 @@ type Value = float | list[float]
 NOT_FINITE = "look for divisions by zero, and roots and logarithms of negative values"
 """What to do about a formula without a finite value."""
 
+_INSIDE = (
+    "Integrals over facets, and stress, energy or volume ratio on them, are evaluated on the boundary only: name a"
+    " region of the boundary, or one that has cells."
+)
+
 
 def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
     """Check before the solve that the quantities' points and regions exist on the body; collective.
@@ -52,7 +57,7 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
                         " has cells"
                     )
                 elif quantity.by_quadrature and not region.cell_count:
-                    body.boundary_facets(quantity.on)
+                    body.boundary_facets(quantity.on, _INSIDE)
         elif locate(body, np.array(quantity.at)) is None:
             problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")
     if problems:

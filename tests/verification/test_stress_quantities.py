@@ -272,8 +272,10 @@ def test_stress_on_facets_inside_is_refused_on_all_ranks(comm: MPI.Intracomm, ru
     body = build_body(spec(path), {}, comm)
     check_points([quantity("nodes", "X", on="between", reduce="mean")], body)
     for bad in ({"of": "sxx", "reduce": "mean"}, {"of": "1", "reduce": "integral", "over": "current"}):
-        with pytest.raises(MeshError, match=r"quantities: stress: .*'between' has 1 facets inside the body"):
+        with pytest.raises(MeshError, match=r"quantities: stress: .*'between' has 1 facets inside the body") as caught:
             check_points([quantity("stress", on="between", **bad)], body)
+        assert "load" not in caught.value.advice
+        assert "name a region of the boundary, or one that has cells" in caught.value.advice
 
 
 @pytest.mark.parallel([2])
