@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.effects import Direction, Effect
+from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
@@ -42,6 +43,7 @@ ACCELERATION = Dimension(length=1, time=-2)
 
 _CHUNK = 50_000  # cells at a time
 _ROUNDING = 1e-9  # of the sum of nodal forces: a resultant below is zero
+_LEAST_LOAD = float(np.sqrt(np.finfo(float).tiny))  # norms are roots of sums of squares
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,11 @@ class Totals:
 
 
 def totals_of(model: Model, direction: Direction) -> Totals:
-    """Return the totals of an unloaded model in one direction; collective; the state is unloaded afterwards."""
+    """Return the totals of an unloaded model in one direction; collective; the state is unloaded afterwards.
+
+    Raises:
+        MeshError: on all ranks, if there are loads, but so small beside the stiffness that their squares vanish.
+    """
     job, body = model.job, model.body
     comm, length = body.mesh.comm, body.length_scale
     low, high = extent(comm, body.mesh.geometry.x)
@@ -198,8 +204,20 @@ def _resultant(model: Model, direction: Direction) -> tuple[float, float, float]
     model.release(equilibrium)
     if not np.isfinite(total).all():
         return None
+    _check_range(model.job, float(total.max()))
     found[np.abs(found) <= _ROUNDING * total.max()] = 0.0
     return _triple(found * model.scales.stress * model.scales.length**2)
+
+
+def _check_range(job: Job, load: float) -> None:
+    """Refuse loads whose norm would be 0, so that no check could tell them from none; ``load`` is their scaled size."""
+    if 0.0 < load < _LEAST_LOAD:
+        file = "" if job.path is None else f"{job.path}: "
+        raise MeshError(
+            f"{file}effects: the loads are {load:.0e} of the body's shear modulus times its length squared, too little"
+            " for floating-point numbers to tell what they do",
+            "Check the units of loads and moduli, and mesh.unit; without loads leave the effects out.",
+        )
 
 
 def _triple(values: Floats) -> tuple[float, float, float]:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers.command_line import BLOCK, ROOT, hpcinv, write_job
 
+from hpcinv.errors import MeshError
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
 from hpcinv.parallel.runtime import MPI
@@ -90,6 +91,17 @@ def test_loads_that_cancel_have_no_resultant() -> None:
 def test_what_looks_like_a_mistake_in_a_unit_is_told_unless_it_is_meant(job: dict[str, Any], text: str) -> None:
     assert any(text in warning for warning in totals(MPI.COMM_SELF, **job).warnings)
     assert totals(MPI.COMM_SELF, **job, output={"unit_warnings": False}).warnings == ()
+
+
+@pytest.mark.parallel([2])
+def test_loads_that_vanish_in_floating_point_numbers_are_refused(comm: MPI.Intracomm) -> None:
+    def stiff(young: float, **changes: Any) -> dict[str, Any]:
+        return block(0.1, material={"law": "neo-hookean", "young": young, "poisson": 0.4}, **changes)
+
+    with pytest.raises(MeshError, match=r"effects: the loads are \de-29\d of the body's shear modulus"):
+        totals(comm, **stiff(1e300))
+    assert totals(comm, **stiff(1e140)).load is not None
+    assert totals(comm, **stiff(1e300, effects=[])).load == (0.0, 0.0, 0.0)
 
 
 def test_a_body_that_hardly_moves_is_told_at_the_end(tmp_path: Path) -> None:

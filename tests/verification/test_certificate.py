@@ -449,6 +449,13 @@ def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm
     assert result.certificate.verdict is (Verdict.SKIPPED if certificate == "off" else Verdict.PASS)
 
 
+def test_without_a_load_nothing_is_said_of_a_surface_whose_error_is_not_known(comm: MPI.Intracomm) -> None:
+    unloaded = column(2).model_copy(update={"effects": ()})
+    found = line(hpcinv.run(unloaded, comm), DISCRETISATION)
+    assert (found.value, found.verdict) == (0.0, Verdict.PASS)
+    assert "surface" not in found.note
+
+
 @pytest.mark.parametrize("pressures", [{}, {"pressure": 1}])
 @pytest.mark.parametrize("stretch", [1.4, 2, 3])
 def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int], comm: MPI.Intracomm) -> None:
