@@ -42,7 +42,7 @@ def row(path: Path, comm: MPI.Intracomm) -> tuple[str, ...]:
         try:
             result = hpcinv.run(hpcinv.load(path), comm, directory=directory)
         except HpcinvError as error:
-            ending = f"exit code {error.exit_code}: {error.message.splitlines()[0].removeprefix('supports: ')}"
+            ending = f"exit code {error.exit_code}: {error.message.splitlines()[0].split('supports: ', 1)[-1]}"
         else:
             ending = certified(result.statistics["certificate"])
         seconds = time.perf_counter() - begin

@@ -10,14 +10,15 @@ from dolfinx import fem
 from hpcinv.accuracy.forecast import Step, Work
 from hpcinv.accuracy.meshes import Variant
 from hpcinv.certificate.estimate import Estimate, estimate
-from hpcinv.job.job import Job
+from hpcinv.errors import JobError
+from hpcinv.job.job import UNNAMED, Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.moved import placed
 from hpcinv.methods import Method, method_for
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.results.quantities_of_interest import Value, check_points, evaluate
+from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, check_points, evaluate, fault_of
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer
@@ -83,6 +84,7 @@ def attempt(
     quantities: Mapping[str, Value] = evaluate(job.quantities, body, solution, model) if reached else {}
     with _measured(timings) as estimated:
         found = estimate(model, solution, quantities) if reached else None
+    _check_finite(job, quantities, found.corrected if found else {})
     degree, count = job.discretisation.displacement, sum(s.factorizations for s in solves)
     step = Step(
         cell=body.source.kind,
@@ -93,6 +95,16 @@ def attempt(
         compilation=solved["compile"] + estimated["compile"],
     )
     return Trial(job, variant, body, model, solution, solves, quantities, found, step, unused)
+
+
+def _check_finite(job: Job, *of: Mapping[str, Value]) -> None:
+    """Raise ``JobError`` if a quantity whose accuracy the job demands has no finite value: no mesh would meet it."""
+    demanded = [quantity for quantity in job.quantities if quantity.name in job.accuracy]
+    faults = {
+        q.name: fault for q in demanded for known in of if q.name in known and (fault := fault_of(q, known[q.name]))
+    }
+    if faults:
+        raise JobError(*(f"{job.path or UNNAMED}: quantities: {fault}; {NOT_FINITE}" for fault in faults.values()))
 
 
 def _path(before: Trial | None, model: Model) -> Iterator[Solve]:

@@ -119,7 +119,7 @@ def _discretisation(model: Model, solution: Solution, found: Estimate | None, un
         return replace(line, note=note, verdict=Verdict.UNDECIDED)
     if found.is_solved:
         note += "; found by a solve in spaces of one degree more"
-    if found.shape > uncertain:
+    if not uncertain or found.shape > uncertain:
         return line
     # The mesh need not be better than the image deserves.
     note += f"; the given surface leaves {uncertain:.2g} m uncertain: a finer mesh is not worth its time"

@@ -26,7 +26,8 @@ def limit_points(model: Model, solution: Solution, stability: Line) -> Iterator[
     forces that hold the body there are taken away: no load of the job is such forces.
     """
     is_stability_known = stability.verdict not in (Verdict.UNDECIDED, Verdict.SKIPPED)
-    line = _line(solution, may_be_spurious=model.unknowns.p is not None and not is_stability_known)
+    may_be_spurious = model.unknowns.p is not None and not is_stability_known
+    line = _line(solution, model.unknowns.unloaded_sign, may_be_spurious=may_be_spurious)
     yield _of_removal(line, solution.start) if solution.start else line
 
 
@@ -41,7 +42,14 @@ def _of_removal(line: Line, start: str) -> Line:
     return replace(line, rule=rule, verdict=Verdict.UNDECIDED, note=note)
 
 
-def _line(solution: Solution, *, may_be_spurious: bool) -> Line:
+def _line(solution: Solution, unloaded: int, *, may_be_spurious: bool) -> Line:
+    """Return the line, for the sign of the unloaded body's tangent.
+
+    Only the last tangent of a solve counts: it has the sign of that at the solution, since corrections with it have
+    contracted. Others are of states that Newton's method passed, and the first of a path is that of the undeformed body
+    under the load of its first step, which is no equilibrium. Only on a path from another state does that one tell the
+    sign there.
+    """
     rule = "the determinant of the tangent must keep its sign from the unloaded body to the loaded one"
     turned = sum(s.limit_point for s in solution.solves)
     if turned:
@@ -58,8 +66,8 @@ def _line(solution: Solution, *, may_be_spurious: bool) -> Line:
     signs = [s.signs for s in solution.solves if s.outcome.accepted and s.signs]
     if not signs:
         return skipped(LIMIT_POINTS, "an iterative solver does not provide the sign of the tangent's determinant")
-    changes = len({signs[0][0], *(of_solve[-1] for of_solve in signs)}) - 1
-    if not changes:
+    before = signs[0][0] if solution.start else unloaded
+    if all(of_solve[-1] == before for of_solve in signs):
         # A coarse solve with a limit point on its path, or another sign at the end of it, is not used.
         nested = any(s.strategy == NESTED and s.outcome.accepted for s in solution.solves)
         note = "no limit point on the way" + (", which was followed on coarser cells" if nested else "")

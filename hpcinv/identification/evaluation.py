@@ -198,6 +198,9 @@ class Evaluations:
             return self._failed(failures[0])
         known = {name: found for one in teams for name, found in one.predictions.items()}
         ordered = [known[one.spec.name] for one in self.observed]
+        for one, found in zip(self.observed, ordered, strict=True):
+            if not (np.isfinite(found.differences).all() and np.isfinite(found.jacobian).all()):
+                return self._failed(f"observation '{one.spec.name}' or a derivative of it has no finite value")
         return Evaluation(
             np.concatenate([one.differences for one in ordered]),
             np.concatenate([one.jacobian for one in ordered]),

@@ -145,7 +145,13 @@ class ObservedSurface(Observed):
             (lambda: read_table(path, 3)) if path.suffix == ".csv" else lambda: read_points(path)
         )
         self._points = on_root(body.mesh.comm, read) * spec.unit
-        self._facets = None if spec.on is None else body.boundary_facets(spec.on)
+        self._facets = (
+            None
+            if spec.on is None
+            else body.boundary_facets(
+                spec.on, "What is observed is on the surface of the body: name a region of the boundary."
+            )
+        )
         self.count = len(self._points)
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:

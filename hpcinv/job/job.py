@@ -299,7 +299,10 @@ class Job(Spec):
         """Reason why the first solve cannot begin with the solution on coarser cells; empty if nothing forbids it."""
         first = self.plan[0]
         if not is_generator(Path(self.mesh.file)):
-            return "needs a mesh that a generator makes (.py, .geo), with coarser cells too"
+            return (
+                "needs a mesh that a generator makes (.py, .geo) by sizes of cells, since a mesh file has no coarser"
+                " cells; leave it out"
+            )
         if self.solver.strategy != "adaptive":
             return "needs 'strategy: adaptive': other strategies are chosen for the path that they take"
         if self.method != "direct" and first.direction == "inverse":

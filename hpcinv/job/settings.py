@@ -102,7 +102,7 @@ class Solver(Spec):
         Literal["auto", "on", "off"], Field(exclude_if=lambda nested_iteration: nested_iteration == "auto")
     ] = "auto"
     """begin with the solution on cells twice as large, where a generator makes the mesh: auto for large slender bodies,
-    on for all"""
+    on for all; on is refused for mesh files, and has no effect if the generator takes numbers of divisions only"""
     petsc: Mapping[str, PetscValue] = {}
     """PETSc options by name, without the dash"""
 

@@ -84,7 +84,9 @@ class Body:
             )
         return region.facets
 
-    def boundary_facets(self, name: str) -> LocalIndices:
+    def boundary_facets(
+        self, name: str, remedy: str = "A surface load needs a region of the boundary."
+    ) -> LocalIndices:
         """Local facets of a region of the boundary; raises ``MeshError`` on all ranks if some are inside the body."""
         facets = self.facets(name)
         topology = self.mesh.topology
@@ -93,7 +95,7 @@ class Body:
         if count := self.mesh.comm.allreduce(int(owned)):
             raise MeshError(
                 f"{self.source.path}: region '{name}' has {count} facets inside the body",
-                "A surface load needs a region of the boundary.",
+                remedy,
             )
         return facets
 

@@ -203,18 +203,17 @@ def _line(solve: Solve) -> str:
 def _sign(solves: Sequence[Solve], model: Model, coarse: Model) -> tuple[int, str]:
     """Return the sign that the determinant of the tangent has on the given mesh if no limit point is passed there.
 
-    Each pressure unknown is a negative eigenvalue of a stable state: an odd number more changes the sign. It is 0
-    where it is not known, neither here nor there; and there is a reason why the solution cannot be used, or none.
+    It is 0 where it is not known, neither here nor there; and there is a reason why the solution cannot be used, or
+    none. The last tangent of each solve on coarser cells has the sign of that at its solution.
     """
     accepted = [solve.signs for solve in solves if solve.outcome.accepted and solve.signs]
     if not accepted:
         may_tell = model.chooser.choose(model.job.solver).configuration == "direct"
         return 0, "no sign of the tangent's determinant is known there" if may_tell else ""
-    sign = accepted[-1][-1]
-    if any(signs[-1] != sign for signs in accepted) or accepted[0][0] != sign or any(s.limit_point for s in solves):
+    unloaded = coarse.unknowns.unloaded_sign
+    if any(signs[-1] != unloaded for signs in accepted) or any(s.limit_point for s in solves):
         return 0, "the path has a limit point there"
-    odd = (model.unknowns.pressure_size - coarse.unknowns.pressure_size) % 2
-    return (-sign if odd else sign), ""
+    return model.unknowns.unloaded_sign, ""
 
 
 def _transferred(coarse: Model, model: Model, sign: int) -> Guess | None:

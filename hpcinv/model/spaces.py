@@ -69,6 +69,14 @@ class Unknowns:
         """Number of pressures over all ranks; 0 in the displacement form."""
         return 0 if self.p is None else int(self.pressure_space.dofmap.index_map.size_global)
 
+    @property
+    def unloaded_sign(self) -> int:
+        """Sign of the determinant of the unloaded body's tangent, in either direction.
+
+        Its displacements, which supports hold, are positive eigenvalues, and each pressure is a negative one.
+        """
+        return -1 if self.pressure_size % 2 else 1
+
     @cached_property
     def has_whole_nodes(self) -> bool:
         """True if the displacements of each node are consecutive, which DOLFINx does not guarantee; collective."""

@@ -1,7 +1,7 @@
 """Report of a run: its summary, and the error of a run that does not reach its end."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from hpcinv.accuracy import AccuracyRecord
@@ -15,6 +15,7 @@ from hpcinv.output.summary import statistics, write_summary
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary import NAME as BOUNDARY
 from hpcinv.pictures.boundary import write_boundary
+from hpcinv.results.quantities_of_interest import NOT_FINITE, fault_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.solver.diagnosis import diagnose
@@ -44,7 +45,7 @@ class RunReport(Observer):
 
     def conclude(self, result: Result) -> Result:
         """Write and print the summary of a converged run, with all lines of its certificate."""
-        lines = [*result.certificate.lines]
+        lines = [*result.certificate.lines, *_not_finite(result)]
         if self.record is not None:
             lines += self.record.lines()
         if result.surface_spread is not None:
@@ -128,3 +129,18 @@ class RunReport(Observer):
 
                 on_root(store.comm, lambda: write_run_report(path, found))
         return replace(result, statistics=found)
+
+
+def _not_finite(result: Result) -> Iterator[Line]:
+    """Yield a warning if quantities of interest have no finite value."""
+    known = [(q, result.quantities[q.name]) for q in result.job.quantities if q.name in result.quantities]
+    if found := [fault for quantity, value in known if (fault := fault_of(quantity, value))]:
+        rule = "number; warning above 0"
+        yield Line(
+            "quantities without a finite value",
+            float(len(found)),
+            "",
+            rule,
+            Verdict.WARN,
+            f"{'; '.join(found)}; {NOT_FINITE}",
+        )

@@ -4,6 +4,7 @@ Formulas of position and displacement alone are taken at a region's nodes; those
 integrals of any, at quadrature points in its cells, or on its facets if it has no cells.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import la
 from dolfinx.mesh import entities_to_geometry
 
-from hpcinv.errors import JobError, MeshError, naming_field
+from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
@@ -29,6 +30,14 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.problem import Model
 
 type Value = float | list[float]
+
+NOT_FINITE = "look for divisions by zero, and roots and logarithms of negative values"
+"""What to do about a formula without a finite value."""
+
+_INSIDE = (
+    "Integrals over facets, and stress, energy or volume ratio on them, are evaluated on the boundary only: name a"
+    " region of the boundary, or one that has cells."
+)
 
 
 def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
@@ -48,7 +57,7 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
                         " has cells"
                     )
                 elif quantity.by_quadrature and not region.cell_count:
-                    body.boundary_facets(quantity.on)
+                    body.boundary_facets(quantity.on, _INSIDE)
         elif locate(body, np.array(quantity.at)) is None:
             problems.append(f"quantities: {quantity.name}: the point ({_triple(quantity.at)}) m is outside of the body")
     if problems:
@@ -57,6 +66,14 @@ def check_points(quantities: Iterable[QuantityOfInterest], body: Body) -> None:
             "\n".join(f"{body.source.path}: {p}" for p in problems),
             f"It extends from ({_triple(low)}) to ({_triple(high)}) m; points are in metres unless they have a unit.",
         )
+
+
+def fault_of(quantity: QuantityOfInterest, value: Value) -> str:
+    """Return what is wrong with a value of a quantity; empty if it is finite."""
+    if np.isfinite(value).all():
+        return ""
+    where = f"at ({_triple(quantity.at)}) m" if quantity.at else f"somewhere on '{quantity.on}'"
+    return f"{quantity.name}: '{quantity.of}' has no finite value {where}"
 
 
 def carried(quantities: Iterable[QuantityOfInterest], body: Body, nodes: Floats) -> tuple[QuantityOfInterest, ...]:
@@ -77,13 +94,14 @@ def evaluate(
 ) -> dict[str, Value]:
     """Evaluate the quantities in SI by name, displacements and reactions as lists of 3; collective.
 
+    One whose formula has no finite value somewhere is NaN (`fault_of`): it must not end a run that has its solution.
+
     Args:
         model: the model of the solution, which must have reached the full load.
             Without it there are no quantities of stress, energy and volume ratio, none by quadrature, and no reactions.
 
     Raises:
         MeshError: on every rank, if a point is outside of the body, or there is no such region.
-        JobError: on every rank, if a formula has no finite value.
     """
     quantities = tuple(quantities)
     mesh_moved = placed(body.mesh, solution.mesh_nodes / body.length_scale)
@@ -155,7 +173,8 @@ def _at_point(
     if quantity.is_displacement:
         return [float(c) for c in u]
     X, x = (here, here + u) if solution.direction == "forward" else (here - u, here)
-    return float(_values(quantity, comm, {**fields, **_positions(X[None], x[None], u[None])})[0])
+    value = float(quantity.of.evaluate(**{**fields, **_positions(X[None], x[None], u[None])})[0])
+    return value if math.isfinite(value) else math.nan
 
 
 def _at_nodes(quantity: QuantityOfInterest, body: Body, solution: Solution) -> float:
@@ -163,7 +182,7 @@ def _at_nodes(quantity: QuantityOfInterest, body: Body, solution: Solution) -> f
     assert quantity.on is not None
     nodes = _owned_nodes(body, quantity.on)
     known = _positions(solution.reference_nodes[nodes], solution.current_nodes[nodes], solution.u[nodes])
-    return _reduced(quantity, body.mesh.comm, _values(quantity, body.mesh.comm, known), np.ones(len(nodes)))
+    return _reduced(quantity, body.mesh.comm, quantity.of.evaluate(**known), np.ones(len(nodes)))
 
 
 def _by_quadrature(quantity: QuantityOfInterest, body: Body, fields: SceneFields | None) -> float:
@@ -173,7 +192,7 @@ def _by_quadrature(quantity: QuantityOfInterest, body: Body, fields: SceneFields
     region = find(body.regions, quantity.on, body.source)
     samples = fields.in_cells(region.cells) if region.cell_count else fields.on_facets(region.facets)
     weights = samples.current if quantity.over == "current" else samples.reference
-    values = np.broadcast_to(_values(quantity, body.mesh.comm, samples.values), weights.shape)
+    values = np.broadcast_to(quantity.of.evaluate(**samples.values), weights.shape)
     return _reduced(quantity, body.mesh.comm, values, weights)
 
 
@@ -183,19 +202,10 @@ def _positions(X: Floats, x: Floats, u: Floats) -> dict[str, Any]:
     return named | dict(zip(("ux", "uy", "uz"), u.T, strict=True))
 
 
-def _values(quantity: QuantityOfInterest, comm: MPI.Intracomm, known: Mapping[str, Any]) -> Floats:
-    """Evaluate the quantity's formula at the points whose values are in ``known``; collective."""
-    values: Floats = quantity.of.evaluate(**known)
-    if bad := comm.allreduce(int(np.count_nonzero(~np.isfinite(values)))):
-        what = f"quantities: {quantity.name}: '{quantity.of}' has no finite value"
-        kind = "quadrature points" if quantity.by_quadrature else "nodes"
-        where = f"({_triple(quantity.at)}) m" if quantity.at else f"{bad} of the {kind} of '{quantity.on}'"
-        raise JobError(f"{what} at {where}; look for divisions by zero, and roots and logarithms of negative values")
-    return values
-
-
 def _reduced(quantity: QuantityOfInterest, comm: MPI.Intracomm, values: Floats, weights: Floats) -> float:
     assert quantity.reduce is not None
+    if comm.allreduce(int(np.count_nonzero(~np.isfinite(values)))):
+        return math.nan
     return _REDUCTIONS[quantity.reduce](comm, values, weights)
 
 

@@ -42,6 +42,7 @@ ACCELERATION = Dimension(length=1, time=-2)
 
 _CHUNK = 50_000  # cells at a time
 _ROUNDING = 1e-9  # of the sum of nodal forces: a resultant below is zero
+_LEAST_LOAD = float(np.sqrt(np.finfo(float).tiny))  # norms are roots of sums of squares
 
 
 @dataclass(frozen=True)
@@ -90,11 +91,12 @@ def totals_of(model: Model, direction: Direction) -> Totals:
     heavy = [(where, effect) for where, effect in job.named_effects if _has(effect, "density", DENSITY)]
     masses = [_mass(model, where, effect, volumes) for where, effect in heavy]
     weights = [(e, m) for (_, e), m in zip(heavy, masses, strict=True) if _has(e, "acceleration", ACCELERATION)]
+    load, scaled = _resultant(model, direction)
     found = Totals(
         size=_triple((high - low) * length),
         volume=volume,
         mass=masses[0] if masses else None,
-        load=_resultant(model, direction),
+        load=load,
         weight_strain=None,
     )
     softest, stiffest = young_moduli(job, model.fields)
@@ -104,7 +106,17 @@ def totals_of(model: Model, direction: Direction) -> Totals:
     if not job.output.unit_warnings:
         return found
     seen = _warnings(found, job.mesh.unit, masses, pressure, stiffest)
-    return replace(found, warnings=(*seen, *_regions_without_bounds(job, body)))
+    return replace(found, warnings=(*_vanishing(scaled), *seen, *_regions_without_bounds(job, body)))
+
+
+def _vanishing(load: float) -> Iterator[str]:
+    """Yield a warning if there are loads whose norm is not known, or 0: checks take them for none."""
+    if 0.0 < load < _LEAST_LOAD:
+        yield (
+            f"the loads are {load:.0e} of the body's shear modulus times its length squared, too little for"
+            " floating-point numbers: they may count as none; are loads, moduli and mesh.unit in the units that are"
+            " meant?"
+        )
 
 
 def _warnings(
@@ -173,8 +185,11 @@ def _cell_volumes(body: Body) -> Floats:
     return found * body.length_scale**3
 
 
-def _resultant(model: Model, direction: Direction) -> tuple[float, float, float] | None:
-    """Return the resultant (N) of all loads: their virtual work along translations of the unloaded body."""
+def _resultant(model: Model, direction: Direction) -> tuple[tuple[float, float, float] | None, float]:
+    """Return the resultant (N) of all loads: their virtual work along translations of the unloaded body; collective.
+
+    Also return the largest sum of their nodal forces along an axis, whatever their signs are, scaled.
+    """
     unknowns, comm = model.unknowns, model.body.mesh.comm
     state = unknowns.state.x.array
     before = state.copy()
@@ -197,9 +212,9 @@ def _resultant(model: Model, direction: Direction) -> tuple[float, float, float]
     system.set_load(0.0)
     model.release(equilibrium)
     if not np.isfinite(total).all():
-        return None
+        return None, math.inf
     found[np.abs(found) <= _ROUNDING * total.max()] = 0.0
-    return _triple(found * model.scales.stress * model.scales.length**2)
+    return _triple(found * model.scales.stress * model.scales.length**2), float(total.max())
 
 
 def _triple(values: Floats) -> tuple[float, float, float]:

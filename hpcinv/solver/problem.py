@@ -89,7 +89,8 @@ class Model:
             check_fields(job, self.fields)
             self.scales = self._scales()
             self.supports.update_parameters(job)
-            check_agreement(job, self.body, self.supports)
+            with self._naming_job():
+                check_agreement(job, self.body, self.supports)
             self._are_supports_checked &= not self._has_springs
             for scene in self._scenes.values():
                 scene.update_parameters(job, self.scales)
@@ -104,7 +105,7 @@ class Model:
         Raises:
             MeshError: on all ranks, if they do not.
         """
-        with self.timings("set-up"):
+        with self.timings("set-up"), self._naming_job():
             check_agreement(self.job, self.body, self.supports)
             if not self._has_springs:
                 check_held(self.body, self.supports)
@@ -112,6 +113,16 @@ class Model:
                 check_held(self.body, self.supports, system)
             check_not_enclosed(self.job, self.body)
         self._are_supports_checked = system is not None or not self._has_springs
+
+    @contextmanager
+    def _naming_job(self) -> Iterator[None]:
+        """Add the file of the job, and its state if there are several, to a ``MeshError`` about supports."""
+        file = "" if self.job.path is None else f"{self.job.path}: "
+        state = f"in state '{self.job.state}': " if self.job.state else ""
+        try:
+            yield
+        except MeshError as error:
+            raise MeshError(f"{file}{state}{error.message}", error.advice) from None
 
     @property
     def is_isoparametric(self) -> bool:

@@ -92,6 +92,17 @@ def test_what_looks_like_a_mistake_in_a_unit_is_told_unless_it_is_meant(job: dic
     assert totals(MPI.COMM_SELF, **job, output={"unit_warnings": False}).warnings == ()
 
 
+@pytest.mark.parallel([2])
+def test_loads_that_vanish_in_floating_point_numbers_are_told(comm: MPI.Intracomm) -> None:
+    def stiff(young: float, **changes: Any) -> dict[str, Any]:
+        return block(0.1, material={"law": "neo-hookean", "young": young, "poisson": 0.4}, **changes)
+
+    text = "too little for floating-point numbers: they may count as none"
+    for young, is_told in ((1e300, True), (1e140, False)):
+        assert any(text in warning for warning in totals(comm, **stiff(young)).warnings) == is_told
+    assert totals(comm, **stiff(1e300, effects=[])).warnings == ()
+
+
 def test_a_body_that_hardly_moves_is_told_at_the_end(tmp_path: Path) -> None:
     """On screen, quiet or not, in the summary and in the log; it changes neither verdict nor exit code."""
     job = write_job(tmp_path / "stiff.yaml", block(0.1, material={"law": "neo-hookean", "young": 3e9, "poisson": 0.4}))

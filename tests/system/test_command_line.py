@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import BEAM, CUBE, ROOT, environment, hpcinv, write_job
+from helpers.command_line import BEAM, BLOCK, CUBE, NO_CERTIFICATE, ROOT, environment, hpcinv, write_job
 
 import hpcinv as api
 from hpcinv.parallel.runtime import MPI
@@ -265,3 +265,38 @@ def test_from_python_a_run_gives_its_result_and_writes_nothing(
     assert result.directory is None
     assert files_in(tmp_path) == {"cube.yaml"}
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("certificate", [NO_CERTIFICATE, {}])
+def test_a_quantity_that_is_not_finite_costs_no_run_its_results(certificate: dict[str, Any], tmp_path: Path) -> None:
+    quantities = [
+        {"name": "bad", "of": "1/(ux-ux)", "on": "block", "reduce": "mean"},
+        {"name": "pole", "of": "1/x", "at": [0, 0, 1]},
+        *BLOCK["quantities"],
+    ]
+    sensitivities = {"effects[0].density": {"sd": 1}}
+    job = write_job(
+        tmp_path / "job.yaml", BLOCK, quantities=quantities, certificate=certificate, sensitivities=sensitivities
+    )
+    ended = hpcinv(1, "run", job, "--output", "out", "--report", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert "warning: quantities without a finite value 2" in ended.stdout
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["quantities"]["bad"] is summary["quantities"]["pole"] is None
+    assert summary["quantities"]["top"] < 0
+    (line,) = [one for one in summary["certificate"]["lines"] if one["name"] == "quantities without a finite value"]
+    assert "bad: '1/(ux-ux)' has no finite value somewhere on 'block'; pole: '1/x' has no finite value" in line["note"]
+
+
+def test_a_body_that_a_contact_does_not_hold_is_told_with_file_and_state(tmp_path: Path) -> None:
+    """An obstacle holds the body along its normal in a forward solve; an inverse one knows the pressure alone."""
+    obstacle = {"shape": "plane", "point": [0, 0, 1], "normal": [0, 0, -1]}
+    layer = {"effect": "contact", "region": "z1", "stiffness": "1 kPa/mm", "stand_off": "1 mm", "obstacle": obstacle}
+    states = [{"name": "cast", "given": True, "effects": [layer]}, {"name": "free"}]
+    data = {key: BLOCK[key] for key in ("mesh", "material")} | {"states": states}
+    supports = [{"region": "x0", "fix": ["x"]}, {"region": "y0", "fix": ["y"]}]
+    write_job(tmp_path / "job.yaml", data, supports=supports)
+    ended = hpcinv(2, "run", "job.yaml", cwd=tmp_path)
+    assert ended.returncode == 2
+    assert ended.stderr.count("job.yaml: in state 'cast': supports: leave the body free to move along z") == 1
+    assert "Traceback" not in ended.stderr

@@ -21,7 +21,7 @@ from hpcinv.accuracy.marking import plan
 from hpcinv.accuracy.meshes import Meshes, is_straight
 from hpcinv.accuracy.trial import attempt, begin_with
 from hpcinv.certificate import Verdict
-from hpcinv.errors import Interrupted, SolveError
+from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body, read_source
 from hpcinv.output.result import Result
@@ -95,6 +95,14 @@ def clamped(demand: float, *, hexahedra: bool, **solver: Any) -> Job:
         accuracy={"tip": demand},
         solver=solver,
     )
+
+
+def test_a_demand_on_a_quantity_that_is_not_finite_is_refused(comm: MPI.Intracomm) -> None:
+    given = clamped(1.0, hexahedra=True)
+    (tip,) = given.quantities
+    pole = type(tip).model_validate({"name": "tip", "of": "1/(ux-ux)", "on": "block", "reduce": "mean"})
+    with pytest.raises(JobError, match=r"quantities: tip: '1/\(ux-ux\)' has no finite value somewhere on 'block'"):
+        package.run(given.model_copy(update={"quantities": (pole,)}), comm)
 
 
 @pytest.mark.release

@@ -19,16 +19,19 @@ from test_thick_sphere import INNER, OUTER, PRESSURE, before, carried
 import hpcinv
 from hpcinv.certificate import Line, Verdict, at_least, at_most, inertia
 from hpcinv.certificate.certify import DISCRETISATION
-from hpcinv.certificate.check import Certificate
+from hpcinv.certificate.check import Certificate, skipped
 from hpcinv.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.certificate.inertia import factorize_symmetric
+from hpcinv.certificate.limit_points import LIMIT_POINTS, limit_points
 from hpcinv.certificate.shape import cells
 from hpcinv.mesh import build_body
+from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.problem import Model
 
 ESTIMATE = NO_CERTIFICATE | {"estimate": True}
@@ -479,6 +482,53 @@ def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm
     assert all(any(name.startswith(part) for name in verdicts.keys() - skipped) for part in checked)
     assert (len(verdicts) == len(skipped)) is (certificate == "off")
     assert result.certificate.verdict is (Verdict.SKIPPED if certificate == "off" else Verdict.PASS)
+
+
+def test_without_a_load_nothing_is_said_of_a_surface_whose_error_is_not_known(comm: MPI.Intracomm) -> None:
+    unloaded = column(2).model_copy(update={"effects": ()})
+    found = line(hpcinv.run(unloaded, comm), DISCRETISATION)
+    assert (found.value, found.verdict) == (0.0, Verdict.PASS)
+    assert "surface" not in found.note
+
+
+@pytest.mark.parametrize("pressures", [{}, {"pressure": 1}])
+@pytest.mark.parametrize("stretch", [1.4, 2, 3])
+def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int], comm: MPI.Intracomm) -> None:
+    """The tangent of the undeformed body under the whole growth, where the path begins, has another determinant."""
+    grown = job(
+        analysis="forward",
+        mesh=box(hexahedra=True),
+        discretisation={"displacement": 2, **pressures},
+        material={"law": "neo-hookean", "young": "300 kPa", "poisson": 0.3},
+        effects=[{"effect": "growth", "stretch": stretch}],
+        supports=[{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"],
+        certificate={},
+    )
+    found = line(hpcinv.run(grown, comm), LIMIT_POINTS)
+    assert (found.value, found.verdict, found.note) == (0.0, Verdict.PASS, "no limit point on the way")
+
+
+@pytest.mark.parametrize(
+    ("signs", "start", "unloaded", "verdict"),
+    [
+        ([(-1, 1, 1)], "", 1, Verdict.PASS),  # the first one is at no equilibrium
+        ([(1, -1, 1), (1,)], "", 1, Verdict.PASS),
+        ([(-1, -1)], "", 1, Verdict.WARN),  # it may even be that of a solution beyond a limit point
+        ([(1, -1)], "", 1, Verdict.WARN),
+        ([(1,), (-1,), (1,)], "", 1, Verdict.WARN),
+        ([(-1,), (-1,)], "", -1, Verdict.PASS),  # an odd number of pressures
+        ([(-1, -1)], "held", 1, Verdict.PASS),  # the path begins at the solution of a state
+        ([(-1, 1)], "held", 1, Verdict.UNDECIDED),
+    ],
+)
+def test_signs_of_the_tangent_are_compared_between_equilibria(
+    signs: list[tuple[int, ...]], start: str, unloaded: int, verdict: Verdict
+) -> None:
+    solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, of_solve) for of_solve in signs)
+    model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=unloaded, p=None))
+    solution: Any = SimpleNamespace(solves=solves, start=start)
+    (found,) = limit_points(model, solution, skipped("stability", ""))
+    assert found.verdict is verdict
 
 
 @pytest.mark.parallel([2])

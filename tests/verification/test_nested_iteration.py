@@ -237,7 +237,7 @@ def test_the_sign_to_expect_follows_from_the_path(
     def model(pressures: int) -> Any:
         choice = SimpleNamespace(configuration=configuration)
         return SimpleNamespace(
-            unknowns=SimpleNamespace(pressure_size=pressures),
+            unknowns=SimpleNamespace(unloaded_sign=(-1) ** pressures),
             chooser=SimpleNamespace(choose=lambda _: choice),
             job=SimpleNamespace(solver=None),
         )

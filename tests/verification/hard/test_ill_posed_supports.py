@@ -35,11 +35,14 @@ def model(comm: MPI.Intracomm, **changes: Any) -> Model:
 
 
 def refusal(comm: MPI.Intracomm, **changes: Any) -> str:
+    """The message, without the file of the job that it begins with."""
     with pytest.raises(MeshError) as caught:
         model(comm, **changes)
     assert caught.value.exit_code == 2
     assert comm.allreduce(str(caught.value) != comm.bcast(str(caught.value))) == 0  # every rank says the same
-    return caught.value.message
+    file, message = caught.value.message.split(": ", 1)
+    assert file.endswith(f"{NAME}.yaml")
+    return message
 
 
 def held(**faces: str) -> dict[str, Any]:
