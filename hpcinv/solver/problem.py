@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from hpcinv.assembly.system import System
 from hpcinv.effects import Direction
 from hpcinv.errors import MeshError
-from hpcinv.job.job import Job
+from hpcinv.job.job import UNNAMED, Job
 from hpcinv.job.states import given_on_current
 from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.mesh import Body
@@ -188,7 +188,9 @@ class Model:
             solver = self.job.solver
             like = next((idle.system for idle in self._idle.values()), None)
             system = System(scene, self.supports, self.timings, like)
-            linear = LinearSolver(system, solver.petsc, self.chooser.choose(solver))
+            linear = LinearSolver(
+                system, solver.petsc, self.chooser.choose(solver), f"{self.job.path or UNNAMED}: solver.petsc"
+            )
             equilibrium = Equilibrium(
                 system,
                 linear,
