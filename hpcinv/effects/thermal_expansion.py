@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
-from pydantic import ConfigDict, model_validator
+from pydantic import ConfigDict, ValidationInfo, model_validator
 
 from hpcinv.effects.base import Deformation, Effect
-from hpcinv.quantity import ExpansionField, Location, TemperatureField, raise_if_any
+from hpcinv.quantity import ExpansionField, Faults, Location, TemperatureField, raise_if_any
 from hpcinv.quantity.schema import shown
+from hpcinv.quantity.spatial_fields import ELSEWHERE, ByRegion, is_uniform
 from hpcinv.quantity.units import as_float, parse_temperature
 
 _KEYS = ("temperature", "reference_temperature")
@@ -66,6 +67,23 @@ class ThermalExpansion(Effect):
     @classmethod
     def known_keys(cls) -> tuple[str, ...]:
         return (*super().known_keys(), *_KEYS)
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        """Yield stretches of plain numbers that are not positive; fields are checked on the mesh."""
+        factors = (self.coefficient, self.temperature_change)
+        by_region = [x for x in factors if isinstance(x, ByRegion)]
+        if not all(is_uniform(x) or isinstance(x, ByRegion) for x in factors):
+            return
+        for region in dict.fromkeys(name for x in by_region for name in x.values) or [ELSEWHERE]:
+            alpha, change = (x.at(region) if isinstance(x, ByRegion) else x for x in factors)
+            if alpha is None or change is None or (stretch := 1 + alpha * change) > 0:
+                continue
+            where = f" in region '{region}'" if by_region else ""
+            text = f"gives the stretch 1 + alpha ΔT = {stretch:g}{where}, which must be above 0"
+            yield ("coefficient",), f"{text}: correct {alpha:g} 1/K, or the temperature change of {change:g} K"
+
+    def positive(self, par: Any, directions: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {"the stretch 1 + alpha ΔT": 1 + par.coefficient * par.temperature_change}
 
     def inelastic_strain(self, k: Deformation, load: Any, par: Any) -> Any:
         return load * par.coefficient * par.temperature_change * k.I

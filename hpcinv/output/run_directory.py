@@ -19,10 +19,10 @@ from hpcinv.files.names import check_output
 from hpcinv.job.job import Job, load, parse
 from hpcinv.job.yaml_reader import read_yaml
 
-_JOB, _ORIGIN = "job.yaml", "origin.json"
+_JOB, _ORIGIN, _LOG = "job.yaml", "origin.json", "run.log"
 _CONTENT = (
     *(_JOB, "checkpoints", "fields", "shape.*", "shape-*", "surface.npz", "snapshots"),
-    *("summary.*", "run.log", "report.html"),
+    *("summary.*", _LOG, "report.html"),
     ".*.partial",
 )
 
@@ -115,6 +115,14 @@ class RunDirectory:
                 replace(self.path / _JOB, text.encode())
             on_error.pop_all()  # the run releases the lock
         return lock
+
+    def withdraw(self) -> None:
+        """Remove what `create` has made, and the log, unless there is anything else in the directory."""
+        with contextlib.suppress(OSError):
+            if {entry.name for entry in self.path.iterdir()} <= {_JOB, _ORIGIN, _LOG, LOCK}:
+                for name in (_JOB, _LOG, LOCK, _ORIGIN):
+                    (self.path / name).unlink(missing_ok=True)
+                self.path.rmdir()
 
     def _write_origin(self, job: Job, *, overwrite: bool) -> None:
         path, content = self.path / _ORIGIN, _origin_of(job)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Self
 
+from hpcinv.errors import JobError, MeshError
 from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
@@ -20,7 +21,8 @@ from hpcinv.solver.problem import Model
 class RunStore:
     """Directory of a run on disk, if it has one; methods are collective.
 
-    Use it as a context, which unlocks the directory at its end.
+    Use it as a context, which unlocks the directory at its end. A directory that it has made is removed if job or mesh
+    turn out to be wrong before there is anything to save.
 
     Args:
         directory: ``None`` writes nothing.
@@ -33,11 +35,14 @@ class RunStore:
         self.directory = RunDirectory(directory) if isinstance(directory, Path) else directory
         self.comm = comm
         self._lock: DirectoryLock | None = None  # on rank 0
+        self._is_new = False  # on rank 0
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _type: object, error: BaseException | None, _traceback: object) -> None:
+        if self.directory is not None and self._is_new and isinstance(error, JobError | MeshError):
+            self.directory.withdraw()
         self._unlock()
 
     @property
@@ -75,6 +80,7 @@ class RunStore:
 
         def create() -> None:
             self._unlock()  # `create` locks it again
+            self._is_new = not (directory.claimed or directory.path.exists())
             self._lock = directory.create(job, overwrite=overwrite or resume)
 
         if not resume or checkpoints is None:

@@ -111,7 +111,8 @@ class Equilibrium:
         snes.setKSP(self.linear.ksp)
         snes.setFunction(self._assemble_residual, self.system.rhs)
         snes.setConvergenceTest(self._test_convergence)
-        snes.setFromOptions()
+        with self.linear.options.blamed():
+            snes.setFromOptions()
         # SNES would factorize its first tangent in any case, so the first one is no tangent.
         snes.setJacobian(lambda *_: None, self.system.matrix)
         snes.computeJacobian(self._x, self.system.matrix)
@@ -149,7 +150,8 @@ class Equilibrium:
         linear.limit_iterations()
         with system.timings("newton"):
             before = _linear_solve_seconds()
-            self.snes.solve(None, x)
+            with linear.options.blamed():
+                self.snes.solve(None, x)
             system.timings.move("newton", "linear solve", _linear_solve_seconds() - before)
         reason: Any = self.snes.getConvergedReason()  # an int, whatever its stub says
         outcome = now.outcome_of(reason)

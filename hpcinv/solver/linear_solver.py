@@ -26,14 +26,20 @@ class LinearSolver:
         system: assembles the tangent.
         options: PETSc options of the job, which extend or replace options of the configuration.
         choice: configuration of the linear solver, and whether the other one may be tried where it fails.
+        where: place of the options in messages.
 
     Attributes:
         options: options in PETSc's database, including options of Newton's method.
         fallback: reason why the other configuration was taken, if it was.
         factorizations: number of tangents that were factorized, or for which a preconditioner was set up.
+
+    Raises:
+        JobError: from every method, if PETSc refuses options of the job, or fails with them.
     """
 
-    def __init__(self, system: System, options: Mapping[str, Value], choice: Choice) -> None:
+    def __init__(
+        self, system: System, options: Mapping[str, Value], choice: Choice, where: str = "solver.petsc"
+    ) -> None:
         self.system, self.choice = system, choice
         self.fallback: str | None = None
         self.factorizations = 0
@@ -42,7 +48,7 @@ class LinearSolver:
         self._factorized = -1  # number of the tangent that was factorized last
         self._released = -1  # the same before its factors were released, as long as they exist
         with system.timings("set-up"):
-            self.options = SolverOptions(options)
+            self.options = SolverOptions(options, where)
             self.ksp = PETSc.KSP().create(system.comm)
             self.ksp.setOptionsPrefix(SolverOptions.prefix)
             self.configuration = self._use(choice.configuration)
@@ -64,7 +70,8 @@ class LinearSolver:
         self.options.use(configuration.options)
         self.ksp.reset()
         self.ksp.setOperators(self.system.matrix)
-        self.ksp.setFromOptions()
+        with self.options.blamed():
+            self.ksp.setFromOptions()
         return configuration
 
     @property
@@ -85,7 +92,7 @@ class LinearSolver:
             self.ksp.setOperators(self.system.matrix)
             self._factorized = self.system.tangents
             return
-        with self.system.timings("factorization"):
+        with self.system.timings("factorization"), self.options.blamed():
             self.ksp.pc.setReusePreconditioner(False)
             self.ksp.setOperators(self.system.matrix)
             self.configuration.prepare(self.ksp, self.system.matrix)
@@ -126,7 +133,8 @@ class LinearSolver:
 
     def back_substitute(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Solve with the present factors or preconditioner; return whether that succeeded."""
-        self.ksp.solve(b, x)
+        with self.options.blamed():
+            self.ksp.solve(b, x)
         self.count_iterations(self.ksp.getIterationNumber())
         if self.must_renew:
             self.renew()

@@ -1,8 +1,12 @@
 """PETSc options of one solver: defaults, options of the job, and the unused ones among these."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 from petsc4py import PETSc
+
+from hpcinv.errors import HpcinvError, JobError
 
 type Value = str | float | int | bool | None  # None is a flag
 
@@ -16,12 +20,17 @@ NEWTON: Mapping[str, Value] = {
 
 
 class SolverOptions:
-    """Options in PETSc's database under the prefix of this program, from construction until `remove`."""
+    """Options in PETSc's database under the prefix of this program, from construction until `remove`.
+
+    Args:
+        of_the_job: options of the job by name.
+        where: their place in messages.
+    """
 
     prefix = "hpcinv_"
 
-    def __init__(self, of_the_job: Mapping[str, Value]) -> None:
-        self._of_the_job, self._names = of_the_job, set(of_the_job)
+    def __init__(self, of_the_job: Mapping[str, Value], where: str = "solver.petsc") -> None:
+        self._of_the_job, self._names, self._where = of_the_job, set(of_the_job), where
         self._values: dict[str, Value] = {}
         self._texts: dict[str, str] = {}  # the same as PETSc has them
         self._database = PETSc.Options(self.prefix)
@@ -55,7 +64,56 @@ class SolverOptions:
         there = [name for name in sorted(self._names) if name in self._database.getAll()]
         return [name for name in there if not everything.used(self.prefix + name)]
 
+    @contextmanager
+    def blamed(self) -> Iterator[None]:
+        """Context in which an error of PETSc is put down to options of the job, if it has any.
+
+        The options are removed then, so that jobs which follow in this process do not meet them. A message of this
+        program that ended a function which PETSc calls is raised as it was.
+
+        Raises:
+            JobError: with PETSc's reason, in place of its error.
+        """
+        try:
+            yield
+        except PETSc.Error as error:
+            origin = _origin(error)
+            if isinstance(origin, HpcinvError):
+                raise origin from None
+            if not self._of_the_job or not isinstance(origin, PETSc.Error):
+                raise
+            self.remove()
+            raise JobError(f"{self._where}: {_refusal(self._of_the_job, _said(origin))}") from error
+
     def remove(self) -> None:
         """Remove the options, so that PETSc does not report unused ones a second time when it ends."""
         for name in self._database.getAll():
             self._database.delValue(name)
+
+
+def _origin(error: BaseException) -> BaseException:
+    """Return the error in a function that PETSc called, if that was the cause of an error of PETSc."""
+    while isinstance(error, PETSc.Error) and error.__cause__ is not None:
+        error = error.__cause__
+    return error
+
+
+def _said(error: PETSc.Error) -> list[str]:
+    """Return what PETSc says about an error, line by line, without its call stack and without links."""
+    lines = [re.sub(r"^\[\d+\] ", "", line) for line in str(error).splitlines()]
+    said = [re.sub(r":? *https?://\S+", "", line).strip(" .") for line in lines[1:] if "() at " not in line]
+    return [line for line in said if line] or lines[:1]
+
+
+def _refusal(options: Mapping[str, Value], said: Sequence[str]) -> str:
+    """Return a message on the options whose values PETSc names, or on all if it names none."""
+    naming: dict[str, list[str]] = {}
+    for name, value in options.items():
+        if isinstance(value, str) and value:
+            naming[name] = [line for line in said if re.search(rf"(?<!\w){re.escape(value)}(?!\w)", line)]
+    named = [name for name in options if naming.get(name)]
+    blamed = ", ".join(f"'{name}{'' if (v := options[name]) is None else f': {v}'}'" for name in named or options)
+    if named:
+        reasons = dict.fromkeys(line for name in named for line in naming[name])
+        return f"PETSc refuses {blamed}: {'; '.join(reasons)}; correct or remove it"
+    return f"PETSc fails with {blamed}: {'; '.join(said)}; change or remove these options"

@@ -11,8 +11,8 @@ from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
 from hpcinv.effects import Direction
-from hpcinv.errors import MeshError
-from hpcinv.job.job import Job
+from hpcinv.errors import JobError, MeshError
+from hpcinv.job.job import UNNAMED, Job
 from hpcinv.job.states import given_on_current
 from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.mesh import Body
@@ -52,6 +52,7 @@ class Model:
             ``None`` if that is the state of this model, or nothing is given so.
 
     Raises:
+        JobError: on all ranks, if the quadrature is not enough for the cells of the mesh.
         MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
     """
 
@@ -63,6 +64,7 @@ class Model:
         self.given: Function | None = None
         self._carried: Function | None = None  # kept for the next use, since scenes refer to it
         self.is_of_given_mesh = True
+        self.quadrature_degree = _quadrature(job, body.source.kind)
         with timings("set-up"):
             self.fields: BodyFields = BodyFields(body) if like is None else like.fields
             check_fields(job, self.fields)
@@ -74,9 +76,6 @@ class Model:
             )
             self.supports = Supports(job, body, self.unknowns)
         self._are_supports_checked = False
-        self.quadrature_degree = job.discretisation.quadrature or default_quadrature(
-            body.source.kind, job.discretisation.displacement
-        )
 
     def update_parameters(self, job: Job, timings: Timings) -> None:
         """Change to another job of the same reuse group, on the mesh as the job gives it.
@@ -204,7 +203,9 @@ class Model:
             solver = self.job.solver
             like = next((idle.system for idle in self._idle.values()), None)
             system = System(scene, self.supports, self.timings, like)
-            linear = LinearSolver(system, solver.petsc, self.chooser.choose(solver))
+            linear = LinearSolver(
+                system, solver.petsc, self.chooser.choose(solver), f"{self.job.path or UNNAMED}: solver.petsc"
+            )
             equilibrium = Equilibrium(
                 system,
                 linear,
@@ -305,8 +306,26 @@ class Model:
         return AdaptiveSteps(first, least, cases=cases)
 
 
+def _quadrature(job: Job, kind: str) -> int:
+    """Return the quadrature degree of a job on cells of one kind.
+
+    Raises:
+        JobError: it leaves motions of the cells without energy.
+    """
+    given, displacement = job.discretisation.quadrature, job.discretisation.displacement
+    least = default_quadrature(kind, displacement)
+    if given is not None and given < least:
+        cells = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}[kind]
+        raise JobError(
+            f"{job.path or UNNAMED}: discretisation.quadrature: must be at least {least} on {cells} with displacements"
+            f" of degree {displacement}, not {given}: with fewer points, cells have spurious motions without energy,"
+            " which make the tangent singular or nearly so; raise it, or leave it out"
+        )
+    return given or least
+
+
 def default_quadrature(kind: str, displacement: int) -> int:
-    """Return the degree that keeps the order of convergence.
+    """Return the least degree that leaves no motion of a cell without energy, and keeps the order of convergence.
 
     It is ``2k - 2`` on simplices, and ``k + 1`` Gauss points in each direction on hexahedra.
 

@@ -216,6 +216,18 @@ def test_without_a_compiler_cached_kernels_run_and_new_ones_are_explained(cube: 
     refused(done, 5, "'false' could not compile a kernel", "apt-get install gcc libc6-dev")
 
 
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_too_low_a_quadrature_is_told_once_and_nothing_is_left(ranks: int, tmp_path: Path) -> None:
+    mesh = {**CUBE["mesh"], "parameters": {"nx": 1, "ny": 1, "nz": 1, "hexahedra": True}}
+    write_job(tmp_path / "job.yaml", CUBE, mesh=mesh, discretisation={"quadrature": 3})
+    refused(
+        hpcinv(ranks, "run", "job.yaml", cwd=tmp_path),
+        2,
+        "job.yaml: discretisation.quadrature: must be at least 4 on hexahedra with displacements of degree 2, not 3: ",
+    )
+    assert files_in(tmp_path) == {"job.yaml"}
+
+
 def test_options_that_petsc_does_not_know_are_reported(tmp_path: Path) -> None:
     petsc = {"snes_linesearch_type": "l2", "snes_lineserch_type": "l2"}
     write_job(tmp_path / "job.yaml", CUBE, solver={"petsc": petsc})

@@ -51,6 +51,28 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"effect": "pressure", "pressure": "12 mm"}, ".pressure: must be "),
     ({"effect": "gravity", "density_in": "deformed"}, ".density_in: must be 'reference' or 'current'"),
     ({"effect": "thermal-expansion", "coefficient": "3e-4 1/m"}, ".coefficient: must be "),
+    (
+        {"effect": "thermal-expansion", "coefficient": 1e-2, "temperature_change": -100},
+        ".coefficient: gives the stretch 1 + alpha ΔT = 0, which must be above 0: correct 0.01 1/K, or the temperature",
+    ),
+    (
+        {"effect": "thermal-expansion", "coefficient": 1e-2, "temperature_change": {"block": -150, "elsewhere": 1}},
+        ".coefficient: gives the stretch 1 + alpha ΔT = -0.5 in region 'block'",
+    ),
+    (
+        {"effect": "thermal-expansion", "coefficient": {"block": -1, "elsewhere": 0}, "temperature_change": 2},
+        ".coefficient: gives the stretch 1 + alpha ΔT = -1 in region 'block'",
+    ),
+    (
+        {
+            "effect": "thermal-expansion",
+            "coefficient": 1e-2,
+            "temperature_change": ...,
+            "temperature": "0 °C",
+            "reference_temperature": "200 °C",
+        },
+        ".coefficient: gives the stretch 1 + alpha ΔT = -1, which",
+    ),
     ({"effect": "growth", "stretch": ...}, ".stretch: is needed in growth without fibres"),
     ({"effect": "growth", "stretch": 0}, ".stretch: must be above 0, not 0"),
     ({"effect": "growth", "stretch": -1.1}, ".stretch: must be above 0, not -1.1"),
@@ -146,6 +168,19 @@ def test_a_region_must_be_one_of_the_boundary(name: str, tmp_path: Path) -> None
 def test_a_stretch_that_is_not_positive_somewhere_is_told_before_the_solve() -> None:
     message = refused(case({"effect": "growth", "stretch": "1 - 2*X/(1 m)"}))
     assert "box.py: effects[0].stretch must be above 0, but is " in message
+
+
+@pytest.mark.parametrize(
+    "heat",
+    [
+        {"coefficient": "1e-2*X/(1 m)/(1 K)", "temperature_change": "-150 K"},
+        {"coefficient": "1e-2 1/K", "temperature_change": "-150 K * X/(1 m)"},
+        {"coefficient": {"block": 1e-2}, "temperature_change": "-150 K * X/(1 m)"},
+    ],
+)
+def test_heat_that_leaves_no_stretch_somewhere_is_told_before_the_solve(heat: dict[str, Any]) -> None:
+    message = refused(case({"effect": "thermal-expansion"} | heat))
+    assert "box.py: effects[0]: the stretch 1 + alpha ΔT must be positive, but is -" in message
 
 
 def test_a_prestrain_that_inverts_somewhere_or_has_no_axes_is_told_before_the_solve() -> None:
