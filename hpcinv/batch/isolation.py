@@ -8,7 +8,6 @@ returns, the supervisor writes its record and kills its process.
 """
 
 import contextlib
-import json
 import os
 import shutil
 import signal
@@ -24,6 +23,7 @@ from typing import cast
 from hpcinv.batch.grouptask import Ended, EventReader, GroupTask, Held
 from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.errors import Interrupted, SystemPartMissing
+from hpcinv.parallel.children import ending_with_this
 from hpcinv.parallel.processes import Identity
 from hpcinv.parallel.ranks import MPI
 from hpcinv.parallel.signals import StopRequest
@@ -32,18 +32,6 @@ _PAUSE = 0.05  # seconds between checks of a group
 _FRUITLESS = 3  # largest number of consecutive starts that end before a case is begun
 _STOP = 1  # tag of the message that another rank of the group has received a signal
 _OF_LAUNCHERS = ("PMI", "HYD", "MPI_LOCAL", "OMPI_COMM_WORLD", "OMPI_MCA_orte", "OMPI_MCA_ess", "OMPI_UNIVERSE", "PRTE")
-
-# The program ends whenever its parent ends, and may use the processors of all ranks of its group.
-_LAUNCH = """
-import ctypes, json, os, signal, sys
-parent, processors = int(sys.argv[1]), json.loads(sys.argv[2])
-if sys.platform == "linux":
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-    os.sched_setaffinity(0, processors)
-if os.getppid() != parent:
-    sys.exit(1)
-os.execvp(sys.argv[3], sys.argv[3:])
-"""
 
 
 def can_isolate(group: MPI.Intracomm) -> bool:
@@ -165,9 +153,13 @@ class _Supervisor:
         program = [sys.executable, "-m", "hpcinv.batch.groupprocess", str(place)]
         if self.group.size > 1:
             program = [cast(str, _mpiexec()), "-n", str(self.group.size), *program]
-        first = [sys.executable, "-I", "-S", "-c", _LAUNCH, str(os.getpid()), json.dumps(list(self.processors))]
         return subprocess.Popen(
-            [*first, *program], env=_environment(), stdin=subprocess.DEVNULL, start_new_session=True
+            ending_with_this(
+                program, processors=self.processors
+            ),  # it may use the processors of all ranks of its group
+            env=_environment(),
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
         )
 
     def _stop_signal(self) -> signal.Signals | None:

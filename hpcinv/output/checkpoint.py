@@ -5,8 +5,11 @@ partition nor the number of ranks matters) and ``state.json``: position of the r
 digest of all. It is written under another name and renamed when all ranks have finished, so that it is always whole.
 """
 
+import errno
 import hashlib
 import json
+import math
+import os
 import re
 import shutil
 from collections.abc import Mapping
@@ -20,7 +23,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 import adios4dolfinx
 from dolfinx.fem import Function
 
-from hpcinv.errors import CheckpointError
+from hpcinv.errors import CheckpointError, OutputError
 from hpcinv.files.atomic import replace
 from hpcinv.job.fingerprint import difference
 from hpcinv.mesh import Body
@@ -97,16 +100,18 @@ class Checkpoints:
         """Save a converged state; collective.
 
         Raises:
-            CheckpointError: on each rank that cannot write it; earlier checkpoints are kept.
+            OutputError: on every rank if there is no space for it, else on each rank that cannot write it; earlier
+                checkpoints are kept.
         """
         number = on_root(self.comm, lambda: max((int(p.name) for p in self._all()), default=0) + 1)
         partial = self.directory / f".partial-{number:04}"
-        on_root(self.comm, lambda: _create(partial))
+        size = sum(map(_size, functions.values()))
+        on_root(self.comm, lambda: _create(partial, size))
         try:
             for name, function in functions.items():
                 adios4dolfinx.write_function_on_input_mesh(partial / "functions.bp", function, name=name)
         except RuntimeError as exc:  # the only exception of ADIOS2
-            raise _unwritable(partial, exc) from exc
+            raise _unwritable(partial, _reason(exc, partial, size)) from exc
         self.comm.Barrier()
 
         def finish() -> None:
@@ -121,7 +126,7 @@ class Checkpoints:
                 replace(partial / "state.json", json.dumps(state, indent=1).encode())
                 partial.replace(self.directory / f"{number:04}")
             except OSError as exc:
-                raise _unwritable(partial, exc) from exc
+                raise _unwritable(partial, exc.strerror or str(exc)) from exc
             # A damaged checkpoint must not count, so that a whole one is kept.
             for old in [*self._damaged, *[p for p in self._all() if p not in self._damaged][: -self.keep]]:
                 shutil.rmtree(old, ignore_errors=True)
@@ -203,18 +208,51 @@ def _remove_partial(directory: Path) -> None:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _create(partial: Path) -> None:
+def _create(partial: Path, size: int) -> None:
+    """Create the directory of a checkpoint of ``size`` bytes.
+
+    A full disk is found here, because ADIOS2 tells of it in other words, and on one rank while the others wait.
+    """
     _remove_partial(partial.parent)
     try:
         partial.parent.mkdir(exist_ok=True)  # the run's directory is not made again if it was removed
         partial.mkdir()
     except OSError as exc:
-        raise CheckpointError(f"{partial}: cannot be created: {exc.strerror}", "Is the directory writable?") from exc
+        raise OutputError(f"{partial}: cannot be created: {exc.strerror}", "Is the directory writable?") from exc
+    if _free(partial) < size:
+        _remove_partial(partial.parent)
+        raise _unwritable(partial, _FULL)
 
 
-def _unwritable(partial: Path, exc: OSError | RuntimeError) -> CheckpointError:
-    reason = exc.strerror if isinstance(exc, OSError) else str(exc).strip().splitlines()[-1]
-    return CheckpointError(f"{partial}: cannot be written: {reason}", "Is there space left?")
+_FULL = os.strerror(errno.ENOSPC)
+_COLOUR = re.compile(r"\x1b\[[\d;]*m")
+
+
+def _unwritable(partial: Path, reason: str) -> OutputError:
+    advice = "Make room there, then resume the run, or start it again if it has no checkpoint yet."
+    return OutputError(f"{partial}: cannot be written: {reason}", advice)
+
+
+def _reason(error: RuntimeError, partial: Path, size: int) -> str:
+    """Reason why ADIOS2 cannot write a checkpoint, of which at most ``size`` bytes are missing."""
+    return _FULL if _free(partial) < size else _COLOUR.sub("", str(error)).strip().splitlines()[-1]
+
+
+def _free(directory: Path) -> float:
+    """Bytes left on the disk; infinite if that is not known."""
+    try:
+        disk = os.statvfs(directory)
+    except OSError:
+        return math.inf
+    return (disk.f_bavail if os.geteuid() else disk.f_bfree) * disk.f_frsize if disk.f_blocks else math.inf
+
+
+def _size(function: Function) -> int:
+    """Bytes that a function takes in a checkpoint, or a tenth more: the values in each cell, and their numbers."""
+    space = function.function_space
+    topology, dofs = space.mesh.topology, space.dofmap
+    in_cell = dofs.dof_layout.num_dofs * (8 * dofs.index_map_bs + 8) + 16
+    return int(topology.index_map(topology.dim).size_global * in_cell) + 2**13
 
 
 def _digest(state: Mapping[str, Any], functions: Path) -> str:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 
-from hpcinv.errors import CheckpointError
+from hpcinv.errors import OutputError
 from hpcinv.output.checkpoint import Checkpoints, Position, named
 from hpcinv.output.run_store import RunStore
 from hpcinv.results.solution import Solution
@@ -51,6 +51,6 @@ class CheckpointWriter(Observer):
             parts = [named(number, *solution) for number, solution in enumerate(solutions)]
             try:
                 self._checkpoints.write(position, {name: f for part in parts for name, f in part.items()})
-            except CheckpointError:  # raised on some ranks only
+            except OutputError:  # raised on some ranks only
                 self._store.check_in_place_on_this_rank()
                 raise

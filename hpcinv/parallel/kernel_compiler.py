@@ -7,10 +7,10 @@ shared object it compiles in half the time, with the C compiler alone.
 import io
 import os
 import shlex
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
+from hpcinv.parallel.children import run_child
 from hpcinv.parallel.runtime import c_compiler  # its import order first
 
 # isort: split
@@ -49,19 +49,12 @@ def compile_kernel(code: str, name: str, flags: Sequence[str], directory: Path) 
     command = [*c_compiler(), "-std=c17", "-fPIC", "-shared", *flags, include, *preprocessor, *compiler]
     failure = f"the C compiler '{command[0]}' could not compile a kernel"
     try:
-        subprocess.run(
-            [*command, str(source), "-o", str(target), *linker, "-lm"],
-            check=True,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            errors="replace",
-        )
+        done = run_child([*command, str(source), "-o", str(target), *linker, "-lm"], keeps_output=False)
     except OSError as error:
         raise NotCompiled(f"{failure}: {error.strerror}") from error
-    except subprocess.CalledProcessError as error:
-        said = " ".join(error.stderr.split("\n", 3)[:3]).strip()
-        raise NotCompiled(f"{failure}: exit code {error.returncode}. {said}".rstrip()) from error
+    if done.returncode:
+        said = " ".join(done.stderr.decode(errors="replace").split("\n", 3)[:3]).strip()
+        raise NotCompiled(f"{failure}: exit code {done.returncode}. {said}".rstrip())
     return target.read_bytes()
 
 

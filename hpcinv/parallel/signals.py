@@ -9,10 +9,13 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
+
+ASK_TO_STOP = (signal.SIGTERM, signal.SIGUSR1)
+"""signals that ask a run to save and stop"""
 
 
 class StopRequest:
@@ -27,7 +30,7 @@ class StopRequest:
         Called before MPI starts, because with some launchers later handlers are not called, and again after the stack
         is loaded, because PETSc installs a handler of SIGTERM that ends the process.
         """
-        for number in (signal.SIGTERM, signal.SIGUSR1):
+        for number in ASK_TO_STOP:
             signal.signal(number, self._note)
         _watch()
 
@@ -39,7 +42,7 @@ class StopRequest:
 
     def ignore(self) -> None:
         """Ignore the signals: the run is over, and a late signal could end the process during the exit of Python."""
-        for number in (signal.SIGTERM, signal.SIGUSR1):
+        for number in ASK_TO_STOP:
             signal.signal(number, signal.SIG_IGN)
 
     def __call__(self) -> bool:
@@ -55,7 +58,7 @@ _end: Callable[[], NoReturn] | None = None
 _interrupt: Callable[[], NoReturn] | None = None
 _in_library = False
 _watcher: threading.Thread | None = None
-_HANDLED = (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)
+_HANDLED = (*ASK_TO_STOP, signal.SIGINT)
 _GRACE = 0.2  # seconds for the main thread to handle a signal itself
 
 
@@ -118,7 +121,7 @@ def end_if_noted() -> None:
     """
     if any(name in os.environ for name in _LAUNCHED) or signal.getsignal(signal.SIGTERM) is not _note_start:
         return
-    for number in (signal.SIGTERM, signal.SIGUSR1):
+    for number in ASK_TO_STOP:
         signal.signal(number, _end_at_once)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if _noted:
@@ -167,10 +170,16 @@ def end_on_interrupt(end: Callable[[], NoReturn]) -> None:
 @contextmanager
 def handlers_kept() -> Iterator[None]:
     """Context in which signals wait, and after which the signal handlers of Python are restored."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _HANDLED)
+    with signals_blocked(_HANDLED), handlers_restored():
+        yield
+
+
+@contextmanager
+def signals_blocked(numbers: Iterable[int]) -> Iterator[None]:
+    """Context in which signals wait; processes that are started in it never get them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
-        with handlers_restored():
-            yield
+        yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 

@@ -173,4 +173,7 @@ def _is_alive(process: int) -> bool:
 
 
 def _program(process: int) -> str:
-    return Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")[0].decode()
+    try:
+        return Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")[0].decode()
+    except OSError:  # it has ended
+        return ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import os
@@ -101,6 +102,41 @@ def test_runs_that_need_the_same_kernels_compile_each_once(job: Path, compiler: 
     compiled = Counter((tmp_path / "compiled").read_text().split())
     assert {f"{name.stem}.c" for name in tmp_path.glob("cache/fenics/*.so")} == set(compiled)
     assert set(compiled.values()) == {1}
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGUSR1"])
+def test_a_signal_while_a_kernel_is_compiled_stops_the_run(
+    name: str, job: Path, compiler: Path, tmp_path: Path
+) -> None:
+    """mpirun forwards it to all processes, the compiler among them."""
+    hold = tmp_path / "hold"
+    hold.touch()
+    with Started(2, "run", job, "--output", "run", cwd=tmp_path) as started:
+        wait_for(lambda: (tmp_path / "compiled").exists())
+        started.send(signal.Signals[name], [started.mpirun.pid])
+        time.sleep(0.5)
+        hold.unlink()
+        assert started.exit_code() == 75, started.text
+    assert "could not compile" not in started.text
+
+
+def test_the_compiler_ends_with_its_run(job: Path, compiler: Path, tmp_path: Path) -> None:
+    (tmp_path / "hold").touch()
+    with Started(1, "run", job, "--output", "run", cwd=tmp_path) as started:
+        wait_for(lambda: (tmp_path / "compiled").exists())
+        (rank,) = (p for p in started.ranks() if b"hpcinv" in Path(f"/proc/{p}/cmdline").read_bytes())
+        started.send(signal.SIGKILL, [rank])
+        assert started.exit_code() != 0
+    wait_for(lambda: not any(str(compiler) in command for command in commands()))
+
+
+def commands() -> list[str]:
+    """Command lines of all processes."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):  # it has ended
+            found.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+    return found
 
 
 def truncate(kernel: Path) -> None:

@@ -7,9 +7,15 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
-from helpers.command_line import CUBE, PATIENCE, ROOT, Started, environment, hpcinv, write_job
+from helpers.command_line import BLOCK, CUBE, PATIENCE, ROOT, Started, environment, hpcinv, write_job
+from helpers.mesh_cases import spec
+from helpers.sweeps import records_of, write_sweep
+
+from hpcinv.mesh import read_source
+from hpcinv.mesh.export import SAVERS
 
 MESHING = """
 def build(gmsh):
@@ -81,6 +87,99 @@ def test_a_signal_just_before_a_mesh_is_made_is_told_once(tmp_path: Path) -> Non
     ended = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=tmp_path / "sends.py")
     assert ended.returncode == 75, ended.stderr
     assert ended.stderr.count("stopped by a signal before there was anything to save") == 1
+
+
+# The process that reads the mesh takes time, as for a large one.
+SLOW_READER = """
+import pathlib, runpy, time
+pathlib.Path({mark!r}).touch()
+time.sleep(2.0)
+runpy.run_path({reader!r}, run_name="__main__")
+"""
+STARTING_SLOW_READER = """
+import subprocess
+
+start = subprocess.Popen.__init__
+
+def start_slow_reader(self, command, *args, **options):
+    start(self, [{slow!r} if word.endswith("isolated_reader.py") else word for word in command], *args, **options)
+
+subprocess.Popen.__init__ = start_slow_reader
+"""  # it imports nothing from the mesh: PETSc starts on all ranks at once
+
+
+def with_slow_reader(directory: Path, suffix: str) -> tuple[dict[str, Any], Path]:
+    """A job with a mesh in a file and a slow reader of it, and the file that the reader makes when it begins."""
+    slow, mark = directory / "slow_reader.py", directory / "reading"
+    reader = ROOT / "hpcinv" / "mesh" / "io" / "isolated_reader.py"
+    slow.write_text(SLOW_READER.format(mark=str(mark), reader=str(reader)))
+    plugin = directory / "plugin.py"
+    plugin.write_text(STARTING_SLOW_READER.format(slow=str(slow)))
+    mesh = box(directory / f"box{suffix}")
+    return {**BLOCK, "mesh": {"file": mesh.name}, "plugins": [plugin.name]}, mark
+
+
+def box(path: Path) -> Path:
+    generator = ROOT / "meshes" / "box.py"
+    source = read_source(spec(generator, parameters={"nx": 2, "ny": 2, "nz": 2}), generator)
+    SAVERS[path.suffix](path, source, source.points)
+    return path
+
+
+def wait_until_there(path: Path) -> None:
+    deadline = time.monotonic() + 60
+    while not path.exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def readers(directory: Path) -> list[str]:
+    """Processes that run the slow reader."""
+    name = str(directory / "slow_reader.py").encode()
+    return [p.parent.name for p in Path("/proc").glob("[0-9]*/cmdline") if name in contents(p)]
+
+
+def contents(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:  # the process has ended
+        return b""
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".vtu"])
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 75), ("SIGUSR1", 75), ("SIGINT", 130), ("SIGKILL", None)])
+def test_a_signal_while_a_process_reads_a_mesh_does_not_damage_it(
+    suffix: str, name: str, code: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It goes to mpirun, which forwards it to all processes; SIGKILL goes to the ranks only."""
+    monkeypatch.setenv("HPCINV_KERNELS", str(tmp_path / "kernels"))  # where no file is known as read already
+    content, mark = with_slow_reader(tmp_path, suffix)
+    job = write_job(tmp_path / "job.yaml", content)
+    with Started(2, "run", job, "--output", "run", cwd=tmp_path) as started:
+        wait_until_there(mark)
+        to = [p for p in started.ranks() if str(p) not in readers(tmp_path)] if code is None else [started.mpirun.pid]
+        started.send(signal.Signals[name], to)
+        ended = started.exit_code()
+        assert ended == code or (code is None and ended), started.text
+    assert "cannot read it" not in started.text
+    assert "Traceback" not in started.text
+    time.sleep(0.2)
+    assert not readers(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("ranks", "options"), [(1, ["--no-isolation"]), (2, ["--ranks-per-case", "2"])], ids=["launcher", "separate"]
+)
+def test_a_signal_while_a_process_reads_the_mesh_of_a_case_leaves_the_case_open(
+    ranks: int, options: list[str], tmp_path: Path
+) -> None:
+    job, mark = with_slow_reader(tmp_path, ".vtu")
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}], job=job)
+    with Started(ranks, "sweep", "run", sweep, *options, cwd=tmp_path) as started:
+        wait_until_there(mark)
+        started.send(signal.SIGUSR1, [started.mpirun.pid])
+        assert started.exit_code() == 75, started.text
+    assert [*records_of(sweep).values()] == [None]
 
 
 # It tells when the first of our own modules is loaded; what Python does before that is out of reach.

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from hpcinv.certificate import Verdict
-from hpcinv.errors import CheckpointError, Interrupted, OutputError, SolveError
+from hpcinv.errors import Interrupted, OutputError, SolveError
 from hpcinv.model.outcome import Outcome
 from hpcinv.output import checkpoint_writer, run_report
 from hpcinv.output.checkpoint_writer import CheckpointWriter
@@ -42,7 +42,7 @@ def ended(load: float, *solves: Solve, stopped: bool = False, can_restart: bool 
 class Written:
     """Stand-in for checkpoints: the positions and functions that were written."""
 
-    def __init__(self, error: CheckpointError | None = None) -> None:
+    def __init__(self, error: OutputError | None = None) -> None:
         self.positions: list[tuple[int, float, int]] = []
         self.functions: list[str] = []
         self.error = error
@@ -116,8 +116,8 @@ def test_a_checkpoint_of_the_second_direction_has_the_solution_of_the_first() ->
 
 
 def test_a_checkpoint_that_cannot_be_written_is_explained_by_a_removed_directory() -> None:
-    error = CheckpointError("it cannot be written")
-    with pytest.raises(CheckpointError):
+    error = OutputError("it cannot be written")
+    with pytest.raises(OutputError, match="it cannot be written"):
         writer(Written(error), every=1).solved(event(0.5))
     with pytest.raises(OutputError, match="it was removed"):
         writer(Written(error), every=1, here=False).solved(event(0.5))

@@ -10,13 +10,13 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
 
 from hpcinv.batch.ledger.store import HEARTBEATS, as_output_error, open_store
 from hpcinv.files.atomic import create
 from hpcinv.parallel.processes import Identity
+from hpcinv.parallel.signals import signals_blocked
 
 BEAT = 5.0  # seconds; a fraction of the lease
 
@@ -66,7 +66,9 @@ class Holder:
         with as_output_error(self.heartbeat):
             create(self.heartbeat, b"%020d" % 1)
         path, parent = str(self.heartbeat.resolve()), str(os.getpid())
-        with _signals_blocked():  # inherited by the child: signals to all processes of a job must not end it
+        with signals_blocked(
+            signal.valid_signals()
+        ):  # inherited by the child: signals to all processes of a job must not end it
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", "-c", _HEARTBEAT, path, parent, str(self._beat)],
                 stdin=subprocess.DEVNULL,  # the child must keep nothing open that mpirun waits for
@@ -84,12 +86,3 @@ class Holder:
         self._process = None
         with contextlib.suppress(OSError):  # other processes will find that it does not change any more
             self.heartbeat.unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def _signals_blocked() -> Iterator[None]:
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

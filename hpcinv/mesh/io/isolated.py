@@ -9,14 +9,16 @@ from typing import Any
 
 from hpcinv.errors import MeshError, OutputError
 from hpcinv.job.fingerprint import file_digest
+from hpcinv.parallel.children import run_child
+from hpcinv.parallel.signals import ended_by_signals
 
 _PROGRAM = Path(__file__).with_name("isolated_reader.py")
 
 
 def run_isolated(action: str, path: Path) -> subprocess.CompletedProcess[bytes]:
     """Run ``isolated_reader.py`` on a file, with captured output."""
-    command = [sys.executable, "-P", str(_PROGRAM), action, str(path.absolute())]
-    return subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False)
+    with ended_by_signals():
+        return run_child([sys.executable, "-P", str(_PROGRAM), action, str(path.absolute())])
 
 
 def check_readable_by_gmsh(path: Path, called: Path) -> None:
