@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 5
 """lines of each kind"""
+DAMAGED = "record damaged or of another version: the next start solves the case again"
 _PAUSE = 2.0  # seconds between two looks
 
 
@@ -41,6 +42,7 @@ class Status:
         certificates: number of converged cases by the verdict of their certificate.
         running: number of cases by the process that works on them.
         failed: titles of the failed cases by diagnosis, in the order of the batch.
+        damaged: number of open cases whose record is damaged or of another version.
         seconds: time left, with as many cases at a time as are running, at least one; ``None`` if it is not known.
     """
 
@@ -53,6 +55,7 @@ class Status:
     running: Mapping[str, int]
     failed: Mapping[str, tuple[str, ...]]
     seconds: float | None
+    damaged: int = 0
 
     @property
     def converged(self) -> int:
@@ -109,6 +112,7 @@ def status(
         running=running,
         failed={diagnosis: tuple(titles) for diagnosis, titles in failed.items()},
         seconds=None if seconds is None else seconds / max(running.total(), 1),
+        damaged=len(ledger.damaged(key for key, state in states.items() if state.name == "finished")),
     )
 
 
@@ -129,6 +133,8 @@ def lines(found: Status) -> list[str]:
         text += _more(len(found.running), "process", "processes")
     if found.open:
         text.append(f"  open: {found.open:,}")
+        if found.damaged:
+            text.append(f"    {found.damaged:,} × {DAMAGED}")
     if found.unfinished:
         text.append(f"  time left: {_time_left(found)}")
     return text

@@ -94,7 +94,10 @@ def _resume(options: argparse.Namespace) -> int:
 
     def read() -> tuple[Job, RunDirectory]:
         directory = RunDirectory(options.directory)
-        return _reported(directory.job(options.job), options), directory
+        job = directory.job(options.job)
+        if options.job is not None:
+            directory.check_same_problem(job)
+        return _reported(job, options), directory
 
     return _in_parallel(options, read, resume=True)
 
@@ -103,6 +106,7 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
     from hpcinv.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
+        from hpcinv.certificate import Verdict
         from hpcinv.output.progress import Level, Progress
         from hpcinv.parallel.ranks import abort, on_root
 
@@ -116,8 +120,12 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
             end_on_interrupt(interrupted)
             job, directory = on_root(comm, read)
             if resume and on_root(comm, lambda: directory.is_finished):
-                progress.note(f"{directory.path}: this run is finished; its results are in summary.json")
-                return 0
+                verdict = Verdict(on_root(comm, lambda: directory.verdict))
+                results = f"its results are in summary.json, certificate: {verdict.value}"
+                progress.note(f"{directory.path}: this run is finished; {results}")
+                if options.job is not None and not on_root(comm, lambda: directory.holds(job)):
+                    progress.warn("settings that differ from those of its job.yaml were not used; 'run' uses them")
+                return verdict.exit_code(strict=options.strict)
 
             from hpcinv.driver import run
 

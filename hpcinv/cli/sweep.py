@@ -15,7 +15,7 @@ from hpcinv.cli.sweep_results import add_results
 from hpcinv.cli.sweep_submit import add_submit
 from hpcinv.errors import Interrupted
 from hpcinv.files.untrusted import add_option
-from hpcinv.sweep.execution import sweep_batch
+from hpcinv.sweep.execution import open_damaged, sweep_batch
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import results, status_of
 
@@ -115,6 +115,8 @@ def _run(options: argparse.Namespace) -> int:
         def begin() -> None:
             groups = f"{world.size} rank{'s' if world.size > 1 else ''}, {options.ranks_per_case} per case"
             print(f"{plan.sweep.sweep}: {len(plan.cases)} cases, {groups}; store {plan.store}", flush=True)
+            if damaged := open_damaged(plan):
+                print(f"  {damaged:,} × record damaged or of another version: the case is solved again", flush=True)
 
         def end() -> tuple[int, int]:
             ledger = ledger_of(plan.store)

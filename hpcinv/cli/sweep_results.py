@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import replace as replace_fields
 from pathlib import Path
 
-from hpcinv.batch.ledger.ledger import ledger_of
+from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.status import Status, show
+from hpcinv.batch.status import DAMAGED, Status, show
 from hpcinv.cli.options import file_ending, positive
 from hpcinv.errors import JobError
 from hpcinv.files.atomic import output_errors, replace
@@ -81,7 +81,7 @@ def _status(options: argparse.Namespace) -> int:
 def _table(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     ledger = ledger_of(plan.store)
-    records = results(plan, ledger)
+    records = _read(plan, ledger)
 
     from hpcinv.batch.tables import as_csv
     from hpcinv.sweep.table import as_hdf5, columns, units
@@ -99,7 +99,7 @@ def _table(options: argparse.Namespace) -> int:
 
 def _statistics(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    records = results(plan, ledger_of(plan.store))
+    records = _read(plan, ledger_of(plan.store))
 
     from hpcinv.batch.tables import as_csv
     from hpcinv.sweep.table import statistics
@@ -115,10 +115,10 @@ def _indices(options: argparse.Namespace) -> int:
     from hpcinv.sweep import indices
 
     if options.plan:
-        print("\n".join(indices.costs(plan, results(plan, ledger))))
+        print("\n".join(indices.costs(plan, _read(plan, ledger))))
         return 0
     plan = replace_fields(plan, cases=plan.cases[: options.first])
-    records = results(plan, ledger)
+    records = _read(plan, ledger)
     sample = indices.finished_sample(plan, records)
     keys = list(sample.distributions)
     for path in filter(None, (options.output, options.shape)):
@@ -152,7 +152,7 @@ def _plot(options: argparse.Namespace) -> int:
 
     from hpcinv.sweep.plot import plot
 
-    files, left_out = plot(plan, results(plan, ledger_of(plan.store)), options.quantity, options.over)
+    files, left_out = plot(plan, _read(plan, ledger_of(plan.store)), options.quantity, options.over)
     for form, content in files.items():
         path = stem.with_name(f"{stem.name}.{form}")
         _write(path, content)
@@ -160,6 +160,15 @@ def _plot(options: argparse.Namespace) -> int:
     for text in left_out:
         print(f"left out: {text}")
     return 0
+
+
+def _read(plan: SweepPlan, ledger: Ledger) -> dict[str, CaseRecord]:
+    """Return the records of the finished cases; tell on standard error how many are left out since they are damaged."""
+    records = results(plan, ledger)
+    left = dict.fromkeys(case.key for case in plan.cases if case.key not in records)
+    if damaged := len(ledger.damaged(left)):
+        print(f"{plan.store}: left out {damaged:,} × {DAMAGED}", file=sys.stderr)
+    return records
 
 
 def _stem(plan: SweepPlan, quantity: str, over: list[str]) -> Path:

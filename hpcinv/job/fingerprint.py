@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hpcinv.errors import MeshError
+from hpcinv.errors import CheckpointError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_header import SUFFIX, read_header
 from hpcinv.quantity.expressions import LET
@@ -106,6 +106,15 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
         for where in {**a, **b}
         if a.get(where, _ABSENT) != b.get(where, _ABSENT)
     ]
+
+
+def check_same_problem(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
+    """Raise ``CheckpointError`` with the differences, if what is in ``path`` has another fingerprint than a job."""
+    if changes := difference(old, new):
+        raise CheckpointError(
+            "\n".join([f"{path}: belongs to another problem:", *(f"  {line}" for line in changes)]),
+            "A resume may change solver, output and checkpoint settings, but not the physics; use 'run' for that.",
+        )
 
 
 _ABSENT = object()

@@ -25,7 +25,7 @@ from dolfinx.fem import Function
 
 from hpcinv.errors import CheckpointError, OutputError
 from hpcinv.files.atomic import replace
-from hpcinv.job.fingerprint import difference
+from hpcinv.job.fingerprint import check_same_problem
 from hpcinv.mesh import Body
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.methods.method import Start
@@ -178,11 +178,7 @@ class Checkpoints:
             )
         if digest != _digest(state, path / "functions.bp"):
             raise _Damaged("functions.bp or state.json is damaged: the digest does not match")
-        if changes := difference(problem, self.problem):
-            raise CheckpointError(
-                "\n".join([f"{path}: belongs to another problem:", *(f"  {line}" for line in changes)]),
-                "A resume may change solver, output and checkpoint settings, but not the physics; use 'run' for that.",
-            )
+        check_same_problem(path, problem, self.problem)
         return Restart(path, position, functions, complaints)
 
 

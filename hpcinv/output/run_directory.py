@@ -15,13 +15,15 @@ from hpcinv.errors import JobError, OutputError
 from hpcinv.files.atomic import create, output_errors, replace
 from hpcinv.files.directory_lock import NAME as LOCK
 from hpcinv.files.directory_lock import DirectoryLock, check_unlocked
+from hpcinv.files.json_data import json_data
 from hpcinv.files.names import check_output
+from hpcinv.job.fingerprint import check_same_problem, fingerprint
 from hpcinv.job.job import Job, load, parse
 from hpcinv.job.yaml_reader import read_yaml
 
-_JOB, _ORIGIN, _LOG = "job.yaml", "origin.json", "run.log"
-_CONTENT = (
-    *(_JOB, "checkpoints", "fields", "shape.*", "shape-*", "surface.npz", "snapshots"),
+_JOB, _ORIGIN, _LOG, _SUMMARY = "job.yaml", "origin.json", "run.log", "summary.json"
+_CONTENT = (  # in the order in which it is removed: what is left after a kill never counts as a finished run
+    *(_SUMMARY, _JOB, "checkpoints", "fields", "shape.*", "shape-*", "surface.npz", "snapshots"),
     *("summary.*", _LOG, "report.html"),
     ".*.partial",
 )
@@ -51,7 +53,7 @@ class RunDirectory:
     def summary(self) -> dict[str, Any] | None:
         """Return the content of ``summary.json``, ``None`` if it is missing or not that of a run."""
         try:
-            found: dict[str, Any] = json.loads((self.path / "summary.json").read_bytes())
+            found: dict[str, Any] = json.loads((self.path / _SUMMARY).read_bytes())
             _ = found["status"]
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -63,6 +65,12 @@ class RunDirectory:
         return summary is not None and bool(summary["status"] == "converged")
 
     @property
+    def verdict(self) -> str:
+        """Verdict of the certificate in the summary; empty if there is none."""
+        certificate = (self.summary() or {}).get("certificate") or {}
+        return str(certificate.get("verdict", ""))
+
+    @property
     def is_begun(self) -> bool:
         """Whether job and origin can be read, so that a run can resume here."""
         try:
@@ -70,6 +78,19 @@ class RunDirectory:
             return origin is None or isinstance(read_yaml(self.path / _JOB), dict)
         except (OSError, ValueError, JobError):
             return False
+
+    def check_same_problem(self, job: Job) -> None:
+        """Raise ``CheckpointError`` if the results here are those of other physics than a job's."""
+        summary = self.summary() or {}
+        if "fingerprint" not in summary:
+            return
+        found = summary["fingerprint"]
+        if summary["job"].get("accuracy"):  # its search has chosen another mesh and degree than those of the job
+            try:
+                found = fingerprint(self.job(None))
+            except (OutputError, JobError):  # no job is left to compare with
+                return
+        check_same_problem(self.path / _SUMMARY, json_data(found), json_data(fingerprint(job)))
 
     def check_free(self, *, overwrite: bool) -> None:
         """Raise ``OutputError`` if a run cannot use this directory; nothing is changed."""

@@ -123,11 +123,16 @@ class RunReport(Observer):
                             write_boundary(path / BOUNDARY, boundary)
 
                     on_root(store.comm, write)
-            write_summary(path, found, store.comm, formats=self.job.output.summary)
-            if self.job.output.report:
-                from hpcinv.reports.of_run import write_run_report  # loads VTK
+            # Last is summary.json, which marks the run as finished.
+            others = [form for form in self.job.output.summary if form != "json"]
+            write_summary(path, found, store.comm, formats=others)
+            try:
+                if self.job.output.report:
+                    from hpcinv.reports.of_run import write_run_report  # loads VTK
 
-                on_root(store.comm, lambda: write_run_report(path, found))
+                    on_root(store.comm, lambda: write_run_report(path, found))
+            finally:  # the results are kept if there is an error in the report, which 'report' writes again
+                write_summary(path, found, store.comm, formats=["json"])
         return replace(result, statistics=found)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.task import Batch
 from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.results import RETRY
@@ -20,6 +21,11 @@ if TYPE_CHECKING:
 def sweep_batch(plan: SweepPlan) -> Batch:
     """Return the cases of a sweep. Queue and runner are imported where they run: supervisors must not load PETSc."""
     return Batch(plan.store, plan.sweep.limit, RETRY, partial(_queue, plan), partial(_runner, plan.sweep.warm_start))
+
+
+def open_damaged(plan: SweepPlan) -> int:
+    """Open the cases with damaged records again, before the start of a sweep; return their number."""
+    return ledger_of(plan.store).reopen_damaged(dict.fromkeys(case.key for case in plan.cases))
 
 
 def _queue(plan: SweepPlan, ledger: Ledger, begin: float, _ranks: int) -> Queue:

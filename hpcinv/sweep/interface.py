@@ -7,7 +7,7 @@ from typing import Any
 from hpcinv.batch.conduct import conduct
 from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.sweep.execution import sweep_batch
+from hpcinv.sweep.execution import open_damaged, sweep_batch
 from hpcinv.sweep.plan import load_sweep
 from hpcinv.sweep.results import results
 from hpcinv.sweep.table import columns, units
@@ -53,6 +53,7 @@ def sweep(
         OutputError: the number of ranks is not a multiple of ``ranks_per_case``, or the store cannot be used.
     """
     plan = on_root(comm, lambda: load_sweep(source, directory))
+    on_root(comm, lambda: open_damaged(plan))
     conduct(sweep_batch(plan), comm, ranks_per_case=ranks_per_case, note=note)
 
     def table() -> Table:

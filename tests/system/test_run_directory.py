@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from helpers.command_line import CUBE, Started, hpcinv, write_job
+from helpers.command_line import BLOCK, CUBE, Started, hpcinv, write_job
 
-from hpcinv.errors import OutputError
+from hpcinv.errors import CheckpointError, OutputError
 from hpcinv.files import atomic, directory_lock
 from hpcinv.files.directory_lock import DirectoryLock
+from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job, load
 from hpcinv.output.run_directory import RunDirectory
 
@@ -81,6 +83,9 @@ def assert_can_be_started_again(place: Path, *, replaced: bool) -> None:
         if (run / name).exists():
             assert (run / name).stat().st_size, f"{run / name} is empty"
     directory = RunDirectory(run)
+    if directory.is_finished:  # nothing of the old run was removed yet
+        assert directory.holds(job)
+        assert (run / "checkpoints" / "0001").is_dir()
     if not directory.is_begun and (run / "origin.json").exists():
         with pytest.raises(
             OutputError, match=r"interrupted at its beginning(.|\n)*run cube\.yaml --output .* --overwrite"
@@ -265,3 +270,70 @@ def test_with_its_job_file_a_run_goes_on_whatever_a_kill_has_left(files: dict[st
     assert done.returncode == 0, done.stderr
     assert RunDirectory(run).is_finished
     assert RunDirectory(run).holds(load(job))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run, next to its job file."""
+    place = tmp_path_factory.mktemp("finished")
+    done = hpcinv(1, "run", write_job(place / "cube.yaml", CUBE), "--output", "run", cwd=place)
+    assert done.returncode == 0, done.stderr
+    return place / "run"
+
+
+def content(run: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(run)): path.read_bytes() for path in run.rglob("*") if path.is_file()}
+
+
+def test_a_finished_run_of_another_problem_is_refused(finished: Path) -> None:
+    before = content(finished)
+    other = write_job(finished.parent / "other.yaml", CUBE, material=dict(CUBE["material"]) | {"young": "2 MPa"})
+    refused = hpcinv(2, "resume", finished, "--job", other, cwd=finished.parent)
+    assert refused.returncode == 4, refused.stdout + refused.stderr
+    assert refused.stderr.count("summary.json: belongs to another problem") == 1
+    assert "material.mu: 384615.3846153846 -> 769230.7692307692" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    assert content(finished) == before
+
+
+@pytest.mark.parametrize(("changes", "told"), [({}, False), ({"certificate": "full"}, True)])
+def test_a_finished_run_of_the_same_problem_is_finished(
+    changes: dict[str, object], told: bool, finished: Path, tmp_path: Path
+) -> None:
+    before = content(finished)
+    job = write_job(tmp_path / "new.yaml", CUBE, **changes) if changes else finished.parent / "cube.yaml"
+    done = hpcinv(1, "resume", finished, "--job", job, cwd=finished.parent)
+    assert done.returncode == 0, done.stderr
+    assert "this run is finished" in done.stdout
+    assert ("were not used" in done.stdout) == told
+    assert content(finished) == before
+
+
+@pytest.mark.parametrize(
+    ("verdict", "code", "strict"), [("pass", 0, 0), ("warning", 0, 7), ("not decided", 0, 7), ("fail", 6, 6)]
+)
+def test_a_finished_run_has_the_exit_code_of_its_certificate(
+    verdict: str, code: int, strict: int, finished: Path, tmp_path: Path
+) -> None:
+    run = Path(shutil.copytree(finished, tmp_path / "run"))
+    summary = json.loads((run / "summary.json").read_text())
+    summary["certificate"]["verdict"] = verdict
+    (run / "summary.json").write_text(json.dumps(summary))
+    for options, expected in (([], code), (["--strict"], strict)):
+        done = hpcinv(2, "resume", run, *options, cwd=tmp_path)
+        assert done.returncode == expected, done.stdout + done.stderr
+        assert f"certificate: {verdict}" in done.stdout
+
+
+def test_a_run_with_demands_on_accuracy_is_compared_with_its_job(tmp_path: Path) -> None:
+    """Not with the mesh and degree that the search has chosen, which the summary has."""
+    demands = {"accuracy": {"top": "0.02 mm"}}
+    job = load(write_job(tmp_path / "block.yaml", BLOCK, **demands))
+    directory = created(tmp_path / "run", job)
+    chosen = fingerprint(job.with_({"mesh.parameters.nx": 8, "discretisation.displacement": 3}))
+    summary = {"status": "converged", "job": job.model_dump(mode="json"), "fingerprint": chosen}
+    (directory.path / "summary.json").write_text(json.dumps(summary))
+    directory.check_same_problem(job)
+    directory.check_same_problem(job.with_({"certificate": "full"}))
+    with pytest.raises(CheckpointError, match=r"problem:\n  material\.mu: 10000\.0 -> 9000\.0\n  A resume"):
+        directory.check_same_problem(job.with_({"material.mu": "9 kPa"}))

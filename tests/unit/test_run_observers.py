@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +18,7 @@ from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.result import Result
 from hpcinv.output.run_report import RunReport
 from hpcinv.parallel.runtime import MPI
+from hpcinv.reports import of_run
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolvedDirection, SolveEvent
 
@@ -131,7 +132,9 @@ def test_a_checkpoint_that_cannot_be_written_is_explained_by_a_removed_directory
 def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[RunReport, dict[str, Any]]]:
     """Makes a report, and what it gives to summary and progress."""
 
-    def make(*, directory: bool = True, directions: int = 1) -> tuple[RunReport, dict[str, Any]]:
+    def make(
+        *, directory: bool = True, directions: int = 1, report_fails: bool = False
+    ) -> tuple[RunReport, dict[str, Any]]:
         given: dict[str, Any] = {"warnings": []}
 
         def statistics(result: Any, status: str, _size: int, unused: Any, *_: Any, advice: str) -> dict[str, Any]:
@@ -139,12 +142,24 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
             return {"status": status}
 
         monkeypatch.setattr(run_report, "statistics", statistics)
-        monkeypatch.setattr(run_report, "write_summary", lambda path, found, *_, **__: given.update(written=found))
+        given["files"] = []
+
+        def write_summary(_path: Path, found: dict[str, Any], *_: Any, formats: Sequence[str]) -> None:
+            given.update(written=found)
+            given["files"] += formats
+
+        def write_run_report(_path: Path, _found: dict[str, Any]) -> None:
+            given["files"].append("report")
+            if report_fails:
+                raise OutputError("the report cannot be written")
+
+        monkeypatch.setattr(run_report, "write_summary", write_summary)
+        monkeypatch.setattr(of_run, "write_run_report", write_run_report)
         job = SimpleNamespace(
             directions=("inverse", "forward")[:directions],
             accuracy={},
             output=SimpleNamespace(
-                unit_warnings=True, summary=("json",), fields=False, has_surface=False, report=False
+                unit_warnings=True, summary=("json", "h5"), fields=False, has_surface=False, report=True
             ),
         )
         unknowns = SimpleNamespace(size=12)
@@ -179,6 +194,16 @@ def test_a_converged_run_is_written_printed_and_warned_about(report: MakeReport)
     assert given["warnings"] == ["moves 1e-09 m"]
     assert given["unused"] == ["snes_view"]
     assert found.quantities == {"tip": 0.5}
+
+
+@pytest.mark.parametrize("report_fails", [False, True])
+def test_the_summary_that_marks_completion_is_the_last_file(report_fails: bool, report: MakeReport) -> None:
+    one, given = report(report_fails=report_fails)
+    certificate: Any = SimpleNamespace(lines=())
+    result = Result(one.job, one.model.body, (solution(1.0, solve(1.0)),), certificate)
+    with pytest.raises(OutputError, match="report") if report_fails else nullcontext():
+        one.conclude(result)
+    assert given["files"] == ["h5", "report", "json"]
 
 
 def test_a_load_that_is_not_reached_is_a_solve_error_with_a_summary(report: MakeReport) -> None:

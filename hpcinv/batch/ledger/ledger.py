@@ -9,6 +9,8 @@ changed:
 - ``KEY.reopened-R.json``: round R has begun, since the record of the round before is damaged, or its case is to be
   tried again. Round 1 has no such file.
 
+Reading writes nothing: a case with a damaged record is opened again when it is claimed, or when a sweep starts.
+
 A case is finished if its latest round has a record. Else it is open; it is held if its last claim was not released and
 the holder of that is not dead (`liveness`).
 
@@ -39,8 +41,7 @@ from hpcinv.batch.ledger.history import Histories, History
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.liveness import LEASE, Watch
 from hpcinv.batch.ledger.record import CaseRecord
-from hpcinv.batch.ledger.store import RUNS, as_output_error
-from hpcinv.errors import OutputError
+from hpcinv.batch.ledger.store import RUNS, as_output_error, check_format
 from hpcinv.files.atomic import create, make_directory, publish
 from hpcinv.parallel.processes import Identity
 
@@ -120,19 +121,32 @@ class Ledger:
         return self.path / RUNS / key[:2] / key
 
     def record(self, key: str) -> CaseRecord | None:
-        """Return the record of a case; ``None`` if it is not finished. A damaged record opens its case again."""
+        """Return the record of a case; ``None`` if it is not finished, or its record is damaged."""
         return self._read_record(key, self._files.of(key))
 
     def records(self, keys: Iterable[str]) -> Iterator[tuple[str, CaseRecord]]:
-        """Yield key and record of each case that is finished, with few directory scans."""
+        """Yield key and record of each case that is finished and not damaged, with few directory scans."""
         for key, history in self._files.of_all(keys).items():
             if (record := self._read_record(key, history)) is not None:
                 yield key, record
 
+    def damaged(self, keys: Iterable[str]) -> list[str]:
+        """Return the keys of cases whose record is damaged or of another version, so that they count as open."""
+        return [key for key, history in self._files.of_all(keys).items() if self._damage(key, history)]
+
+    def reopen_damaged(self, keys: Iterable[str]) -> int:
+        """Open the cases with damaged records again, as `claim` does; return their number."""
+        return sum(self._reopen_damaged(key, history) for key, history in self._files.of_all(keys).items())
+
     def claim(self, key: str) -> Claim | None:
-        """Claim a case; return ``None`` at once if it is finished or its holder is, or may be, alive."""
+        """Claim a case; return ``None`` at once if it is finished or its holder is, or may be, alive.
+
+        A case with a damaged record is opened again.
+        """
         assert self.holder.is_beating
         before = self._files.of(key)
+        if self._reopen_damaged(key, before):
+            before = self._files.of(key)
         if before.finished or self._is_held(key, before):
             return None
         attempt = before.claims + 1
@@ -244,15 +258,28 @@ class Ledger:
     def _read_record(self, key: str, history: History) -> CaseRecord | None:
         if not history.finished:
             return None
+        with contextlib.suppress(ValueError):
+            return self._decoded(key, history)
+        return None
+
+    def _decoded(self, key: str, history: History) -> CaseRecord:
+        """Return the record of a finished case; raise ``ValueError`` if it is damaged."""
         file = self._files.file(key, f"record-{history.round}.json")
         with as_output_error(file):
-            try:
-                return CaseRecord.decoded(file.read_bytes())
-            except ValueError as error:
-                why = f"its record is damaged: {error}"
-        with contextlib.suppress(OutputError):  # without write access the case counts as open, too
-            self._reopen(key, history, why)
-        return None
+            return CaseRecord.decoded(file.read_bytes())
+
+    def _damage(self, key: str, history: History) -> str:
+        """Return in what way the record of a case is damaged; empty if it is not, or there is none."""
+        try:
+            if history.finished:
+                self._decoded(key, history)
+        except ValueError as error:
+            return str(error)
+        return ""
+
+    def _reopen_damaged(self, key: str, history: History) -> bool:
+        why = self._damage(key, history)
+        return bool(why) and self._reopen(key, history, f"its record is damaged: {why}")
 
     def _reopen(self, key: str, history: History, why: str) -> bool:
         """Begin the next round; ``False`` if another process has done so."""
@@ -275,7 +302,12 @@ class Ledger:
 
 
 def ledger_of(store: Path) -> Ledger:
-    """Return the ledger of a store, for reading."""
+    """Return the ledger of a store, for reading.
+
+    Raises:
+        OutputError: the store has another format.
+    """
+    check_format(store)
     return Ledger(store, Holder(store))
 
 

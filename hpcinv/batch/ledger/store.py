@@ -12,7 +12,7 @@ from hpcinv.files.names import check_output
 
 RECORDS, HEARTBEATS, RUNS = "ledger", "holders", "cases"
 """directories in a store"""
-_FORMAT = "hpcinv store 1"
+_MARK, _FORMAT = "store.json", "hpcinv store 1"
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENOTCONN}
 
@@ -39,7 +39,7 @@ def open_store(path: Path) -> None:
     Raises:
         OutputError: it cannot be written, holds other files, or has another format.
     """
-    mark = path / "store.json"
+    mark = path / _MARK
     check_output(path)
     with as_output_error(path):
         path.mkdir(parents=True, exist_ok=True)
@@ -48,11 +48,23 @@ def open_store(path: Path) -> None:
             if others and mark.name not in others:
                 raise OutputError(f"{path}: holds files that are not of a store", "Choose another 'store'.")
             publish(mark, json.dumps({"format": _FORMAT}).encode())
-        try:
-            found = json.loads(mark.read_bytes())["format"]
-        except (ValueError, KeyError, TypeError):
-            found = "unknown"
-        if found != _FORMAT:
-            raise OutputError(f"{mark}: the format is {found}, not {_FORMAT}", "Choose another 'store'.")
+        check_format(path)
         for directory in (RECORDS, HEARTBEATS):
             make_directory(path / directory)
+
+
+def check_format(path: Path) -> None:
+    """Raise ``OutputError`` if a store has another format; one that is not there has none."""
+    mark = path / _MARK
+    with as_output_error(mark):
+        try:
+            found = json.loads(mark.read_bytes())["format"]
+        except (FileNotFoundError, NotADirectoryError):
+            return
+        except (ValueError, KeyError, TypeError):
+            found = "unknown"
+    if found != _FORMAT:
+        raise OutputError(
+            f"{mark}: the format is {found}, not {_FORMAT}",
+            "Use the version of hpcinv that wrote it, or choose another 'store'.",
+        )

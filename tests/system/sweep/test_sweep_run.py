@@ -281,6 +281,19 @@ def test_a_full_disk_is_told_and_the_same_command_goes_on(tmp_path: Path) -> Non
         subprocess.run(["umount", str(store)], check=True)
 
 
+def test_a_case_with_a_damaged_record_is_solved_again_by_the_next_start(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, GRID)
+    assert hpcinv(1, "sweep", "run", sweep, cwd=tmp_path).returncode == 0
+    plan, before = load_sweep(sweep), records_of(sweep)
+    key = plan.cases[2].key
+    (plan.store / "ledger" / key[:2] / f"{key}.record-1.json").write_bytes(b"")
+    done = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("1 × record damaged or of another version") == 1
+    assert done.stdout.count("s, certificate") == 1
+    assert top(records_of(sweep)[2]) == pytest.approx(top(before[2]), rel=1e-9)
+
+
 def test_a_store_that_cannot_be_one_is_refused(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, GRID)
     (tmp_path / "store").mkdir()

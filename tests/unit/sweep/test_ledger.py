@@ -18,8 +18,8 @@ import pytest
 
 from hpcinv.batch.ledger import liveness
 from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import CaseState, Ledger
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.ledger import CaseState, Ledger, ledger_of
+from hpcinv.batch.ledger.record import CaseRecord, _sealed
 from hpcinv.batch.ledger.store import as_output_error, open_store
 from hpcinv.errors import OutputError
 from hpcinv.files import atomic
@@ -194,16 +194,26 @@ WRONG_TYPE = b"whole, but with a word for a number"
         bytes(len(WHOLE)),
         b'{"record": {}}',
         b"[]",
+        _sealed(b'{"status": "converged", "of a later version": 1}'),
     ],
 )
-def test_a_damaged_record_is_not_believed_and_its_case_is_open(ledger: Ledger, store: Path, damaged: bytes) -> None:
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_damaged_record_is_not_believed_and_its_case_is_open(
+    at_once: bool, ledger: Ledger, store: Path, damaged: bytes
+) -> None:
     claim = ledger.claim(KEY)
     assert claim is not None
     ledger.commit(claim, DONE)
     record_file(store).write_bytes(damaged)
     assert ledger.record(KEY) is None
-    assert ledger.record(KEY) is None
-    assert ledger.states([KEY])[KEY] == CaseState("open")
+    assert dict(ledger.records([KEY, OTHER])) == {}
+    assert ledger.damaged([KEY, OTHER]) == [KEY]
+    assert files(store) == {"record-1.json"}  # reading writes nothing
+    if at_once:
+        assert ledger.reopen_damaged([KEY, OTHER]) == 1
+        assert ledger.states([KEY])[KEY] == CaseState("open")
+        assert ledger.damaged([KEY]) == []
+        assert ledger.reopen_damaged([KEY]) == 0
     assert record_file(store).read_bytes() == damaged  # left for who wants to know
     again = ledger.claim(KEY)
     assert again is not None
@@ -491,6 +501,9 @@ def test_a_store_of_another_format_is_refused(tmp_path: Path, mark: str) -> None
     (tmp_path / "store.json").write_text(mark)
     with pytest.raises(OutputError, match=r"store\.json: the format is .*, not hpcinv store 1"):
         open_store(tmp_path)
+
+    with pytest.raises(OutputError, match=r"store\.json: the format is .*, not hpcinv store 1\n  Use the version"):
+        ledger_of(tmp_path)
 
 
 def test_a_store_that_is_not_there_has_only_open_cases(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, follow, lines
 from hpcinv.batch.tables import as_csv
 from hpcinv.errors import JobError
+from hpcinv.sweep.execution import open_damaged
 from hpcinv.sweep.outlook import outlook
 from hpcinv.sweep.plan import Case, SweepPlan, load_sweep
 from hpcinv.sweep.plot import is_even_in_log, plot
@@ -458,3 +459,40 @@ def test_a_look_makes_no_store(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "open" in capsys.readouterr().out
     assert not found.store.exists()
     assert yaml.safe_load(found.path.read_text())["store"] == "store"
+
+
+@pytest.mark.parametrize(
+    "command", [["status"], ["table"], ["statistics"], ["plan"], ["retry", "--failed"], ["indices"]]
+)
+def test_a_store_of_another_format_is_refused_by_all_commands(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = plan(tmp_path, {"grid": {MU: [1e4]}})
+    found.store.mkdir()
+    (found.store / "store.json").write_text('{"format": "hpcinv store 2"}')
+    assert main(["sweep", command[0], str(found.path), *command[1:]]) == 2
+    assert capsys.readouterr().err.count("store.json: the format is hpcinv store 2, not hpcinv store 1") == 1
+    assert [path.name for path in found.store.iterdir()] == ["store.json"]
+
+
+def test_damaged_records_are_told_and_nothing_is_written(
+    tmp_path: Path, commit: Callable[[Case, CaseRecord], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = plan(tmp_path, {"grid": {MU: [1e4, 2e4, 3e4]}})
+    for case in found.cases:
+        commit(case, good())
+    for case in found.cases[:2]:
+        (found.store / "ledger" / case.key[:2] / f"{case.key}.record-1.json").write_bytes(b"{")
+    before = sorted(found.store.rglob("*"))
+    assert main(["sweep", "status", str(found.path)]) == 0
+    shown = capsys.readouterr().out
+    assert "open: 2\n    2 × record damaged or of another version: the next start solves the case again" in shown
+    assert main(["sweep", "retry", "--failed", str(found.path)]) == 0
+    capsys.readouterr()
+    assert main(["sweep", "table", str(found.path)]) == 0
+    table = capsys.readouterr()
+    assert len(table.out.splitlines()) == 4
+    assert table.err.count("left out 2 × record damaged") == 1
+    assert sorted(found.store.rglob("*")) == before
+    assert open_damaged(found) == 2
+    assert status_of(found, ledger_of(found.store), {}).damaged == 0
