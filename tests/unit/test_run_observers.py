@@ -158,6 +158,7 @@ def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tup
         job = SimpleNamespace(
             directions=("inverse", "forward")[:directions],
             accuracy={},
+            quantities=(),
             output=SimpleNamespace(
                 unit_warnings=True, summary=("json", "h5"), fields=False, has_surface=False, report=True
             ),
