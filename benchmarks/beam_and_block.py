@@ -12,8 +12,8 @@ from functools import partial
 from bodies import beam, block, measure, sagging_beam
 
 from hpcinv.cli.bench import linear, ranks
-from hpcinv.cli.bench_runs import SOLVER, Bench, Findings, JobData, MeasuredRun, median
-from hpcinv.parallel.timings import WORK
+from hpcinv.cli.bench_runs import Bench, Findings, JobData, MeasuredRun, median
+from hpcinv.parallel.timings import SOLVER, WORK
 
 SIZES = {"linear": [5_000, 15_000, 50_000], "ranks": [41_000, 250_000], "phases": [41_000]}
 

@@ -17,6 +17,7 @@ from typing import Any
 from bodies import beam, block, measure
 
 from hpcinv.cli.bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData, median
+from hpcinv.parallel.timings import NESTED
 
 SOLVERS: Mapping[str, Mapping[str, Any]] = {
     "double": {"linear": "direct", "petsc": {"pc_precision": "double"}},
@@ -56,7 +57,7 @@ def factorizations(bench: Bench, options: argparse.Namespace) -> list[Findings]:
             "Krylov": sum(solution["linear"]["iterations"] for solution in of[0].found["solutions"]),
             "solver": median(of, lambda run: run.solver),
             "factors": median(of, lambda run: run.phases["factorization"]),
-            "nested": median(of, lambda run: sum(run.phases.get(name, 0.0) for name in ("coarser mesh", "transfer"))),
+            "nested": median(of, lambda run: sum(run.phases.get(name, 0.0) for name in NESTED)),
             "MB": median(of, lambda run: sum(run.memory)) / 1e6,
             "fallback": of[0].found["solutions"][0]["linear"]["fallback"] or "",
         }

@@ -154,9 +154,7 @@ class _Supervisor:
         if self.group.size > 1:
             program = [cast(str, _mpiexec()), "-n", str(self.group.size), *program]
         return subprocess.Popen(
-            ending_with_this(
-                program, processors=self.processors
-            ),  # it may use the processors of all ranks of its group
+            ending_with_this(program, processors=self.processors),  # of all ranks of its group
             env=_environment(),
             stdin=subprocess.DEVNULL,
             start_new_session=True,

@@ -115,7 +115,8 @@ def _discretisation(model: Model, solution: Solution, found: Estimate | None, un
     note = f"{found.shape:.3g} m{found.left_out}"
     line = at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, LINEAR, note=note)
     if line.verdict is Verdict.FAIL and not found.is_solved:
-        note += "; one Newton step says little of so large an error, and the finer problem was not solved: mesh finer"
+        unsure = "one Newton step says little of so large an error, and the finer problem was not solved"
+        note += f"; {unsure}: use a finer mesh"
         return replace(line, note=note, verdict=Verdict.UNDECIDED)
     if found.is_solved:
         note += "; found by a solve in spaces of one degree more"

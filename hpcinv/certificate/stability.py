@@ -54,7 +54,8 @@ def _left_out(model: Model, forward: ForwardFactors) -> Iterator[str]:
     if planes := [f"'{plane.region}'" for plane in symmetry_planes(model.job, model.body, nodes, nodes)]:
         yield f"motions that are not symmetric about {', '.join(planes)} are left out"
     if forward.moved > WARN:
-        yield f"of the state in which the solve back ends, {forward.moved:.1%} of the displacement away: {STRAIGHT}"
+        away = f"{forward.moved:.1%} of the displacement away"
+        yield f"this is the stability of the state in which the solve back ends, {away}: {STRAIGHT}"
 
 
 def _by_factors(model: Model, forward: ForwardFactors) -> Line:

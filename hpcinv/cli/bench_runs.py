@@ -21,21 +21,11 @@ import yaml
 
 from hpcinv.errors import OutputError, SolveError, SystemPartMissing
 from hpcinv.output.console import table_console, table_of_numbers
+from hpcinv.parallel.timings import SOLVER
 from hpcinv.quantity.keys import look_up
 
 type JobData = Mapping[str, Any]
 
-SOLVER = (
-    "residual",
-    "tangent",
-    "factorization",
-    "linear solve",
-    "newton",
-    "admissibility check",
-    "coarser mesh",
-    "transfer",
-)
-"""Phases from the first assembly to the solution; the last two are those of nested iteration."""
 WITHOUT_CERTIFICATE = "off"
 _STREAM_LENGTH, _STREAM_REPEATS = 10_000_000, 10  # larger than any cache
 

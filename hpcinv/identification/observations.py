@@ -28,6 +28,7 @@ from hpcinv.parallel.runtime import on_root
 from hpcinv.quantity.quantity import Measured
 from hpcinv.results.shape_distance import read_same_cells
 
+_REMEDY = "What is observed is on the surface of the body: name a region of the boundary."
 _SIZE = 5.0  # factor by which the size of what was observed may differ from that of the body
 _DIVISIONS = (1, 2, 4, 8, 16)  # of each side of a curved facet into triangles
 _FLAT = 0.02  # distance of these from the facet that is allowed, in standard deviations
@@ -145,13 +146,7 @@ class ObservedSurface(Observed):
             (lambda: read_table(path, 3)) if path.suffix == ".csv" else lambda: read_points(path)
         )
         self._points = on_root(body.mesh.comm, read) * spec.unit
-        self._facets = (
-            None
-            if spec.on is None
-            else body.boundary_facets(
-                spec.on, "What is observed is on the surface of the body: name a region of the boundary."
-            )
-        )
+        self._facets = None if spec.on is None else body.boundary_facets(spec.on, _REMEDY)
         self.count = len(self._points)
 
     def predict(self, result: Result, keys: Sequence[str]) -> PredictedObservation | None:

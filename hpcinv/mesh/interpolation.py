@@ -16,6 +16,6 @@ def interpolate(given: fem.Function, taken: fem.Function) -> None:
     matrix = there.element.basix_element.tabulate(0, here.element.basix_element.points)[0, :, :, 0]
     values, found = (f.x.array.reshape(-1, here.dofmap.bs) for f in (given, taken))
     cells = np.arange(len(here.dofmap.list))
-    for part in np.array_split(cells, 1 + len(cells) // CHUNK):
-        with np.errstate(invalid="ignore", over="ignore"):  # values of a solve that failed may not be finite
+    with np.errstate(invalid="ignore", over="ignore"):  # values of a solve that failed may not be finite
+        for part in np.array_split(cells, 1 + len(cells) // CHUNK):
             found[here.dofmap.list[part]] = matrix @ values[there.dofmap.list[part]]

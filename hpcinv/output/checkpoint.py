@@ -230,7 +230,7 @@ def _unwritable(partial: Path, reason: str) -> OutputError:
 
 
 def _reason(error: RuntimeError, partial: Path, size: int) -> str:
-    """Reason why ADIOS2 cannot write a checkpoint, of which at most ``size`` bytes are missing."""
+    """Reason why ADIOS2 cannot write a checkpoint of about ``size`` bytes."""
     return _FULL if _free(partial) < size else _COLOUR.sub("", str(error)).strip().splitlines()[-1]
 
 
@@ -244,7 +244,7 @@ def _free(directory: Path) -> float:
 
 
 def _size(function: Function) -> int:
-    """Bytes that a function takes in a checkpoint, or a tenth more: the values in each cell, and their numbers."""
+    """Bytes that a function takes in a checkpoint, or up to a tenth more: values in each cell, and their numbers."""
     space = function.function_space
     topology, dofs = space.mesh.topology, space.dofmap
     in_cell = dofs.dof_layout.num_dofs * (8 * dofs.index_map_bs + 8) + 16

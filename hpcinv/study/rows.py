@@ -8,12 +8,10 @@ from typing import Any
 
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.job.mesh_generators import resolution_of
+from hpcinv.parallel.timings import SOLVER
 from hpcinv.quantity.keys import look_up
 from hpcinv.study.executions import Executions
 from hpcinv.study.plan import Place, Run, StudyPlan
-
-SOLVER = ("newton", "residual", "tangent", "factorization", "linear solve", "admissibility check", "fixed-point update")
-"""phases that count as Newton's method"""
 
 
 @dataclass(frozen=True)

@@ -66,9 +66,8 @@ class Holder:
         with as_output_error(self.heartbeat):
             create(self.heartbeat, b"%020d" % 1)
         path, parent = str(self.heartbeat.resolve()), str(os.getpid())
-        with signals_blocked(
-            signal.valid_signals()
-        ):  # inherited by the child: signals to all processes of a job must not end it
+        # The child inherits this: signals to all processes of a job must not end it.
+        with signals_blocked(signal.valid_signals()):
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", "-c", _HEARTBEAT, path, parent, str(self._beat)],
                 stdin=subprocess.DEVNULL,  # the child must keep nothing open that mpirun waits for
