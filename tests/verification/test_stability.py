@@ -271,6 +271,15 @@ def test_on_straight_cells_the_solve_back_is_made_for_stability_alone(comm: MPI.
     assert "of the state in which the solve back ends" in line.note
 
 
+def test_without_factors_too_it_is_that_of_an_equilibrium(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in bodies that are too large for factors."""
+    monkeypatch.setattr(ForwardFactors, "affordable", False)
+    line = line_of(cantilever(200.0), comm)
+    assert (line.value, line.verdict) == (0.0, Verdict.PASS)
+    assert "of the state in which the solve back ends" in line.note
+    assert "estimated" in line.note
+
+
 def test_without_an_equilibrium_stability_is_not_decided(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.import_module(stability.__module__), "solved_back", lambda *_: None)
     line = line_of(cantilever(300.0, certificate=STABILITY), comm)
