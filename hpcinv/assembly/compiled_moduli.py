@@ -16,7 +16,6 @@ from hashlib import sha1
 from pathlib import Path
 from typing import Any
 
-import basix
 import ffcx
 import ufl
 from ffcx.codegeneration import get_signature
@@ -26,6 +25,7 @@ from ufl.algorithms.analysis import extract_constants
 from hpcinv.assembly import moduli as derivation
 from hpcinv.assembly.moduli import Slot, Term, moduli_of, volume_parts
 from hpcinv.kinematics import staged_derivatives
+from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
 from hpcinv.parallel.jit import KernelExpression, compile_expression, load_expression, read_record, write_record
@@ -61,7 +61,7 @@ def compiled_moduli(
     whole = ufl.replace(form.form, dict(form.factors)) if isinstance(form, Term) else form
     mesh, functions, constants = unknowns.mesh, whole.coefficients(), whole.constants()
     of_form, parts = volume_parts(whole, unknowns)
-    points, weights = basix.make_quadrature(mesh.basix_cell(), of_form if degree is None else degree)
+    points, weights = quadrature(mesh.basix_cell().name, of_form if degree is None else degree)
     differentiated = None if isinstance(form, Term) else functions.index(unknowns.state)
     name, directory = _name(whole.signature(), differentiated, points, jit_options), Path(jit_options["cache_dir"])
     recorded, record = mesh.comm.bcast((name, read_record(name, directory)) if mesh.comm.rank == 0 else None)

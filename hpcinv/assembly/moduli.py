@@ -19,6 +19,7 @@ from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.kinematics.kinematics import LABEL
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, without_stages
+from hpcinv.mesh.cells import quadrature_rule
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 
@@ -94,12 +95,13 @@ def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
     """Return the quadrature degree of the volume integrals of a form, and their parts; collective.
 
     Raises:
-        UnsupportedForm: if degrees differ, or the regions of the integrals do not cover all cells once.
+        UnsupportedForm: if quadratures differ, or the regions of the integrals do not cover all cells once.
     """
     integrals = [one for one in form.integrals() if one.integral_type() == "cell"]
-    degrees = {one.metadata().get("quadrature_degree") for one in integrals}
-    if len(degrees) != 1 or not isinstance(degree := degrees.pop(), int):
-        raise UnsupportedForm("its volume integrals have no common quadrature degree")
+    rules = {(one.metadata().get("quadrature_degree"), one.metadata().get("quadrature_rule")) for one in integrals}
+    degree, rule = rules.pop() if len(rules) == 1 else (None, None)
+    if not isinstance(degree, int) or rule != quadrature_rule(unknowns.mesh.basix_cell().name, degree):
+        raise UnsupportedForm("its volume integrals do not have the quadrature of hpcinv")
     common = [one.integrand() for one in integrals if one.subdomain_id() in ("everywhere", "otherwise")]
     regions: dict[int, list[Any]] = {}
     for one in integrals:

@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la
@@ -19,7 +18,7 @@ from dolfinx import la
 from hpcinv.assembly.compiled_moduli import CompiledModuli
 from hpcinv.assembly.element_matrices import directions_of, tabulated
 from hpcinv.assembly.moduli import Slot
-from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
 
@@ -61,7 +60,7 @@ class TangentProduct:
         self._owned = dofmap.index_map.size_local * dofmap.index_map_bs
         dofs = unknowns.dofs_of_cells()
         owned = np.arange(given.mesh.topology.index_map(3).size_local, dtype=np.int32)
-        points, weights = basix.make_quadrature(given.mesh.basix_cell(), degree)
+        points, weights = quadrature(given.mesh.basix_cell().name, degree)
         tables = [tabulated(element, points).astype(np.float32) for element in unknowns.scalar_elements]
         self._parts = []
         for one in moduli:

@@ -21,10 +21,9 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-import basix
 import numpy as np
 
-from hpcinv.mesh.cells import jacobians, scalar_element
+from hpcinv.mesh.cells import jacobians, quadrature, scalar_element
 from hpcinv.mesh.checks import CHUNK, det
 
 if TYPE_CHECKING:
@@ -54,7 +53,7 @@ def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int
     name, shape = ("mean ratio", mean_ratio) if tetrahedra else ("scaled Jacobian", scaled_jacobian)
     found = [_worst(name, shape, body, given, moved)]
     if degree > 1:
-        points, _ = basix.make_quadrature(basix.CellType[kind], quadrature_degree)
+        points, _ = quadrature(kind, quadrature_degree)
         at = np.concatenate([points, scalar_element(kind, degree).points])
         found.append(_worst("curvature", lambda nodes: curvature(kind, degree, nodes, at), body, given, moved))
     return tuple(found)

@@ -7,7 +7,7 @@ import numpy as np
 import ufl
 from dolfinx import la
 
-from hpcinv.mesh.cells import jacobians, kind_and_degree
+from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature
 from hpcinv.mesh.checks import CHUNK
 from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import CellMeans
@@ -27,7 +27,7 @@ def diagonals_of_cells(scene: Scene) -> list[Floats]:
     unknowns, mesh = scene.unknowns, scene.unknowns.mesh
     geometry, owned = mesh.geometry, mesh.topology.index_map(3).size_local
     kind, degree = kind_and_degree(mesh)
-    points, weights = basix.make_quadrature(mesh.basix_cell(), scene.quadrature_degree)
+    points, weights = quadrature(mesh.basix_cell().name, scene.quadrature_degree)
     midpoint = basix.geometry(mesh.basix_cell()).mean(axis=0, keepdims=True)
     parts = np.array_split(geometry.dofmaps[0][:owned], 1 + owned // CHUNK)
     jacobian = np.concatenate([jacobians(kind, degree, geometry.x[part], midpoint)[:, 0] for part in parts])

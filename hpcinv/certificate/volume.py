@@ -16,14 +16,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
 from hpcinv.certificate.check import Line, Verdict, at_least, at_most
-from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.parallel.runtime import MPI
 
@@ -72,7 +71,7 @@ def _unaccounted(model: Model, scene: Scene) -> float | None:
     scene.parameters.set_load(1.0)
     p, comm = model.unknowns.p, mesh.comm
     size = abs(ufl.JacobianDeterminant(mesh))
-    _, weights = basix.make_quadrature(mesh.basix_cell(), scene.quadrature_degree)
+    _, weights = quadrature(mesh.basix_cell().name, scene.quadrature_degree)
     cells = [np.zeros(0, dtype=np.int32)]
     points = [np.zeros((0, len(weights), 2), dtype=np.float32)]  # strain, and the volume that counts
     for number, (part, law) in enumerate(zip(scene.parts, laws, strict=True)):
@@ -106,7 +105,7 @@ def _smoothed(model: Model, scene: Scene, cells: npt.NDArray[np.int32], strains:
     np.add.at(totals, dofs, np.stack([(strains * volumes).sum(axis=1), volumes.sum(axis=1)], axis=1)[:, None])
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
-    points, _ = basix.make_quadrature(mesh.basix_cell(), scene.quadrature_degree)
+    points, _ = quadrature(mesh.basix_cell().name, scene.quadrature_degree)
     shapes = scalar_element(model.body.source.kind, 1).tabulate(0, points)[0, :, :, 0]
     means = totals[:, 0] / np.where(totals[:, 1] > 0, totals[:, 1], 1.0)
     return np.asarray(means[dofs] @ shapes.T)

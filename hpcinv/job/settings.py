@@ -31,7 +31,7 @@ class Discretisation(Spec):
     """degree of the pressure in the mixed form; by default one below the degree of the displacement"""
     quadrature: Annotated[int, Field(ge=1, le=20)] | None = None
     """degree of the quadrature: by default, and at least, 2 k - 2 on tetrahedra (1 for k = 1) and 2 k on hexahedra, for
-    displacements of degree k; less leaves spurious motions of the cells without energy"""
+    displacements of degree k; less leaves spurious motions of the cells without energy. All weights are positive"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.formulation == "displacement" and self.pressure is not None:

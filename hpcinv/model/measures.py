@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.mesh import Body
+from hpcinv.mesh.cells import quadrature_rule
 
 
 class Integration:
@@ -27,7 +28,8 @@ class Integration:
     @property
     def volume(self) -> Any:
         """The whole body."""
-        rule = {"quadrature_degree": self._degree}
+        family = quadrature_rule(self._body.source.kind, self._degree)
+        rule = {"quadrature_degree": self._degree, "quadrature_rule": family}
         return ufl.Measure("dx", self._body.mesh, subdomain_data=self._cells, metadata=rule)
 
     def part(self, number: int) -> Any:

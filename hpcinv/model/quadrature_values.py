@@ -3,13 +3,13 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from hpcinv.kinematics.staged_derivatives import without_stages
+from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
@@ -31,7 +31,7 @@ class CellMeans:
         self._shape = shape = expressions[0][0].ufl_shape
         self._space = fem.functionspace(mesh, ("DG", 0, shape) if shape else ("DG", 0))
         volume = abs(ufl.JacobianDeterminant(mesh))
-        _, self._weights = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
+        _, self._weights = quadrature(mesh.basix_cell().name, quadrature_degree)
         self._values = []
         for expression, of in expressions:
             parts = [expression[i] for i in np.ndindex(shape)] if shape else [expression]
@@ -58,7 +58,7 @@ class QuadratureValues:
     """
 
     def __init__(self, expression: Any, mesh: Mesh, quadrature_degree: int, cells: Cells | None = None) -> None:
-        points, _ = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
+        points, _ = quadrature(mesh.basix_cell().name, quadrature_degree)
         self._compiled = fem.Expression(without_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
         self._mesh = mesh
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)

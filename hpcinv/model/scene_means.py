@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import basix
 import numpy as np
 import ufl
 from dolfinx import fem
 
+from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.model.quadrature_values import CellMeans, Cells, QuadratureValues
 from hpcinv.parallel.runtime import MPI
@@ -64,7 +64,7 @@ class SceneMeans:
         quadrature_degree: int,
     ) -> None:
         self._mesh = mesh
-        _, self._weights = basix.make_quadrature(mesh.basix_cell(), quadrature_degree)
+        _, self._weights = quadrature(mesh.basix_cell().name, quadrature_degree)
         volume = abs(ufl.JacobianDeterminant(mesh))
         self._parts = []
         for one in parts:

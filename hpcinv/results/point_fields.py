@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import basix
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -14,7 +13,7 @@ from ufl.classes import FacetJacobianDeterminant
 from hpcinv.job.sections import NORMALS
 from hpcinv.kinematics.staged_derivatives import without_stages
 from hpcinv.mesh import Body
-from hpcinv.mesh.cells import FACET_KIND
+from hpcinv.mesh.cells import FACET_KIND, quadrature
 from hpcinv.mesh.location import Location
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
@@ -98,7 +97,7 @@ class SceneFields:
         return max(exact, self._scene.quadrature_degree)
 
     def _samples(self, kind: str, shape: str, entities: LocalIndices, cells: LocalIndices) -> Samples:
-        points, weights = basix.make_quadrature(basix.CellType[shape], self.quadrature_degree)
+        points, weights = quadrature(shape, self.quadrature_degree)
         values = self._values(kind, points, entities, cells)
         values[..., -2:] *= weights[:, None] * self._scales.length ** (3 if kind == "cells" else 2)
         flat = values.reshape(-1, values.shape[2])

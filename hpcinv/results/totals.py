@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
-import basix
 import numpy as np
 from dolfinx import fem
 
@@ -17,7 +16,7 @@ from hpcinv.effects import Direction, Effect
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
-from hpcinv.mesh.cells import jacobians
+from hpcinv.mesh.cells import jacobians, quadrature
 from hpcinv.mesh.regions import BOUNDARY, of_facets
 from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import young_moduli
@@ -176,7 +175,7 @@ def _mass(model: Model, where: str, effect: Any, volumes: Floats) -> float:
 def _cell_volumes(body: Body) -> Floats:
     """Return the volumes (m³) of the owned cells, exact for straight and curved ones."""
     kind, degree = body.source.kind, body.source.degree
-    points, weights = basix.make_quadrature(basix.CellType[kind], 3 * degree)
+    points, weights = quadrature(kind, 3 * degree)
     cells = body.mesh.geometry.dofmaps[0][: body.mesh.topology.index_map(3).size_local]
     found: Floats = np.zeros(len(cells))
     for start in range(0, len(cells), _CHUNK):

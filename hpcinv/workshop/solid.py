@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import basix
 import numpy as np
 
 from hpcinv.errors import MeshError, OutputError
-from hpcinv.mesh.cells import jacobians
+from hpcinv.mesh.cells import jacobians, quadrature
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.surface import Surface, surface_of
 from hpcinv.quantity.suggestions import did_you_mean
@@ -148,7 +147,7 @@ def _check_count(surface: Surface, divisions: int) -> None:
 def volume_of(source: MeshSource, cells: Ints | None) -> float:
     """Return the volume (m³) of a mesh, or of some of its cells, by quadrature over the curved cells."""
     nodes = source.cells if cells is None else source.cells[cells]
-    points, weights = basix.make_quadrature(basix.CellType[source.kind], _QUADRATURE)
+    points, weights = quadrature(source.kind, _QUADRATURE)
     return math.fsum(
         float(np.abs(np.linalg.det(jacobians(source.kind, source.degree, source.points[some], points)) @ weights).sum())
         for begin in range(0, len(nodes), _CELLS_AT_ONCE)

@@ -6,17 +6,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import basix
 import numpy as np
 import pytest
+import ufl
 from helpers.verification import box, deform, job
 from petsc4py import PETSc
 
 from hpcinv.assembly import compiled_moduli as module
 from hpcinv.assembly.compiled_moduli import compiled_moduli
+from hpcinv.assembly.moduli import UnsupportedForm
 from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent_product import TangentProduct, extension
 from hpcinv.mesh import build_body
+from hpcinv.mesh.cells import quadrature
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -41,6 +43,7 @@ CUBES: dict[str, Any] = MIXED | {
     "mesh": box((2, 2, 2), hexahedra=True),
     "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
 }
+CUBIC: dict[str, Any] = MIXED | {"mesh": box((2, 1, 1)), "discretisation": {"displacement": 3, "pressure": 2}}
 
 
 def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Model:
@@ -52,7 +55,7 @@ def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Model:
 
 
 @pytest.mark.parallel([1, 2, 3])
-@pytest.mark.parametrize("data", [MIXED, TWO_REGIONS, CUBES], ids=["mixed", "two regions", "hexahedra"])
+@pytest.mark.parametrize("data", [MIXED, TWO_REGIONS, CUBES, CUBIC], ids=["mixed", "regions", "hexahedra", "cubic"])
 def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intracomm) -> None:
     """To digits of single precision, in the rows of unknowns that are free."""
     model = model_of(data, comm)
@@ -81,13 +84,22 @@ def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intrac
 @pytest.mark.parametrize(("kind", "of", "to"), [("tetrahedron", 2, 4), ("tetrahedron", 1, 4), ("hexahedron", 4, 6)])
 def test_moduli_are_extended_to_more_points(kind: str, of: int, to: int) -> None:
     """Constants exactly, and what the fewer points can tell: linear functions, and on hexahedra quadratic ones."""
-    given, points = (basix.make_quadrature(basix.CellType[kind], degree)[0] for degree in (of, to))
+    given, points = (quadrature(kind, degree)[0] for degree in (of, to))
     matrix = extension(kind, given, points)
     assert matrix.sum(axis=1) == pytest.approx(1.0, abs=1e-13)
     if len(given) > 1:
         assert matrix @ given == pytest.approx(points, abs=1e-13)
     if kind == "hexahedron":
         assert matrix @ given**2 == pytest.approx(points**2, abs=1e-13)
+
+
+def test_moduli_are_refused_for_other_points_than_those_of_the_form(comm: MPI.Intracomm) -> None:
+    """As a form of a plugin may have: its tangent would not be the derivative of its residual."""
+    unknowns = model_of(CUBIC, comm).unknowns
+    u, _ = ufl.split(unknowns.state)
+    dx = ufl.Measure("dx", unknowns.mesh, metadata={"quadrature_degree": 4})
+    with pytest.raises(UnsupportedForm, match="quadrature"):
+        compiled_moduli(ufl.inner(ufl.grad(u), ufl.grad(unknowns.v)) * dx, unknowns, JIT_OPTIONS)
 
 
 def forget(directory: Path, pattern: str) -> None:
@@ -140,4 +152,4 @@ def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatc
         assert count == expected
         assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     assert values(degree=4)[0] == 1
-    assert [v.shape[1] for v in values(degree=4)[1]] == [14, 14]
+    assert [v.shape[1] for v in values(degree=4)[1]] == [11, 11]
