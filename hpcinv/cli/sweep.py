@@ -116,7 +116,7 @@ def _run(options: argparse.Namespace) -> int:
             groups = f"{world.size} rank{'s' if world.size > 1 else ''}, {options.ranks_per_case} per case"
             print(f"{plan.sweep.sweep}: {len(plan.cases)} cases, {groups}; store {plan.store}", flush=True)
             if damaged := open_damaged(plan):
-                print(f"  {damaged:,} × record damaged or of another version: the case is solved again", flush=True)
+                print(f"  {damaged:,} × record damaged: the case is solved again", flush=True)
 
         def end() -> tuple[int, int]:
             ledger = ledger_of(plan.store)
