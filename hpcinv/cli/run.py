@@ -102,6 +102,11 @@ def _resume(options: argparse.Namespace) -> int:
     return _in_parallel(options, read, resume=True)
 
 
+def _import_console() -> None:
+    """Import what only rank 0 needs, so that all ranks end if it cannot be imported."""
+    import hpcinv.output.console  # noqa: F401
+
+
 def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
     from hpcinv.parallel.launch import launched
 
@@ -110,6 +115,7 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
         from hpcinv.output.progress import Level, Progress
         from hpcinv.parallel.ranks import abort, on_root
 
+        on_root(comm, _import_console)
         with Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
 
             def interrupted() -> NoReturn:
