@@ -126,7 +126,9 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
             end_on_interrupt(interrupted)
             job, directory = on_root(comm, read)
             if resume and on_root(comm, lambda: directory.is_finished):
-                verdict = Verdict(on_root(comm, lambda: directory.verdict))
+                found = on_root(comm, lambda: directory.verdict)
+                # That of another version may not be known here, or be missing.
+                verdict = next((known for known in Verdict if known.value == found), Verdict.UNDECIDED)
                 results = f"its results are in summary.json, certificate: {verdict.value}"
                 progress.note(f"{directory.path}: this run is finished; {results}")
                 if options.job is not None and not on_root(comm, lambda: directory.holds(job)):

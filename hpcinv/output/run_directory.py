@@ -67,8 +67,8 @@ class RunDirectory:
     @property
     def verdict(self) -> str:
         """Verdict of the certificate in the summary; empty if there is none."""
-        certificate = (self.summary() or {}).get("certificate") or {}
-        return str(certificate.get("verdict", ""))
+        certificate = (self.summary() or {}).get("certificate")
+        return str(certificate.get("verdict", "")) if isinstance(certificate, dict) else ""
 
     @property
     def is_begun(self) -> bool:
