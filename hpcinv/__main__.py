@@ -7,30 +7,32 @@ if __name__ == "__main__":
 
 import argparse
 import io
-import os
 import sys
 
-from hpcinv.cli.bench import add_bench
-from hpcinv.cli.compare import add_compare
-from hpcinv.cli.compile import add_compile
-from hpcinv.cli.explain import add_explain
-from hpcinv.cli.export import add_export
-from hpcinv.cli.fit import add_fit
-from hpcinv.cli.identify import add_identify
-from hpcinv.cli.laws import add_laws
-from hpcinv.cli.mesh import add_mesh
-from hpcinv.cli.new import add_new
-from hpcinv.cli.report import add_report
-from hpcinv.cli.run import add_run
-from hpcinv.cli.show import add_show
-from hpcinv.cli.study import add_study, with_action
-from hpcinv.cli.sweep import add_sweep
-from hpcinv.cli.validate import add_validate
 from hpcinv.errors import HpcinvError, OutputError
-from hpcinv.files.untrusted import asked_for
 from hpcinv.parallel.early_exit import refuse_exit_without_end
+from hpcinv.parallel.imports import imports_at_start, imports_explained, is_other_rank
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 from hpcinv.version import __version__
+
+with imports_at_start():
+    from hpcinv.cli.bench import add_bench
+    from hpcinv.cli.compare import add_compare
+    from hpcinv.cli.compile import add_compile
+    from hpcinv.cli.explain import add_explain
+    from hpcinv.cli.export import add_export
+    from hpcinv.cli.fit import add_fit
+    from hpcinv.cli.identify import add_identify
+    from hpcinv.cli.laws import add_laws
+    from hpcinv.cli.mesh import add_mesh
+    from hpcinv.cli.new import add_new
+    from hpcinv.cli.report import add_report
+    from hpcinv.cli.run import add_run
+    from hpcinv.cli.show import add_show
+    from hpcinv.cli.study import add_study, with_action
+    from hpcinv.cli.sweep import add_sweep
+    from hpcinv.cli.validate import add_validate
+    from hpcinv.files.untrusted import asked_for
 
 EPILOG = """examples:
   hpcinv new liver liver.yaml
@@ -53,11 +55,11 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(with_action(sys.argv[1:] if arguments is None else arguments))
     end_if_noted()
     try:
-        with asked_for(options):
+        with imports_explained(), asked_for(options):
             code: int = options.command(options)
         sys.stdout.flush()
     except HpcinvError as error:
-        if not _is_other_rank():
+        if not is_other_rank():
             print(error, file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:
@@ -69,11 +71,6 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     return code
-
-
-def _is_other_rank() -> bool:
-    """Return whether this process is a rank other than 0, from the launcher's environment (MPI is not imported)."""
-    return any(os.environ.get(name, "0") != "0" for name in ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK"))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -64,7 +64,7 @@ def run(
         store = own.enter_context(RunStore(directory, comm))
         stop, timings = StopSignal(stop_asked), Timings()
         if resume:
-            store.lock()
+            store.lock(job)
         problem = prepare(job, workspace, progress, timings, stop)
         job, models, solutions = problem.job, problem.models, list(problem.solutions)
         model = models.of(0)

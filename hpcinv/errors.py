@@ -72,7 +72,7 @@ class CheckpointError(HpcinvError):
 
 
 class SystemPartMissing(HpcinvError):
-    """Something outside Python is missing: a C compiler, an X library."""
+    """Something that hpcinv needs is missing: a C compiler, an X library, a Python package."""
 
     exit_code = 5
 

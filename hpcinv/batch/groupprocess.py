@@ -13,13 +13,13 @@ import sys  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 from hpcinv.errors import HpcinvError  # noqa: E402
+from hpcinv.parallel.imports import imports_explained  # noqa: E402
 from hpcinv.parallel.signals import STOPPED, end_on_interrupt  # noqa: E402
 
 
 def main(directory: Path) -> int:
     """Solve cases until none is left, and report the end; the exit code is 0 unless the processes ended otherwise."""
     from hpcinv.batch.grouptask import EventWriter, GroupTask
-    from hpcinv.batch.worker import work
     from hpcinv.parallel.ranks import MPI, abort, failing_together, on_root, wait_for_all
 
     stop.install()
@@ -32,6 +32,9 @@ def main(directory: Path) -> int:
         error: HpcinvError | None = None
         try:
             holding = events.holding if events is not None else None
+            with imports_explained():
+                from hpcinv.batch.worker import work  # with PETSc and DOLFINx
+            stop.install()
             work(task.batch, world, task.begin, task.lease, lambda text: print(text, flush=True), stop, holding)
         except HpcinvError as met:
             error = met

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 5
 """lines of each kind"""
-DAMAGED = "record damaged or of another version: the next start solves the case again"
+DAMAGED = "record damaged: the next start solves the case again"
 _PAUSE = 2.0  # seconds between two looks
 
 
@@ -42,7 +42,7 @@ class Status:
         certificates: number of converged cases by the verdict of their certificate.
         running: number of cases by the process that works on them.
         failed: titles of the failed cases by diagnosis, in the order of the batch.
-        damaged: number of open cases whose record is damaged or of another version.
+        damaged: number of open cases whose record is damaged.
         seconds: time left, with as many cases at a time as are running, at least one; ``None`` if it is not known.
     """
 

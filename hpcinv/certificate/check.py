@@ -20,11 +20,6 @@ class Verdict(enum.Enum):
     WARN = "warning"
     FAIL = "fail"
 
-    @classmethod
-    def _missing_(cls, value: object) -> Verdict:
-        """Take what a summary of another version has, or lacks, for undecided."""
-        return cls.UNDECIDED
-
     def exit_code(self, *, strict: bool = False) -> int:
         """Return the exit code: 6 for a failed certificate; if ``strict``, 7 for a warning or undecided; else 0."""
         if self is Verdict.FAIL:

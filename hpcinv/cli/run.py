@@ -102,6 +102,11 @@ def _resume(options: argparse.Namespace) -> int:
     return _in_parallel(options, read, resume=True)
 
 
+def _import_console() -> None:
+    """Import what only rank 0 needs, so that all ranks end if it cannot be imported."""
+    import hpcinv.output.console  # noqa: F401
+
+
 def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
     from hpcinv.parallel.launch import launched
 
@@ -110,6 +115,7 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
         from hpcinv.output.progress import Level, Progress
         from hpcinv.parallel.ranks import abort, on_root
 
+        on_root(comm, _import_console)
         with Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
 
             def interrupted() -> NoReturn:
@@ -120,7 +126,9 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
             end_on_interrupt(interrupted)
             job, directory = on_root(comm, read)
             if resume and on_root(comm, lambda: directory.is_finished):
-                verdict = Verdict(on_root(comm, lambda: directory.verdict))
+                found = on_root(comm, lambda: directory.verdict)
+                # That of another version may not be known here, or be missing.
+                verdict = next((known for known in Verdict if known.value == found), Verdict.UNDECIDED)
                 results = f"its results are in summary.json, certificate: {verdict.value}"
                 progress.note(f"{directory.path}: this run is finished; {results}")
                 if options.job is not None and not on_root(comm, lambda: directory.holds(job)):

@@ -112,11 +112,13 @@ def _run(options: argparse.Namespace) -> int:
         plan = on_root(world, lambda: load_sweep(options.sweep))
         plan = replace(plan, cases=plan.cases[: options.first])
 
-        def begin() -> None:
+        def begin() -> bool:
             groups = f"{world.size} rank{'s' if world.size > 1 else ''}, {options.ranks_per_case} per case"
             print(f"{plan.sweep.sweep}: {len(plan.cases)} cases, {groups}; store {plan.store}", flush=True)
             if damaged := open_damaged(plan):
-                print(f"  {damaged:,} × record damaged or of another version: the case is solved again", flush=True)
+                print(f"  {damaged:,} × record damaged: the case is solved again", flush=True)
+            states = ledger_of(plan.store).states(case.key for case in plan.cases)
+            return any(state.name != "finished" for state in states.values())
 
         def end() -> tuple[int, int]:
             ledger = ledger_of(plan.store)
@@ -124,19 +126,20 @@ def _run(options: argparse.Namespace) -> int:
             print("\n".join(lines(found)), flush=True)
             return found.exit_code(strict=options.strict), found.unfinished
 
-        on_root(world, begin)
+        is_unfinished = on_root(world, begin)  # else no process has to import PETSc
         interrupted = False
         try:
-            conduct(
-                sweep_batch(plan),
-                world,
-                ranks_per_case=options.ranks_per_case,
-                share=options.shard,
-                lease=options.lease,
-                isolated=options.isolation,
-                note=lambda text: print(text, flush=True),
-                stop=stop,
-            )
+            if is_unfinished:
+                conduct(
+                    sweep_batch(plan),
+                    world,
+                    ranks_per_case=options.ranks_per_case,
+                    share=options.shard,
+                    lease=options.lease,
+                    isolated=options.isolation,
+                    note=lambda text: print(text, flush=True),
+                    stop=stop,
+                )
         except Interrupted:
             interrupted = True
         code, left = on_root(world, end)

@@ -36,6 +36,7 @@ from hpcinv.solver.problem import Model
 
 _FORMAT = 4
 _NAME = re.compile(r"\d{4,}")
+_WITH_ITS_VERSION = "Resume with the version that wrote it."
 
 
 @dataclass(frozen=True)
@@ -167,17 +168,21 @@ class Checkpoints:
     def _open(self, path: Path, complaints: tuple[str, ...]) -> Restart:
         try:
             state = json.loads((path / "state.json").read_text())
-            version, digest, problem = state["format"], state.pop("digest"), state["problem"]
-            position, functions = Position.from_json(state["position"]), tuple(state["functions"])
+            version, digest = state["format"], state.pop("digest")
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as exc:
             raise _Damaged(f"state.json is missing or damaged ({type(exc).__name__})") from exc
         if version != _FORMAT:
             raise CheckpointError(
                 f"{path}: has format {version}, but this version of hpcinv reads {_FORMAT}",
-                "Resume with the version that wrote it.",
+                _WITH_ITS_VERSION,
             )
         if digest != _digest(state, path / "functions.bp"):
             raise _Damaged("functions.bp or state.json is damaged: the digest does not match")
+        try:  # after the digest: what is whole, but not known here, is no damage, after which it would be removed
+            problem, functions = state["problem"], tuple(state["functions"])
+            position = Position.from_json(state["position"])
+        except (ValueError, KeyError, TypeError, AttributeError) as exc:
+            raise CheckpointError(f"{path}: was written by another version of hpcinv", _WITH_ITS_VERSION) from exc
         check_same_problem(path, problem, self.problem)
         return Restart(path, position, functions, complaints)
 

@@ -11,14 +11,14 @@ from typing import Any
 
 import yaml
 
-from hpcinv.errors import JobError, OutputError
+from hpcinv.errors import CheckpointError, JobError, OutputError
 from hpcinv.files.atomic import create, output_errors, replace
 from hpcinv.files.directory_lock import NAME as LOCK
 from hpcinv.files.directory_lock import DirectoryLock, check_unlocked
 from hpcinv.files.json_data import json_data
 from hpcinv.files.names import check_output
 from hpcinv.job.fingerprint import check_same_problem, fingerprint
-from hpcinv.job.job import Job, load, parse
+from hpcinv.job.job import UNNAMED, Job, load, parse
 from hpcinv.job.yaml_reader import read_yaml
 
 _JOB, _ORIGIN, _LOG, _SUMMARY = "job.yaml", "origin.json", "run.log", "summary.json"
@@ -67,8 +67,8 @@ class RunDirectory:
     @property
     def verdict(self) -> str:
         """Verdict of the certificate in the summary; empty if there is none."""
-        certificate = (self.summary() or {}).get("certificate") or {}
-        return str(certificate.get("verdict", ""))
+        certificate = (self.summary() or {}).get("certificate")
+        return str(certificate.get("verdict", "")) if isinstance(certificate, dict) else ""
 
     @property
     def is_begun(self) -> bool:
@@ -91,6 +91,18 @@ class RunDirectory:
             except (OutputError, JobError):  # no job is left to compare with
                 return
         check_same_problem(self.path / _SUMMARY, json_data(found), json_data(fingerprint(job)))
+
+    def check_keeps_checkpoints(self, job: Job) -> None:
+        """Raise ``CheckpointError`` if a resume with a job would remove the checkpoints here.
+
+        A search for accuracy has none, and its results are of another mesh, so that they replace all that is here.
+        """
+        if job.accuracy and any(self.checkpoints.glob("[0-9]*")):
+            raise CheckpointError(
+                f"{job.path or UNNAMED}: accuracy: a search for mesh and degree cannot go on from the checkpoints in "
+                f"{self.checkpoints}, and would remove them",
+                "Resume without 'accuracy', or start the job with 'run' and another --output.",
+            )
 
     def check_free(self, *, overwrite: bool) -> None:
         """Raise ``OutputError`` if a run cannot use this directory; nothing is changed."""

@@ -49,11 +49,16 @@ class RunStore:
     def path(self) -> Path | None:
         return self.directory.path if self.directory else None
 
-    def lock(self) -> None:
-        """Lock the directory in which a run resumes."""
+    def lock(self, job: Job) -> None:
+        """Lock the directory in which a run resumes.
+
+        Raises:
+            CheckpointError: on all ranks, if the job would remove the checkpoints there.
+        """
 
         def take(directory: RunDirectory) -> None:
             self._lock = directory.lock()
+            directory.check_keeps_checkpoints(job)
 
         if (directory := self.directory) is not None:
             on_root(self.comm, lambda: take(directory))

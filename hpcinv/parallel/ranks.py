@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from hpcinv.errors import HpcinvError, OutputError
+from hpcinv.parallel.imports import imports_explained
 from hpcinv.parallel.malloc import keep_freed_memory
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 
@@ -50,7 +51,8 @@ def on_root[T](comm: MPI.Intracomm, function: Callable[[], T]) -> T:
     error: Exception | None = None
     if comm.rank == 0:
         try:
-            result = function()
+            with imports_explained():
+                result = function()
         except (HpcinvError, BrokenPipeError) as exc:
             error = exc
         except BaseException as exc:  # also SystemExit: the other ranks wait below
@@ -94,7 +96,8 @@ def failing_together(comm: MPI.Intracomm) -> Iterator[None]:
     """
     ending = comm.Dup()  # a separate communicator for the agreement on errors
     try:
-        yield
+        with imports_explained():
+            yield
     except HpcinvError as error:
         if not wait_for_all(ending, patience=5.0):
             print(f"[rank {comm.rank}] {error}", file=sys.stderr, flush=True)

@@ -55,10 +55,13 @@ def trace(
 
     The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or its
     outcome is the reason why the full load was not reached: `Outcome.LIMIT_POINT` at one limit point more than allowed.
+    There is no solve if the present state is the one at full load that the steps lead to, as in a checkpoint of it.
 
     Args:
         passed: number of limit points between the unloaded body and the present state.
     """
+    if load == 1.0 and passed >= steps.limit_points:
+        return
     path = _Path(equations, steps, tolerance, passed)
     try:
         yield from path.solves(load)

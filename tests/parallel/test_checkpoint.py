@@ -16,7 +16,7 @@ from helpers.solutions import SOLVES
 
 from hpcinv.errors import CheckpointError
 from hpcinv.mesh import Body, build_body
-from hpcinv.output.checkpoint import Checkpoints, Position
+from hpcinv.output.checkpoint import Checkpoints, Position, _digest
 from hpcinv.parallel.runtime import MPI
 
 DAMAGED = "functions.bp or state.json is damaged"
@@ -143,7 +143,7 @@ DAMAGES = {
     truncate_state: "state.json is missing or damaged",
     change_state: "state.json is missing or damaged",
     put_binary_in_state: "state.json is missing or damaged",
-    name_an_unknown_outcome: "state.json is missing or damaged",
+    name_an_unknown_outcome: DAMAGED,
     change_the_load: DAMAGED,
     remove_state: "state.json is missing or damaged",
     remove_functions: DAMAGED,
@@ -186,6 +186,22 @@ def test_one_of_another_format_is_refused_by_name(three: Checkpoints) -> None:
     path.write_text(json.dumps(json.loads(path.read_text()) | {"format": 99}))
     with pytest.raises(CheckpointError, match="has format 99"):
         three.latest()
+
+
+@pytest.mark.parametrize("version", [4, 99])
+def test_one_of_a_newer_version_is_no_damaged_one_and_is_kept(version: int, three: Checkpoints) -> None:
+    """It is whole, though an entry of a solve is not known here."""
+    path = newest(three)
+    state = json.loads((path / "state.json").read_text()) | {"format": version}
+    del state["digest"]
+    state["position"]["solves"][0][0]["of a newer version"] = 1
+    state["digest"] = _digest(state, path / "functions.bp")
+    (path / "state.json").write_text(json.dumps(state))
+    why = "has format 99" if version == 99 else "written by another version of hpcinv"
+    with pytest.raises(CheckpointError, match=f"{path}: .*{why}") as refused:
+        three.latest()
+    assert "Resume with the version that wrote it" in refused.value.advice
+    assert path.exists()
 
 
 def test_damaged_ones_never_push_out_one_that_is_whole(three: Checkpoints, meshes: Path) -> None:

@@ -1,5 +1,8 @@
 """Installations beside the wheels: a DOLFINx that does not fit, and what the page on installing says to install."""
 
+import importlib
+import json
+import os
 import re
 import subprocess
 import sys
@@ -7,7 +10,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from helpers.command_line import environment
+from helpers.command_line import COLUMN, command, environment, write_job
+
+from hpcinv.parallel.imports import imports_explained
 
 ROOT = Path(__file__).parents[2]
 # What a site's own DOLFINx comes with.
@@ -25,13 +30,68 @@ def test_an_unsuitable_part_is_named(tmp_path: Path, module: str, text: str, tol
     (tmp_path / module).mkdir()
     (tmp_path / module / "__init__.py").write_text(text)
     command = [sys.executable, "-m", "hpcinv", "run", str(ROOT / "jobs" / "column.yaml"), "--output", "out"]
-    settings = environment() | {"PYTHONPATH": str(tmp_path)}
+    settings = environment(PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)]))
     found = subprocess.run(command, cwd=tmp_path, env=settings, capture_output=True, text=True, timeout=120)
     assert found.returncode == 5, found.stderr
     assert told in found.stderr
     assert "docs/start/installing.md" in found.stderr
     assert "Traceback" not in found.stderr
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "missing"),
+    [
+        (["--version"], "pydantic"),
+        (["validate", "column.yaml"], "yaml"),
+        (["run", "column.yaml"], "mpi4py"),
+        (["run", "column.yaml"], "scipy"),
+    ],
+)
+def test_a_package_that_is_missing_is_named_without_a_traceback(
+    arguments: list[str], missing: str, tmp_path: Path
+) -> None:
+    found = _without(missing, [sys.executable, "-m", "hpcinv", *arguments], tmp_path)
+    assert found.returncode == 5, found.stderr
+    told, advice = found.stderr.splitlines()
+    assert told == f"{missing} cannot be imported: No module named '{missing}'"
+    assert sys.executable in advice
+    assert "docs/start/installing.md" in advice
+
+
+@pytest.mark.parametrize("missing", ["pydantic", "rich"])
+def test_on_several_ranks_it_is_named_once(missing: str, tmp_path: Path) -> None:
+    """Only rank 0 imports rich."""
+    found = _without(missing, command(2, "run", "column.yaml"), tmp_path)
+    assert found.returncode == 5, found.stderr
+    assert found.stderr.count(f"{missing} cannot be imported") == 1
+    assert len(found.stderr.splitlines()) == 2, found.stderr
+
+
+def test_a_sweep_names_it_though_other_processes_solve_its_cases(tmp_path: Path) -> None:
+    sweep = {"sweep": "column", "job": "column.yaml", "store": "store", "axes": [{"grid": {"material.mu": [1e4, 2e4]}}]}
+    (tmp_path / "sweep.yaml").write_text(json.dumps(sweep))
+    found = _without("scipy", command(1, "sweep", "run", "sweep.yaml"), tmp_path)
+    assert found.returncode == 5, found.stderr
+    assert found.stderr.startswith("scipy cannot be imported: No module named 'scipy'\n")
+    assert "Traceback" not in found.stdout + found.stderr
+
+
+def test_errors_in_imports_of_hpcinv_or_python_stay_what_they_are() -> None:
+    for name in ("hpcinv.job.nothing", "asyncio.nothing"):
+        with pytest.raises(ModuleNotFoundError), imports_explained():
+            importlib.import_module(name)
+
+
+def _without(missing: str, program: list[str], place: Path) -> subprocess.CompletedProcess[str]:
+    """Run a program in an installation that lacks a package, beside the job ``column.yaml``."""
+    write_job(place / "column.yaml", COLUMN)
+    lacking = place / "lacking"
+    lacking.mkdir()
+    error = f"ModuleNotFoundError(\"No module named '{missing}'\", name='{missing}')"
+    (lacking / f"{missing}.py").write_text(f"raise {error}")
+    settings = environment(PYTHONPATH=os.pathsep.join([str(lacking), str(ROOT)]))
+    return subprocess.run(program, cwd=place, env=settings, capture_output=True, text=True, timeout=120, check=False)
 
 
 def test_the_page_names_every_package_that_a_site_lacks() -> None:

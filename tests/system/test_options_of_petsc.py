@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,30 @@ def test_the_message_names_the_option_and_the_next_job_is_free_of_it(solver: dic
     assert "https" not in problem
     assert "remove" in problem
     assert solved(run(load({**block, "solver": {"petsc": {"snes_max_it": 100}}}), MPI.COMM_SELF))
+
+
+@pytest.mark.everyday("LDL-petsc", "LDL-superlu")
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("package", ["mumps", "petsc", "superlu", "superlu_dist"])
+@pytest.mark.parametrize("analysis", ["forward", "inverse"], ids=["LDL", "LU"])
+def test_the_package_that_factorizes_is_that_of_the_job_or_refused(
+    package: str, ranks: int, analysis: str, tmp_path: Path
+) -> None:
+    """Symmetric tangents were factorized by MUMPS whatever the job named; which packages there are depends on PETSc."""
+    option = f"pc_factor_mat_solver_type: {package}"
+    petsc = {"pc_factor_mat_solver_type": package, "ksp_view": None}
+    job = write_job(tmp_path / "job.yaml", BLOCK, analysis=analysis, solver={"petsc": petsc})
+    done = hpcinv(ranks, "run", job, "--output", "out", cwd=tmp_path)
+    if done.returncode == 0:
+        found = re.findall(r"package used to perform factorization: (\w+)", done.stdout)
+        assert set(found) == {package}
+        assert (package == "mumps") != ("with pc_factor_mat_solver_type of solver.petsc" in done.stdout)
+    else:
+        assert package != "mumps"
+        assert done.returncode == 2, done.stderr
+        assert done.stderr.startswith(f"{job}: solver.petsc: PETSc refuses '{option}': ")
+        assert len(done.stderr.splitlines()) == 1
+        assert {path.name for path in tmp_path.iterdir()} == {"job.yaml"}
 
 
 @pytest.mark.parametrize("ranks", [1, 2])

@@ -315,6 +315,69 @@ def test_other_settings_are_accepted_and_stay(stopped_in_second_direction: Path,
     assert (run / "job.yaml").read_text() == changed.read_text()
 
 
+TIP: dict[str, Any] = {"name": "tip", "of": "displacement", "at": [LENGTH, 0, 0]}
+
+
+def test_demands_on_the_accuracy_are_refused_before_they_cost_the_checkpoints(copy: Path) -> None:
+    """The search needs none of them, and its results would take their place."""
+    changed = write_job(
+        copy.parent / "changed.yaml", BEAM, **ROUND_TRIP, solver=FIXED, quantities=[TIP], accuracy={"tip": "5 mm"}
+    )
+    assert_refused(copy, "--job", changed, because=f"{changed}: accuracy: ")
+
+
+def test_without_its_demands_on_the_accuracy_a_run_goes_on_with_checkpoints(place: Path) -> None:
+    """A search has no checkpoints; those of the job without it are made, and are used from then on."""
+    block: dict[str, Any] = {**BLOCK, "solver": {"strategy": "fixed", "steps": 4}, "analysis": "round_trip"}
+    searching = write_job(place / "searching.yaml", block, accuracy={"top": "2 cm"})
+    run = place / "searching"
+    with Started(2, "run", searching, "--output", run, cwd=place) as started:
+        started.wait_for("forward:")
+        started.kill()
+    assert not (run / "checkpoints").exists()
+    done = hpcinv(2, "resume", run, "--job", write_job(place / "plain.yaml", block), cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("  load ") == 8
+    (run / "summary.json").unlink()
+    assert_refused(run, "--job", searching, because=f"{searching}: accuracy: ")
+
+
+@pytest.mark.everyday("certificate")
+@pytest.mark.parametrize(
+    "changes",
+    [
+        pytest.param({"certificate": {"level": "standard"}}, id="certificate"),
+        pytest.param({"quantities": [TIP], "sensitivities": {"material.c1": "5 kPa"}}, id="quantities"),
+        pytest.param({"output": {"summary": ["json"], "report": True, "snapshots": False}}, id="output"),
+        pytest.param({"job": "another", "solver": FIXED | {"linear": "iterative"}}, id="solver"),
+    ],
+)
+def test_checkpoints_serve_whatever_else_is_asked_of_the_run(changes: dict[str, Any], copy: Path, whole: Path) -> None:
+    position = state(newest(copy))
+    changed = write_job(copy.parent / "changed.yaml", {**BEAM, **ROUND_TRIP, "solver": FIXED}, **changes)
+    done = hpcinv(2, "resume", copy, "--job", changed, cwd=copy.parent)
+    assert done.returncode == 0, done.stderr
+    assert_same_result(copy, whole)
+    assert_history_goes_on(copy, position, done.stdout)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"solver": {"strategy": "arc-length"}}, {"solver": {"strategy": "adaptive"}}, {"method": "anderson"}]
+)
+def test_at_full_load_no_strategy_solves_anything_again(changes: dict[str, Any], tmp_path: Path) -> None:
+    """The arc length went on along the path, away from the full load, until the checkpoint of that was removed."""
+    job = write_job(tmp_path / "block.yaml", BLOCK, **changes)
+    assert hpcinv(1, "run", job, "--output", "run", cwd=tmp_path).returncode == 0
+    run = tmp_path / "run"
+    found, before = summary(run), sorted((run / "checkpoints").iterdir())
+    (run / "summary.json").unlink()
+    done = hpcinv(1, "resume", run, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("  load ") == 0
+    assert summary(run)["quantities"] == pytest.approx(found["quantities"], rel=1e-12)
+    assert sorted((run / "checkpoints").iterdir()) == before
+
+
 PATH = 3  # steps of each state
 
 

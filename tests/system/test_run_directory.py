@@ -325,6 +325,17 @@ def test_a_finished_run_has_the_exit_code_of_its_certificate(
         assert f"certificate: {verdict}" in done.stdout
 
 
+@pytest.mark.parametrize("certificate", [{"verdict": "excellent"}, {}, None, "fine"])
+def test_a_verdict_that_is_not_known_is_not_decided(certificate: object, finished: Path, tmp_path: Path) -> None:
+    """As in the summary of another version."""
+    run = Path(shutil.copytree(finished, tmp_path / "run"))
+    summary = json.loads((run / "summary.json").read_text())
+    (run / "summary.json").write_text(json.dumps(summary | {"certificate": certificate}))
+    done = hpcinv(1, "resume", run, "--strict", cwd=tmp_path)
+    assert done.returncode == 7, done.stdout + done.stderr
+    assert "certificate: not decided" in done.stdout
+
+
 def test_a_run_with_demands_on_accuracy_is_compared_with_its_job(tmp_path: Path) -> None:
     """Not with the mesh and degree that the search has chosen, which the summary has."""
     demands = {"accuracy": {"top": "0.02 mm"}}

@@ -407,6 +407,8 @@ def test_verdicts() -> None:
         "warning",
         "fail",
     ]
+    with pytest.raises(ValueError, match="excellent"):
+        Verdict("excellent")
     assert [v.exit_code() for v in Verdict] == [0, 0, 0, 0, 6]
     assert [v.exit_code(strict=True) for v in Verdict] == [0, 0, 7, 7, 6]
 

@@ -40,8 +40,9 @@ from typing import Any, Literal
 from hpcinv.batch.ledger.history import Histories, History
 from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.liveness import LEASE, Watch
-from hpcinv.batch.ledger.record import CaseRecord
+from hpcinv.batch.ledger.record import CaseRecord, OtherVersionError
 from hpcinv.batch.ledger.store import RUNS, as_output_error, check_format
+from hpcinv.errors import OutputError
 from hpcinv.files.atomic import create, make_directory, publish
 from hpcinv.parallel.processes import Identity
 
@@ -109,7 +110,8 @@ class Ledger:
         supervised: whether a supervisor notes the crashes of this process.
 
     Raises:
-        OutputError: from every method, where the file system fails; no half-written file is left.
+        OutputError: from every method, where the file system fails; no half-written file is left. From methods that
+            read records, where another version of hpcinv wrote one that cannot be read.
     """
 
     def __init__(self, path: Path, holder: Holder, *, lease: float = LEASE, supervised: bool = False) -> None:
@@ -131,7 +133,7 @@ class Ledger:
                 yield key, record
 
     def damaged(self, keys: Iterable[str]) -> list[str]:
-        """Return the keys of cases whose record is damaged or of another version, so that they count as open."""
+        """Return the keys of cases whose record is damaged, so that they count as open."""
         return [key for key, history in self._files.of_all(keys).items() if self._damage(key, history)]
 
     def reopen_damaged(self, keys: Iterable[str]) -> int:
@@ -263,10 +265,20 @@ class Ledger:
         return None
 
     def _decoded(self, key: str, history: History) -> CaseRecord:
-        """Return the record of a finished case; raise ``ValueError`` if it is damaged."""
+        """Return the record of a finished case; raise ``ValueError`` if it is damaged.
+
+        Raises:
+            OutputError: another version wrote it, so that the case must not be solved again in its place.
+        """
         file = self._files.file(key, f"record-{history.round}.json")
-        with as_output_error(file):
-            return CaseRecord.decoded(file.read_bytes())
+        try:
+            with as_output_error(file):
+                return CaseRecord.decoded(file.read_bytes())
+        except OtherVersionError as error:
+            raise OutputError(
+                f"{file}: another version of hpcinv wrote it: {error}",
+                "Use that version, or choose another 'store'; nothing was changed.",
+            ) from None
 
     def _damage(self, key: str, history: History) -> str:
         """Return in what way the record of a case is damaged; empty if it is not, or there is none."""

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any, Self
 
 from hpcinv.files.json_data import json_data
@@ -58,16 +58,30 @@ class CaseRecord:
     def decoded(cls, data: bytes) -> Self:
         """Return the record in the content of a file.
 
+        Entries that are not known here are those of a newer version, and are ignored: a version that changes what the
+        known ones mean changes the format of the store (`store`).
+
         Raises:
             ValueError: it is damaged.
+            OtherVersionError: it is whole, but lacks entries that are needed.
         """
         content = data[len(_BEFORE) : -len(_AFTER % _digest(b""))]
         if data != _sealed(content):
             raise ValueError("the digest does not match")
         try:
-            return cls(**json.loads(content))
-        except TypeError as error:
-            raise ValueError("it has other entries") from error
+            found = json.loads(content)
+        except ValueError as error:
+            raise OtherVersionError("it is no JSON") from error
+        if not isinstance(found, dict):
+            raise OtherVersionError("it is no mapping")
+        entries = fields(cls)
+        if missing := [f"'{one.name}'" for one in entries if one.default is MISSING and one.name not in found]:
+            raise OtherVersionError(f"it has no {', '.join(missing)}")
+        return cls(**{one.name: found[one.name] for one in entries if one.name in found})
+
+
+class OtherVersionError(Exception):
+    """A record is as it was written, by a version of hpcinv whose records cannot be read here."""
 
 
 _BEFORE, _AFTER = b'{"record": ', b', "sha256": "%s"}\n'

@@ -13,6 +13,7 @@ from hpcinv.files.names import check_output
 RECORDS, HEARTBEATS, RUNS = "ledger", "holders", "cases"
 """directories in a store"""
 _MARK, _FORMAT = "store.json", "hpcinv store 1"
+# Further entries of files need no other format, since earlier versions ignore them; another meaning of entries does.
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENOTCONN}
 

@@ -19,6 +19,7 @@ _FEW_RANKS = 2  # up to which a single factorization with minimum fill was seen 
 _WORTH_NESTED = 3.0  # least gain of nested iteration by the forecast, which is rough
 _TANGENTS: Mapping[Direction, int] = {"inverse": 3, "forward": 6}  # of slender bodies that turn far
 _OWN = frozenset({"ksp_type", "pc_type"})
+_PACKAGE = "pc_factor_mat_solver_type"
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Choice:
 
     Attributes:
         other: configuration after a failure, ``None`` for none.
-        is_own: whether the job's PETSc options choose the type of the solver.
+        is_own: whether the job's PETSc options choose the type of the solver, or the package that factorizes.
         budget: largest number of Krylov iterations in one solve of Newton's method.
         precision: of factors, "single" or "double".
         low_rank: whether blocks of factors in single precision are compressed.
@@ -97,7 +98,10 @@ class Chooser:
 
     def choose(self, solver: Solver) -> Choice:
         """Return the configuration that ``solver.linear`` names, or the faster one for which there is memory."""
-        if own := _OWN & set(solver.petsc):  # these options would replace options of another configuration
+        own = _OWN & set(solver.petsc)  # these options would replace options of another configuration
+        if solver.linear != "iterative" and solver.petsc.get(_PACKAGE, "mumps") != "mumps":
+            own |= {_PACKAGE}  # the direct solver sets options of MUMPS, and asks it for signs of pivots
+        if own:
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)

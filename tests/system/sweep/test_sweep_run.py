@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import random
 import re
 import signal
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from helpers.command_line import PATIENCE, Started, hpcinv
+from helpers.command_line import PATIENCE, ROOT, Started, hpcinv
 from helpers.sweeps import BLOCK, records_of, write_sweep
 
 from hpcinv.batch.ledger import liveness
@@ -289,9 +290,23 @@ def test_a_case_with_a_damaged_record_is_solved_again_by_the_next_start(tmp_path
     (plan.store / "ledger" / key[:2] / f"{key}.record-1.json").write_bytes(b"")
     done = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("1 × record damaged or of another version") == 1
+    assert done.stdout.count("1 × record damaged: the case is solved again") == 1
     assert done.stdout.count("s, certificate") == 1
     assert top(records_of(sweep)[2]) == pytest.approx(top(before[2]), rel=1e-9)
+
+
+def test_where_all_is_finished_no_process_starts_to_solve(tmp_path: Path) -> None:
+    """Importing PETSc takes longer than reading thousands of records."""
+    sweep = write_sweep(tmp_path, GRID)
+    assert hpcinv(1, "sweep", "run", sweep, cwd=tmp_path).returncode == 0
+    lacking = tmp_path / "lacking"
+    lacking.mkdir()
+    (lacking / "petsc4py.py").write_text("raise ImportError('PETSc was imported')")
+    path = os.pathsep.join([str(lacking), str(ROOT)])
+    for options in ((), ("--no-isolation",)):
+        done = hpcinv(2, "sweep", "run", sweep, *options, cwd=tmp_path, PYTHONPATH=path)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert f"{len(load_sweep(sweep).cases)} of {len(load_sweep(sweep).cases)} cases finished" in done.stdout
 
 
 def test_a_store_that_cannot_be_one_is_refused(tmp_path: Path) -> None:

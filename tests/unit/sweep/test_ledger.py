@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
+import json
 import os
 import re
 import shutil
@@ -194,7 +194,6 @@ WRONG_TYPE = b"whole, but with a word for a number"
         bytes(len(WHOLE)),
         b'{"record": {}}',
         b"[]",
-        _sealed(b'{"status": "converged", "of a later version": 1}'),
     ],
 )
 @pytest.mark.parametrize("at_once", [True, False])
@@ -221,11 +220,53 @@ def test_a_damaged_record_is_not_believed_and_its_case_is_open(
     assert ledger.record(KEY) == FAILED
 
 
-def test_a_record_with_other_entries_is_not_believed() -> None:
-    content = b'{"status": "converged"}'
-    digest = hashlib.sha256(content).hexdigest().encode()
-    with pytest.raises(ValueError, match="other entries"):
-        CaseRecord.decoded(b'{"record": ' + content + b', "sha256": "' + digest + b'"}\n')
+def test_further_entries_of_a_newer_version_are_ignored(ledger: Ledger, store: Path) -> None:
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    ledger.commit(claim, DONE)
+    content = json.loads(record_file(store).read_bytes())["record"]
+    newer = _sealed(json.dumps({"of a newer version": [1]} | content).encode())
+    record_file(store).write_bytes(newer)
+    assert ledger.record(KEY) == DONE
+    assert dict(ledger.records([KEY, OTHER])) == {KEY: DONE}
+    assert ledger.damaged([KEY]) == []
+    assert ledger.reopen_damaged([KEY]) == 0
+    assert ledger.claim(KEY) is None
+    assert record_file(store).read_bytes() == newer
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (b'{"status": "converged"}', "it has no 'advice', 'statistics', 'seconds', 'attempts'"),
+        (b"[]", "it is no mapping"),
+        (b"{", "it is no JSON"),
+    ],
+)
+def test_a_whole_record_that_cannot_be_read_is_of_another_version_and_is_kept(
+    ledger: Ledger, store: Path, content: bytes, what: str
+) -> None:
+    """Its digest tells that it is as it was written: nothing is solved again in its place."""
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    ledger.commit(claim, DONE)
+    record_file(store).write_bytes(_sealed(content))
+    uses: list[Callable[[], object]] = [
+        lambda: ledger.record(KEY),
+        lambda: dict(ledger.records([KEY])),
+        lambda: ledger.damaged([KEY]),
+        lambda: ledger.reopen_damaged([KEY]),
+        lambda: ledger.claim(KEY),
+        lambda: ledger.retry(KEY),
+    ]
+    for use in uses:
+        with pytest.raises(OutputError) as refused:
+            use()
+        assert str(record_file(store)) in refused.value.message
+        assert f"another version of hpcinv wrote it: {what}" in refused.value.message
+        assert "choose another 'store'" in refused.value.advice
+    assert files(store) == {"record-1.json"}
+    assert record_file(store).read_bytes() == _sealed(content)
 
 
 @pytest.mark.parametrize(

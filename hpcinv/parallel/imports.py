@@ -1,0 +1,58 @@
+"""Errors of the import of packages that hpcinv needs, as one message in place of a traceback."""
+
+import os
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from hpcinv.errors import SystemPartMissing
+
+
+@contextmanager
+def imports_explained() -> Iterator[None]:
+    """Context in which a package that is missing, or cannot be imported, becomes ``SystemPartMissing``.
+
+    Errors of the import of modules of hpcinv and of Python itself are raised as they are.
+    """
+    try:
+        yield
+    except ImportError as error:
+        if not (name := _package(error)):
+            raise
+        raise SystemPartMissing(
+            f"{name} cannot be imported: {error}",
+            f"Is {sys.executable} the Python that hpcinv was installed for? docs/start/installing.md tells how it is "
+            "installed with all packages that it needs.",
+        ) from error
+
+
+@contextmanager
+def imports_at_start() -> Iterator[None]:
+    """Context of imports at the start of the program, in which a missing package ends it with one message."""
+    try:
+        with imports_explained():
+            yield
+    except SystemPartMissing as missing:
+        if not is_other_rank():
+            print(missing, file=sys.stderr)
+        sys.exit(missing.exit_code)
+
+
+def is_other_rank() -> bool:
+    """Return whether this process is a rank other than 0, from the launcher's environment (MPI is not imported)."""
+    return any(os.environ.get(name, "0") != "0" for name in ("PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_RANK"))
+
+
+def _package(error: ImportError) -> str:
+    """Return the package whose import failed; empty if it is part of hpcinv or of Python, or not known."""
+    name = error.name
+    if not name:  # raised by the package, whose own module is that of the last frame outside Python's library
+        names = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)]
+        name = next((found for found in reversed(names) if _top(found) not in sys.stdlib_module_names), "")
+    top = _top(name)
+    return "" if top in {"", "__main__", "hpcinv"} or top in sys.stdlib_module_names else top
+
+
+def _top(name: str) -> str:
+    return name.partition(".")[0]
