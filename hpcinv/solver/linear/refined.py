@@ -50,7 +50,7 @@ class Refined(Direct):
         super().__init__(minimum_fill=minimum_fill)
         if nearly_symmetric:
             self.asymmetry = _NEARLY
-        self._low_rank = low_rank
+        self._low_rank, self._has_own_tolerance = low_rank, False
 
     @property
     def options(self) -> Mapping[str, Value]:
@@ -71,11 +71,14 @@ class Refined(Direct):
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         super().prepare(ksp, matrix)
         ksp.setComputeEigenvalues(True)
-        ksp.setConvergenceTest(self.test)
+        self._has_own_tolerance = PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_rtol")
+        if not self._has_own_tolerance:  # that of the job has priority
+            ksp.setConvergenceTest(self.test)
         self.test.is_kept = False
 
     def keep(self, ksp: PETSc.KSP) -> bool:
-        if not is_mumps(ksp.pc):
+        # Without the test, nothing tells when kept factors take too many iterations.
+        if not is_mumps(ksp.pc) or self._has_own_tolerance:
             return False
         if not self.test.is_kept:
             self.test.patience = _patience(ksp)

@@ -119,6 +119,21 @@ def test_a_job_may_have_double_precision_or_single_at_any_size(
     assert single["note"].startswith("factors in single precision")
 
 
+@pytest.mark.usefixtures("rounded")
+@pytest.mark.parametrize("analysis", ["inverse", "forward"])
+def test_the_tolerance_of_a_job_counts_with_factors_in_single_precision(analysis: str, comm: MPI.Intracomm) -> None:
+    data = {**SHELF, "material": MATERIALS["compressible"], "analysis": analysis}
+    found = {}
+    for tolerance in (1e-3, 1e-10):
+        result, linear = solved(comm, **data, solver={"linear": "direct", "petsc": {"ksp_rtol": tolerance}})
+        assert linear["fallback"] is None
+        assert linear["note"].startswith("factors in single precision")
+        found[tolerance] = result, linear["iterations"]
+    (rough, few), (exact, many) = found.values()
+    assert few < many
+    assert difference(comm, rough, exact) < 1e-8
+
+
 @pytest.mark.parallel([1, 2])
 def test_what_is_no_correction_is_solved_to_ten_digits(comm: MPI.Intracomm) -> None:
     body = Solved(job(**BEAM | {"analysis": "inverse"}), comm)
