@@ -20,7 +20,8 @@ from hpcinv.parallel.runtime import MPI
 
 TANGENTS, CORRECTIONS = 4, 8  # of a typical solution
 COARSER = 2.0  # factor of the cell sizes in nested iteration
-_TANGENT, _SET_UP, _MESH = 5e-6, 0.4, 1.2e-5  # s: assembly by unknown; one more model; gmsh by unknown
+_TANGENT = 5e-6  # s for each unknown: assembly
+_SET_UP, _MESH, _TRANSFER = 0.05, 8e-6, 3e-6  # s: one more model; gmsh by coarse unknown; transfer by unknown
 SINGLE, LOW_RANK = 4e9, 3e11  # operations of a factorization from which single precision and low rank pay
 _REFINEMENTS = 5  # iterations of a correction with factors in single precision, or with kept ones
 
@@ -63,17 +64,16 @@ class Forecast:
 
         Args:
             tangents: number of them on the way from the unloaded body, of which one is left.
-            ranks: number of ranks, which share the tangents; gmsh runs on one.
+            ranks: number of ranks, which share assembly and transfer, and factorizations less well; gmsh runs on one.
         """
         coarser = self.coarser
-        spent = _SET_UP + _MESH * coarser.unknowns + tangents * coarser.tangent / ranks
-        return (tangents - 1) * self.tangent / ranks / spent
+        moved = _SET_UP + _MESH * coarser.unknowns + _TRANSFER * self.unknowns / ranks
+        return (tangents - 1) * self.tangent(ranks) / (moved + tangents * coarser.tangent(ranks))
 
-    @property
-    def tangent(self) -> float:
-        """Time of one tangent and its factorization (s)."""
+    def tangent(self, ranks: int = 1) -> float:
+        """Time of one tangent and its factorization (s); those of slender bodies have little to share among ranks."""
         factorization = self.factorization if self.operations < SINGLE else self._in_single
-        return _TANGENT * self.unknowns * self.degree**2 / 4 + factorization
+        return _TANGENT * self.unknowns * self.degree**2 / 4 / ranks + factorization / math.sqrt(ranks)
 
     @property
     def entries(self) -> float:

@@ -16,7 +16,7 @@ _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid, for which there must be room if it is kept
 _SLENDER = 15  # aspect ratio from which approximate minimum fill orders better than nested dissection
 _FEW_RANKS = 2  # up to which a single factorization with minimum fill was seen to be faster
-_WORTH_NESTED = 3.0  # least gain of nested iteration by the forecast, which is rough
+_WORTH_NESTED = 2.5  # least gain of nested iteration by the forecast, which is rough
 _TANGENTS: Mapping[Direction, int] = {"inverse": 3, "forward": 6}  # of slender bodies that turn far
 _OWN = frozenset({"ksp_type", "pc_type"})
 _PACKAGE = "pc_factor_mat_solver_type"
@@ -118,8 +118,12 @@ class Chooser:
         )
 
     def is_nested_iteration_worth(self, solver: Solver, direction: Direction) -> bool:
-        """Return whether the solution on coarser cells clearly saves time, as on large slender bodies that turn far."""
-        if not self._is_slender or self._choose(solver).configuration != "direct":
+        """Return whether the solution on coarser cells clearly saves time, as on large slender bodies that turn far.
+
+        From there one factorization is left only if it can be kept, in single precision.
+        """
+        choice = self.choose(solver)
+        if not self._is_slender or (choice.configuration, choice.precision) != ("direct", "single"):
             return False
         return self.forecast.nested_gain(_TANGENTS[direction], self._ranks) >= _WORTH_NESTED
 
