@@ -69,7 +69,7 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
     count, of_cell = parts_of(body, by_facets=True)
     if count == 1 or count == parts_of(body)[0]:
         return
-    joints, frames, cells = _joints(comm, space, of_cell), *_frames(body, of_cell, count)
+    joints, frames, cells = _joints(body, space, of_cell), *_frames(body, of_cell, count)
     held = _held(supports, of_cell, frames, comm)
     # On rank 0 only; the groups of parts that are joined by nodes.
     motions = on_root(comm, lambda: [*_free(joints, held, frames, alone=system is None)])
@@ -94,9 +94,16 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
         )
 
 
-def _joints(comm: MPI.Intracomm, space: fem.FunctionSpace, of_cell: Ints) -> _Joints:
-    """Return on rank 0 the nodes that parts share, sorted, and none elsewhere; collective."""
-    dofs, index_map = space.dofmap.list, space.dofmap.index_map
+def _joints(body: Body, space: fem.FunctionSpace, of_cell: Ints) -> _Joints:
+    """Return on rank 0 the nodes that parts share, sorted, and none elsewhere; collective.
+
+    They are the nodes of the displacement, or those of the geometry where that has more: turns about vertices on a line
+    strain the cells on a curved edge.
+    """
+    comm, geometry = body.mesh.comm, body.mesh.geometry
+    dofs, index_map, positions = space.dofmap.list, space.dofmap.index_map, space.tabulate_dof_coordinates()
+    if geometry.dofmaps[0].shape[1] > dofs.shape[1]:
+        dofs, index_map, positions = geometry.dofmaps[0], geometry.index_map(), geometry.x
     owned, total = index_map.size_local, index_map.size_local + index_map.num_ghosts
     least, most = np.full(total, np.iinfo(np.int64).max), np.full(total, -1)
     labels = np.repeat(of_cell, dofs.shape[1])
@@ -114,7 +121,7 @@ def _joints(comm: MPI.Intracomm, space: fem.FunctionSpace, of_cell: Ints) -> _Jo
     rows = np.concatenate([np.stack([numbers[at], label], axis=1), np.stack([numbers[ghosts], others[ghosts]], axis=1)])
     rows, place = unique_rows(rows)
     points = np.empty((len(rows), 3))
-    points[place] = space.tabulate_dof_coordinates()[np.concatenate([at, ghosts])]
+    points[place] = positions[np.concatenate([at, ghosts])]
     gathered = comm.gather((rows, points))
     if gathered is None:
         return _Joints(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3)))

@@ -133,6 +133,13 @@ def test_what_cannot_turn_is_let_be(source: MeshSource, held: dict[str, str], co
     model(comm, source, held)
 
 
+def test_a_curved_edge_is_no_hinge_of_displacements_of_degree_1(comm: MPI.Intracomm) -> None:
+    """Its vertices are on a straight line, but a turn about that line is no motion of its cells."""
+    model(comm, bent(voxels(EDGE, divisions=1)), {"left": "xyz"}, discretisation={"displacement": 1})
+    told = refusal(comm, voxels(EDGE, divisions=1), {"left": "xyz"}, discretisation={"displacement": 1})
+    assert told.endswith("and is free to turn about the axis through (1, 1, 0) mm along z")
+
+
 @pytest.mark.parallel(2)
 def test_several_nodes_on_one_line_are_a_hinge(comm: MPI.Intracomm) -> None:
     """A cube on two posts, which it touches at a corner each."""
