@@ -260,10 +260,11 @@ def _description(body: Body, joints: _Joints, frame: Frame, cells: int, part: in
         return f"{what} touches the rest of the body only at the node {place(points[0])} {symbol}, {about}"
     centred = points - points.mean(axis=0)
     along = np.linalg.svd(centred, full_matrices=False)[2][0]
+    along *= np.sign(along[np.abs(along).argmax()])  # so that the ends come in the same order on any machine
     heights = centred @ along
     if np.abs(centred - np.outer(heights, along)).max() <= _ON_LINE * np.ptp(heights):
-        ends = sorted(points[[heights.argmin(), heights.argmax()]].tolist())
-        where = f"on the straight line from {place(np.array(ends[0]))} to {place(np.array(ends[1]))} {symbol}"
+        low, high = points[heights.argmin()], points[heights.argmax()]
+        where = f"on the straight line from {place(low)} to {place(high)} {symbol}"
     else:
         where = f"at nodes between {place(points.min(axis=0))} and {place(points.max(axis=0))} {symbol}"
     return f"{what} touches the rest of the body only {where}, and is {free}"
