@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
+
 from hpcinv.effects import Direction
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.selection import Used
@@ -99,7 +101,9 @@ def freeing(*free: Callable[[], object]) -> Iterator[None]:
 
 def is_stop_asked(comm: MPI.Intracomm, observer: Observer) -> bool:
     """Return whether some rank asks to stop; collective."""
-    return bool(comm.allreduce(observer.stop_asked(), op=MPI.LOR))
+    asked = np.array([observer.stop_asked()])
+    comm.Allreduce(MPI.IN_PLACE, asked, op=MPI.LOR)
+    return bool(asked[0])
 
 
 def stop_if_asked(comm: MPI.Intracomm, observer: Observer) -> None:

@@ -104,3 +104,26 @@ def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_aga
     lines = [[(line["name"], line["verdict"]) for line in s["certificate"]["lines"]] for s in (found, whole)]
     assert lines[0] == lines[1]
     assert len([*(run / "checkpoints").iterdir()]) == 1
+
+
+@pytest.mark.parametrize("where", ["hpcinv.preparation.check_points", "hpcinv.mesh.body.build_regions"])
+def test_a_signal_before_there_is_a_directory_leaves_none(where: str, tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", BLOCK)
+    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=sending(tmp_path, where))
+    assert stopped.returncode == 75, stopped.stderr
+    assert stopped.stderr.count("stopped by a signal before there was anything to save") == 1
+    assert "Traceback" not in stopped.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_signal_before_the_solve_leaves_a_run_that_begins_again(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", BLOCK)
+    script = sending(tmp_path, "hpcinv.driver.totals_of")
+    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
+    assert stopped.returncode == 75, stopped.stderr
+    assert stopped.stderr.count("at load factor 0; there was no state to save yet") == 1
+    found = summary(tmp_path / "run")
+    assert found["status"] == "stopped by a signal"
+    done = hpcinv(2, "resume", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert summary(tmp_path / "run")["status"] == "converged"
