@@ -307,7 +307,5 @@ class Equilibrium:
 
 
 def _linear_solve_seconds() -> float:
-    """Return the seconds of all linear solves on this rank, from the log of PETSc."""
-    if not PETSc.Log.isActive():
-        PETSc.Log.begin()
+    """Return the seconds of all linear solves on this rank, from the log of PETSc, which `runtime` has begun."""
     return float(PETSc.Log.Event("KSPSolve").getPerfInfo()["time"])
