@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from helpers.command_line import BLOCK, hpcinv, write_job
+from helpers.sweeps import records_of, write_sweep
 
 # One rank sends itself a signal when a function of hpcinv is called, before or after its work.
 SENDING = """
@@ -49,6 +50,19 @@ import importlib.util
 sys.meta_path.insert(0, Finder())
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
+# A solve of the job, rather than of its certificate, is an error.
+NEVER_SOLVING = """
+import runpy
+import hpcinv.parallel.runtime
+import hpcinv.methods.direct
+
+def reach(*_, load, **__):
+    assert load == 1.0
+    return []
+
+hpcinv.methods.direct.reach = reach
+runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
+"""
 CERTIFIED: dict[str, Any] = {"certificate": {}, "checkpoint": {"every": 100}}
 
 
@@ -76,6 +90,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 CHECKS = ["equilibrium_residual", "estimate", "self_overlap", "round_trip", "stability", "ineffective_loads"]
 
 
+@pytest.mark.everyday("estimate", "stability")
 @pytest.mark.parametrize("check", CHECKS)
 def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_again(
     check: str, whole: dict[str, Any], tmp_path: Path
@@ -104,6 +119,34 @@ def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_aga
     lines = [[(line["name"], line["verdict"]) for line in s["certificate"]["lines"]] for s in (found, whole)]
     assert lines[0] == lines[1]
     assert len([*(run / "checkpoints").iterdir()]) == 1
+
+
+def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", BLOCK, analysis="round_trip", **CERTIFIED)
+    script = sending(tmp_path, "hpcinv.certificate.certify.self_overlap")
+    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
+    assert stopped.returncode == 75, stopped.stderr
+    done = hpcinv(1, "resume", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("  load ") == 0
+    assert [one["direction"] for one in summary(tmp_path / "run")["solutions"]] == ["inverse", "forward"]
+
+
+def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_again(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}], job={**BLOCK, **CERTIFIED})
+    script = sending(tmp_path, "hpcinv.certificate.certify.self_overlap")
+    alone = ["--no-isolation", "--ranks-per-case", "2"]
+    stopped = hpcinv(2, "sweep", "run", sweep, *alone, cwd=tmp_path, script=script)
+    assert stopped.returncode == 75, stopped.stdout + stopped.stderr
+    assert [*records_of(sweep).values()] == [None]
+    (run,) = [path.parent for path in tmp_path.glob("**/checkpoints")]
+    assert summary(run)["status"] == "stopped by a signal"
+    script.write_text(NEVER_SOLVING)
+    done = hpcinv(2, "sweep", "run", sweep, *alone, cwd=tmp_path, script=script)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (record,) = records_of(sweep).values()
+    assert record is not None
+    assert record.converged
 
 
 @pytest.mark.parametrize("where", ["hpcinv.preparation.check_points", "hpcinv.mesh.body.build_regions"])
