@@ -27,7 +27,7 @@ from hpcinv.results.solution import solution_of
 from hpcinv.results.totals import totals_of
 from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivities
 from hpcinv.sensitivity.surface_errors import SurfaceSpreads
-from hpcinv.solver.observer import Observers, StopSignal
+from hpcinv.solver.observer import Observers, Stopped, StopSignal
 from hpcinv.solver.problem_cache import Workspace
 
 
@@ -49,7 +49,8 @@ def run(
         directory: of checkpoints and results; ``None`` writes nothing.
         overwrite: whether results of another run may be replaced.
         resume: continue from the last checkpoint in ``directory``, if there is one.
-        stop_asked: called on every rank before each Newton iteration; true saves a checkpoint and ends the run.
+        stop_asked: called on every rank before each Newton iteration, and where else a run can stop: before it solves,
+            and in the certificate if there is a directory for checkpoints; true saves a checkpoint and ends the run.
         workspace: body and model of earlier runs on ``comm``, to be used again by this run and later ones.
         guesses: initial guesses of the first solves at full load; without one, or if it fails, the unloaded body.
 
@@ -75,7 +76,7 @@ def run(
             totals = totals_of(model, job.directions[0])
         progress.body(totals)
         report = RunReport(job, model, store, progress, totals, problem.record, problem.unused_options)
-        checkpoint_writer = CheckpointWriter(checkpoints, store, model)
+        checkpoint_writer = CheckpointWriter(checkpoints, store, model, restart)
         snapshots = SnapshotWriter(store, model, restart)
         observer = Observers(progress, checkpoint_writer, snapshots, report, stop)
         quantities: dict[str, Value] = {}
@@ -120,16 +121,20 @@ def run(
         quantities = {q.name: quantities[q.name] for q in job.quantities}
 
         spread = spreads.of(quantities)
-        with progress.phase("checking"):
-            certificate, estimate = certify_all(
-                models,
-                solutions,
-                quantities,
-                problem.estimate,
-                spread.deviations() if spread else {},
-                progress.detail,
-                progress,
-            )
+        try:
+            with progress.phase("checking"):
+                certificate, estimate = certify_all(
+                    models,
+                    solutions,
+                    quantities,
+                    problem.estimate,
+                    spread.deviations() if spread else {},
+                    progress.detail,
+                    Observers(progress, stop) if checkpoint_writer.can_save else progress,
+                )
+        except Stopped:
+            checkpoint_writer.save_finished()
+            report.end_stopped(solutions)
         errors = differences(body, solutions, problem.expected)
         of_all = of_all_shapes(slopes, quantities)
         return report.conclude(

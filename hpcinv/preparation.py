@@ -6,14 +6,16 @@ from pathlib import Path
 
 from hpcinv.accuracy import AccuracyRecord, Search
 from hpcinv.certificate import Estimate
+from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.output.progress import Progress
+from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import check_points
 from hpcinv.results.shape_distance import Expected, read_expected
 from hpcinv.results.solution import Solution
-from hpcinv.solver.observer import Observer
+from hpcinv.solver.observer import Observer, is_stop_asked
 from hpcinv.solver.problem_cache import Models, Workspace
 
 
@@ -35,21 +37,32 @@ def prepare(job: Job, workspace: Workspace, progress: Progress, timings: Timings
 
     Raises:
         MeshError, SystemPartMissing: the same on every rank.
+        Interrupted: ``stop`` asked to stop on some rank.
     """
     if job.accuracy:
         return _searched(job, workspace, progress, timings, stop)
-    return _given(job, workspace, progress, timings)
+    return _given(job, workspace, progress, timings, stop)
 
 
-def _given(job: Job, workspace: Workspace, progress: Progress, timings: Timings) -> Prepared:
+def _given(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> Prepared:
     """Return the equations of a job on its mesh; collective."""
+    comm = workspace.comm
     verb = "meshing" if is_generator(Path(job.mesh.file)) else "reading"
     with timings("mesh"), progress.phase(verb, job.mesh.file):
         body = workspace.body(job, progress.detail)
         progress.detail(f"{sum(body.partition.cells):,} cells")
         expected = read_expected(job, body)
         check_points(job.quantities, body)
-    return Prepared(job, workspace.models(job, body, timings), expected)
+    _end_if_asked(comm, stop)
+    models = workspace.models(job, body, timings)
+    _end_if_asked(comm, stop)
+    return Prepared(job, models, expected)
+
+
+def _end_if_asked(comm: MPI.Intracomm, stop: Observer) -> None:
+    """Raise ``Interrupted`` on all ranks if some rank asks to stop; collective."""
+    if is_stop_asked(comm, stop):
+        raise Interrupted("stopped by a signal before there was anything to save", "Start the same command again.")
 
 
 def _searched(job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer) -> Prepared:

@@ -20,7 +20,7 @@ from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.memory_use import peak
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
-from hpcinv.solver.observer import Observer
+from hpcinv.solver.observer import Observer, Stopped
 
 USABLE = 0.7  # share of the free memory before the first mesh is made
 # The factors of a three-dimensional problem have O(N^(4/3)) entries: George (1973), doi:10.1137/0710032.
@@ -127,10 +127,12 @@ class Search:
     def _attempt(self, variant: Variant, body: Body, degree: int) -> bool:
         """Solve and estimate one discretisation; return ``False`` if it did not reach the full load."""
         begin, before = time.perf_counter(), self.last
-        trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.observer, before)
+        try:
+            trial = attempt(self._job_in(variant, degree), variant, body, self.timings, self.observer, before)
+        except Stopped:
+            raise self._interrupted() from None
         if trial.outcome is Outcome.INTERRUPTED:
-            where = f"stopped by a signal in step {len(self.rows) + 1} towards the accuracy demanded"
-            raise Interrupted(f"{where}; nothing was saved", "Run the job again.")
+            raise self._interrupted()
         if not self.assessments:
             self.best = trial
         if trial.estimate is None:
@@ -148,6 +150,10 @@ class Search:
         if len(self.assessments) == 1 or found.excess <= self.promise.excess:
             self.best, self.promise, self.chosen = trial, found, len(self.rows) - 1
         return True
+
+    def _interrupted(self) -> Interrupted:
+        where = f"stopped by a signal in step {len(self.rows) + 1} towards the accuracy demanded"
+        return Interrupted(f"{where}; nothing was saved", "Run the job again.")
 
     def _add_row(self, trial: Trial, seconds: float) -> None:
         step, found = self.steps[-1], self.assessments[-1]

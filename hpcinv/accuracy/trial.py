@@ -83,7 +83,7 @@ def attempt(
     reached = method.reached == 1.0
     quantities: Mapping[str, Value] = evaluate(job.quantities, body, solution, model) if reached else {}
     with _measured(timings) as estimated:
-        found = estimate(model, solution, quantities) if reached else None
+        found = estimate(model, solution, quantities, observer=observer) if reached else None
     _check_finite(job, quantities, found.corrected if found else {})
     degree, count = job.discretisation.displacement, sum(s.factorizations for s in solves)
     step = Step(

@@ -21,7 +21,7 @@ from hpcinv.certificate.stability import stability
 from hpcinv.certificate.two_level import MANY
 from hpcinv.certificate.volume import volume
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.observer import SILENT, Observer
+from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
 
 if TYPE_CHECKING:
     from hpcinv.results.quantities_of_interest import Value
@@ -48,14 +48,19 @@ def certify(
         computed: values of the job's quantities of interest.
         known: the estimate of the first solution, if it has been made before.
         begins: called with the name of each check when it begins.
-        observer: of the solve back, and of a solve in finer spaces.
+        observer: of the solve back, and of a solve in finer spaces; it is also asked whether to stop.
         given: for a further state, the correction of the rest shape by the estimate of the given one.
         uncertain: standard deviation (m) of the shape by errors of the given surface, 0 if it is not known.
+
+    Raises:
+        Stopped: on all ranks, before a check or within a long one, if the observer asks to stop.
     """
     solution, found, lines = solutions[0], known, list[Line]()
 
     def check(name: str, function: Callable[[], Iterable[Line]]) -> list[Line]:
         """Make a check, and add its lines with its seconds."""
+        # Also since the check before may have been cut short, so that its lines say nothing.
+        stop_if_asked(model.body.mesh.comm, observer)
         begins(name)
         started = time.perf_counter()
         made = list(function())
@@ -81,19 +86,18 @@ def certify(
     forward = ForwardFactors(model, solution)
     is_checked = model.job.certificate.level != "off"
     with model.timings.as_one("certificate"):
-        if is_checked:
-            check("equilibrium", lambda: equilibrium_residual(model, solution))
-            if solution.contacts:
-                check("contact", lambda: contacts(model, solution))
-            check("volume", lambda: volume(model, solution))
-        check("discretisation error", discretisation)
-        if is_checked:
-            check("cells", lambda: cells(model, solution))
-        check("overlap", lambda: self_overlap(model, solution))
-        check("round trip", way_back)
-        (stable,) = check("stability", lambda: stability(model, forward))
-        forward.destroy()
-        model.free_multigrid()
+        with freeing(forward.destroy, model.free_multigrid):
+            if is_checked:
+                check("equilibrium", lambda: equilibrium_residual(model, solution))
+                if solution.contacts:
+                    check("contact", lambda: contacts(model, solution))
+                check("volume", lambda: volume(model, solution))
+            check("discretisation error", discretisation)
+            if is_checked:
+                check("cells", lambda: cells(model, solution))
+            check("overlap", lambda: self_overlap(model, solution))
+            check("round trip", way_back)
+            (stable,) = check("stability", lambda: stability(model, forward, observer))
         if is_checked:
             check("limit points", lambda: limit_points(model, solution, stable))
             check("ineffective loads", lambda: ineffective_loads(model))

@@ -23,6 +23,7 @@ def certify_all(
     """Check the solutions: together if they are those of one analysis, else state by state; collective.
 
     Args:
+        observer: as for `certify`.
         uncertain: standard deviations (m) of shapes by errors of the given surface, by state, as far as they are known.
     """
     if not solutions[0].state:

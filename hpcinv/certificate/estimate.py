@@ -45,7 +45,7 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.solution import solution_of
-from hpcinv.solver.observer import SILENT, Observer
+from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
 from hpcinv.solver.problem import Model
 
 if TYPE_CHECKING:
@@ -138,7 +138,8 @@ def estimate(
         model: the model that the solution was computed with.
         computed: values of the job's quantities of interest.
         given: for a further state, the correction of the rest shape; without it, that shape is taken as computed.
-        observer: of the solve of the finer problem, where one Newton step does not suffice.
+        observer: of the solve of the finer problem, where one Newton step does not suffice; it is also asked whether to
+            stop.
 
     Returns:
         ``None`` if iterations do not find the correction and there is no memory to factorize the finer problem.
@@ -151,7 +152,7 @@ def estimate(
         before, _ = finer.solution()
         state, is_solved = finer.unknowns.state.x.array, False
         is_affordable = forecast.least <= model.chooser.room
-        if not (forecast.operations > two_level.MANY and two_level.correct(model, solution, finer)):
+        if not (forecast.operations > two_level.MANY and two_level.correct(model, solution, finer, observer)):
             if not is_affordable:
                 return None
             equilibrium = finer.equilibrium(finer.scene(solution.direction))
@@ -164,6 +165,7 @@ def estimate(
                 u, at_nodes, moved, largest = _moved(model, solution, finer, given)
             else:
                 state[:] = corrected
+        stop_if_asked(body.mesh.comm, observer)
         has_values = bool(quantities) and isfinite(largest)
         corrected = _corrected(quantities, model, at_nodes, solution.direction, finer) if has_values else {}
         displacement, delta = u.copy(), u

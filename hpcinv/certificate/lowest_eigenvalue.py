@@ -30,6 +30,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from hpcinv.parallel.petsc_vectors import dot
+from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
 
 if TYPE_CHECKING:
     from hpcinv.certificate.multigrid_solver import MultigridSolver
@@ -65,7 +66,11 @@ class Lowest:
 
 
 def lowest_eigenvalue(
-    solver: MultigridSolver, supports: Supports, timings: Timings, start: Floats | None = None
+    solver: MultigridSolver,
+    supports: Supports,
+    timings: Timings,
+    start: Floats | None = None,
+    observer: Observer = SILENT,
 ) -> Lowest | None:
     """Return the lowest eigenvalue of the symmetric part of a tangent; collective.
 
@@ -74,8 +79,9 @@ def lowest_eigenvalue(
     Args:
         solver: of the tangent, or of another matrix of the same structure.
         start: displacement to begin with, in the order of the unknowns of this rank.
+        observer: asked whether to stop, before each linear solve.
     """
-    search = _Search(solver, supports)
+    search = _Search(solver, supports, observer)
     try:
         with timings("linear solve"):
             found = search.run(start)
@@ -87,7 +93,8 @@ def lowest_eigenvalue(
 class _Search:
     """Inverse iteration with Ritz vectors; all methods are collective."""
 
-    def __init__(self, solver: MultigridSolver, supports: Supports) -> None:
+    def __init__(self, solver: MultigridSolver, supports: Supports, observer: Observer) -> None:
+        self._observer = observer
         unknowns = solver.unknowns
         self._solver, self._matrix, self._comm = solver, solver.matrix, unknowns.mesh.comm
         self._u = unknowns.owned_displacement_dofs
@@ -105,6 +112,7 @@ class _Search:
         if y is None:  # nothing can move
             return False, 0.0, np.zeros(len(self._b.array))
         for step in range(_STEPS):
+            stop_if_asked(self._comm, self._observer)
             if (z := self._add(y)) is None:
                 return None
             mu, value, better = self._sum(y @ z), *self._lowest()

@@ -32,7 +32,7 @@ from hpcinv.methods.updates import Anderson
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.load_stepping import follow
-from hpcinv.solver.observer import SILENT, Observer
+from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
 
 if TYPE_CHECKING:
     from hpcinv.certificate.forward_factors import ForwardFactors
@@ -70,7 +70,7 @@ def round_trip(
 
     Args:
         forward: factors of the forward tangent at the solution.
-        observer: of the solve back, where the factors do not suffice.
+        observer: of the solve back, where the factors do not suffice; it is also asked whether to stop.
     """
     start = model.job.certificate.round_trip
     if start == "off":
@@ -111,7 +111,7 @@ def solved_back(model: Model, solution: Solution, forward: ForwardFactors, obser
     """Return the line of a way back that begins with the solution, and is bounded in effort; collective."""
     with model.at(solution.other_nodes, *solution.fields):
         solver = forward.factors if forward.affordable else forward.multigrid
-        if solver is not None and _WayBack(model, solution, solver).settles():
+        if solver is not None and _WayBack(model, solution, solver).settles(observer):
             return _closed(model, solution, forward)
         if not forward.affordable:
             if not model.is_isoparametric:
@@ -163,7 +163,7 @@ class _WayBack:
         self._size = solution.largest_displacement / model.scales.length or 1.0
         self._inverse = _Relabelling(model, solution) if solution.direction == "forward" else None
 
-    def settles(self) -> bool:
+    def settles(self, observer: Observer = SILENT) -> bool:
         """Correct the state until the verdict cannot change; return whether it settled; collective."""
         system = self._system
         x, y = system.position(), system.rhs.duplicate()
@@ -172,6 +172,7 @@ class _WayBack:
         steps: list[float] = []
         try:
             for _ in range(_CORRECTIONS):
+                stop_if_asked(system.comm, observer)
                 system.residual(system.rhs)
                 with self._model.timings("linear solve"):
                     if not self._solver.solve(system.rhs, y):

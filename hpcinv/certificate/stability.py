@@ -13,6 +13,7 @@ from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
 from hpcinv.certificate.multigrid_solver import MultigridSolver
 from hpcinv.certificate.round_trip import STRAIGHT, WARN, solved_back
 from hpcinv.certificate.symmetry import symmetry_planes
+from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
 
 if TYPE_CHECKING:
     from hpcinv.certificate.forward_factors import ForwardFactors
@@ -22,7 +23,7 @@ STABILITY = "stability: unstable directions"
 _RULE = "no negative eigenvalue of the forward tangent; fail if some are confirmed as instabilities of the body"
 
 
-def stability(model: Model, forward: ForwardFactors) -> Iterator[Line]:
+def stability(model: Model, forward: ForwardFactors, observer: Observer = SILENT) -> Iterator[Line]:
     """Yield the line on unstable directions of the loaded body; collective.
 
     A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
@@ -32,17 +33,19 @@ def stability(model: Model, forward: ForwardFactors) -> Iterator[Line]:
 
     Args:
         forward: factors of the forward tangent at the solution.
+        observer: of a solve back; it is also asked whether to stop.
     """
     if not model.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
         return
     if forward.moved == math.inf and model.job.certificate.round_trip == "off":
-        solved_back(model, forward.solution, forward)
+        solved_back(model, forward.solution, forward, observer)
+        stop_if_asked(model.body.mesh.comm, observer)
     if forward.moved == math.inf:
         note = f"no equilibrium of the body that was found is known, since the solve back found none: {STRAIGHT}"
         yield Line(STABILITY, None, "", _RULE, Verdict.UNDECIDED, note)
         return
-    line = _by_factors(model, forward) if forward.affordable else _by_iteration(model, forward)
+    line = _by_factors(model, forward) if forward.affordable else _by_iteration(model, forward, observer)
     if forward.moved > WARN and line.verdict is Verdict.FAIL:  # the given shape may be on this side of the limit
         line = replace(line, verdict=Verdict.UNDECIDED)
     yield replace(line, note="; ".join([line.note, *_left_out(model, forward)]))
@@ -71,9 +74,9 @@ def _by_factors(model: Model, forward: ForwardFactors) -> Line:
     return _unstable(unstable, confirm(model, forward.solution), is_mixed=pressures > 0)
 
 
-def _by_iteration(model: Model, forward: ForwardFactors) -> Line:
+def _by_iteration(model: Model, forward: ForwardFactors, observer: Observer) -> Line:
     """Return the line by the lowest eigenvalue of the forward tangent, which is found without factors."""
-    lowest = lowest_eigenvalue(forward.multigrid, model.supports, model.timings)
+    lowest = lowest_eigenvalue(forward.multigrid, model.supports, model.timings, observer=observer)
     if lowest is None:
         note = "the lowest eigenvalue of the forward tangent was not found within the iterations that it may take"
         return Line(STABILITY, None, "", _RULE, Verdict.UNDECIDED, note)
@@ -83,8 +86,8 @@ def _by_iteration(model: Model, forward: ForwardFactors) -> Line:
     with assembled(model, forward.solution) as matrix:
         with model.timings("factorization"):
             solver = MultigridSolver(matrix, model.scene("forward", known_displacement(model)))
-        again = lowest_eigenvalue(solver, model.supports, model.timings, lowest.direction)
-        solver.destroy()
+        with freeing(solver.destroy):
+            again = lowest_eigenvalue(solver, model.supports, model.timings, lowest.direction, observer)
     confirmed = None if again is None else Confirmed(int(again.is_negative), again.asymmetry)
     line = _unstable(1, confirmed, is_mixed=model.unknowns.p is not None)
     return replace(line, note=f"{line.note}; one direction was sought, there may be more")

@@ -42,6 +42,7 @@ from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
 from hpcinv.solver.linear_solver import LinearSolver
+from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
 from hpcinv.solver.problem import Model
 
 type Singles = npt.NDArray[np.float32]
@@ -58,7 +59,7 @@ _STRAIGHT = 0.03  # offset of a node, relative to its cell, up to which moduli a
 _INCREMENT = 1e-7  # length of the difference by which the residual is differentiated, in scaled unknowns
 
 
-def correct(model: Model, solution: Solution, finer: Model) -> bool:
+def correct(model: Model, solution: Solution, finer: Model, observer: Observer = SILENT) -> bool:
     """Add the correction to the state of ``finer``, the solution in finer spaces; return whether it converged.
 
     Iterations are not made where the body is much stiffer than by its shear modulus, as against stiff fibres, or
@@ -70,6 +71,7 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
         model: model of the solution, with the factors of its last tangent.
         finer: model in spaces of one degree more, on the same cells, perhaps with a finer geometry. That changes the
             tangent by as little as the shape of cells: the factors still serve as a preconditioner.
+        observer: asked whether to stop, in each iteration.
     """
     body, direction = model.body, solution.direction
     with model.at(body.mesh.geometry.x * body.length_scale, *solution.fields):
@@ -78,12 +80,10 @@ def correct(model: Model, solution: Solution, finer: Model) -> bool:
             equilibrium.system.linearise(1.0)
         equilibrium.linear.factorize_if_needed()
         product = _volume_product(model, finer, direction)
-        with finer.timings("linear solve"):
+        with freeing(lambda: model.release(equilibrium), model.free_multigrid), finer.timings("linear solve"):
             coarse = _Coarse(model, finer.unknowns, equilibrium.linear)
-            converged = _FinerProblem(finer, direction, coarse, product).solve()
-            coarse.destroy()
-        model.release(equilibrium)
-        model.free_multigrid()
+            with freeing(coarse.destroy):
+                converged = _FinerProblem(finer, direction, coarse, product).solve(observer)
     return converged
 
 
@@ -176,9 +176,9 @@ class _FinerProblem:
         if self._unknowns.p is not None:
             self._signs[self._unknowns.owned_pressure_dofs] = -1.0
 
-    def solve(self) -> bool:
+    def solve(self, observer: Observer) -> bool:
         """Add the solution to the state, if the iterations converge; return whether they did."""
-        x = self._solution()
+        x = self._solution(observer)
         state = self._unknowns.state.x
         state.array[:] = self._at
         if x is not None:
@@ -196,7 +196,7 @@ class _FinerProblem:
         # A ratio that is not a number does not count: the iterations find out.
         return bool(np.count_nonzero(ratios > _STIFFEST) > 0.1 * len(ratios))
 
-    def _solution(self) -> Singles | None:
+    def _solution(self, observer: Observer) -> Singles | None:
         """Return ``K⁻¹ R`` at the owned unknowns; ``None`` if iterations do not find it."""
         if self._is_too_stiff():
             return None
@@ -209,6 +209,7 @@ class _FinerProblem:
         # The products are orthonormal; those of K and the directions are their combinations, columns of `triangle`.
         triangle, shares = np.zeros((count, count)), np.zeros(count)
         for k in range(count):
+            stop_if_asked(self._comm, observer)
             is_smoothing = k % (_SMOOTHING + 1) < _SMOOTHING
             direction = self._scale * self._signs * r if is_smoothing else self._coarse.solve(r / self._scale)
             if not is_smoothing:

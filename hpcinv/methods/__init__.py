@@ -6,8 +6,7 @@ from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.methods.method import Method, Start
 from hpcinv.methods.updates import UPDATES
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.observer import SILENT, Observer, SolvedDirection, SolveEvent
+from hpcinv.solver.observer import SILENT, Observer, SolvedDirection, SolveEvent, is_stop_asked
 from hpcinv.solver.problem import Model
 
 
@@ -38,7 +37,7 @@ def solve_direction(model: Model, direction: Direction, start: Start, observer: 
             solve, tuple(solves), method.reached, restartable, model.largest_displacement(), method.min_mesh_J()
         )
         observer.solved(event)
-        stopped = comm.allreduce(observer.stop_asked() or interrupted, op=MPI.LOR)
+        stopped = is_stop_asked(comm, observer) or interrupted
         if stopped:
             break
     equilibrium = method.equilibrium

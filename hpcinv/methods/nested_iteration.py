@@ -80,15 +80,15 @@ def solve_nested(
     Returns:
         The report, with one on the coarse solve if there was one.
     """
+    if _is_interrupted(model, observer, ()):  # what follows may take as long as the solve
+        return _not_begun(model, direction), None
     if not _is_wanted(model, direction):
         return solve_direction(model, direction, UNLOADED, observer), None
     with as_for(sum(model.body.partition.cells)):  # with the kernels of the given mesh
         guess, coarse = _coarse_solution(model, direction, observer, note)
     collect_garbage(model.body.mesh.comm)  # before the first factorization on the given mesh
     if _is_interrupted(model, observer, coarse.solves):
-        choice = model.chooser.choose(model.job.solver)
-        used = Used(choice.configuration, choice.why, None)
-        return SolvedDirection(direction, (), 0.0, used, stopped=True, can_restart=False, unused_options=None), coarse
+        return _not_begun(model, direction), coarse
     if coarse.unused:
         note(f"  not used: {coarse.unused}")
     found = solve_direction(model, direction, Start(guess=guess), observer)
@@ -96,6 +96,13 @@ def solve_nested(
     if first is not None and not first.outcome.accepted:
         coarse = replace(coarse, unused=first.outcome.text)
     return found, coarse
+
+
+def _not_begun(model: Model, direction: Direction) -> SolvedDirection:
+    """Return the report of a solution that a request to stop has ended before it began; collective."""
+    choice = model.chooser.choose(model.job.solver)
+    used = Used(choice.configuration, choice.why, None)
+    return SolvedDirection(direction, (), 0.0, used, stopped=True, can_restart=False, unused_options=None)
 
 
 def _is_wanted(model: Model, direction: Direction) -> bool:

@@ -30,26 +30,44 @@ class Frame:
         motions[:, :, 3:] = np.stack([np.cross(axis, r) for axis in np.eye(3)], axis=2)
         return motions
 
+    def moved(self, points: Floats, motion: Floats) -> Floats:
+        """Return displacements (n, 3) of ``points`` (n, 3) by a ``motion`` (6,)."""
+        displacements: Floats = motion[:3] + np.cross(motion[3:], (points - self.centre) / self.size)
+        return displacements
 
-def free_motions(constraints: Floats, stiffness: Floats | None = None) -> Floats:
-    """Return a basis (6, k) of the motions that do no work on supports.
+
+def free_motions(constraints: Floats) -> Floats:
+    """Return a basis (m, k) of the motions that do no work on supports.
 
     Args:
-        constraints: rows (n, 6), a prescribed displacement component for each of the six motions.
-        stiffness: stiffness (6, 6) of springs.
+        constraints: rows (n, m), a prescribed displacement component for each of m motions, such as the six.
     """
-    _, singular, rows = np.linalg.svd(np.vstack([constraints, np.zeros((6, 6))]))
+    count = constraints.shape[1]
+    _, singular, rows = np.linalg.svd(np.vstack([constraints, np.zeros((count, count))]), full_matrices=False)
     held = singular > _FREE * max(singular[0], np.finfo(float).tiny)
     free: Floats = rows[~held].T
-    if stiffness is not None and free.size:
-        stiffest = np.abs(np.linalg.eigvalsh(stiffness)).max()
-        values, vectors = np.linalg.eigh(free.T @ stiffness @ free)
-        free = free @ vectors[:, np.abs(values) <= _SOFT * stiffest]
     return free
 
 
-def names(free: Floats, frame: Frame, length: float) -> list[str]:
-    """Return descriptions of the motions of a basis (6, k), for a frame with the length unit ``length`` (m)."""
+def largest_stiffness(stiffness: Floats) -> float:
+    """Return the largest stiffness of springs against one of the motions of a matrix (m, m)."""
+    return float(np.abs(np.linalg.eigvalsh(stiffness)).max(initial=0.0))
+
+
+def without_springs(free: Floats, stiffness: Floats, stiffest: float) -> Floats:
+    """Return a basis (m, l) of those motions of a basis (m, k) that do no work on springs.
+
+    Args:
+        stiffness: stiffness (m, m) of the springs.
+        stiffest: the largest stiffness that they have against any motion of the whole body.
+    """
+    values, vectors = np.linalg.eigh(free.T @ stiffness @ free)
+    soft: Floats = free @ vectors[:, np.abs(values) <= _SOFT * stiffest]
+    return soft
+
+
+def names(free: Floats, frame: Frame, length: float, unit: str = "m") -> list[str]:
+    """Return descriptions of the motions of a basis (6, k), for a frame in lengths of ``length`` times ``unit``."""
     if free.shape[1] == 6:
         return ["move and turn in every way"]
     slides, turns = [], []
@@ -63,7 +81,7 @@ def names(free: Floats, frame: Frame, length: float) -> list[str]:
         point = frame.centre + np.cross(w, t) / (w @ w)
         point = (point - (point @ axis) * axis) * length
         point[np.abs(point) < 1e-9 * length * (frame.size + np.abs(frame.centre).max())] = 0.0
-        about = f"about the axis through {_triple(point)} m along {_direction(w)}"
+        about = f"about the axis through {_triple(point)} {unit} along {_direction(w)}"
         is_screw = abs(t @ axis) > 1e-6
         turns.append(f"screw {about}" if is_screw else f"turn {about}")
     return [*([f"move along {' and '.join(slides)}"] if slides else []), *turns]

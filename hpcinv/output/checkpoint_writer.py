@@ -3,8 +3,10 @@
 import time
 from collections.abc import Sequence
 
+from dolfinx.fem import Function
+
 from hpcinv.errors import OutputError
-from hpcinv.output.checkpoint import Checkpoints, Position, named
+from hpcinv.output.checkpoint import Checkpoints, Position, Restart, named
 from hpcinv.output.run_store import RunStore
 from hpcinv.results.solution import Solution
 from hpcinv.solver.newton import Solve
@@ -13,17 +15,34 @@ from hpcinv.solver.problem import Model
 
 
 class CheckpointWriter(Observer):
-    """Writes checkpoints at the intervals of the job, and of the last state before a run stops."""
+    """Writes checkpoints at the intervals of the job, and of the last state before a run stops.
 
-    def __init__(self, checkpoints: Checkpoints | None, store: RunStore, model: Model) -> None:
+    Args:
+        restart: the checkpoint from which the run was resumed.
+    """
+
+    def __init__(
+        self, checkpoints: Checkpoints | None, store: RunStore, model: Model, restart: Restart | None = None
+    ) -> None:
         self._checkpoints, self._store, self._model = checkpoints, store, model
         self._settings, self._comm = model.job.checkpoint, model.body.mesh.comm
         self._finished: list[Solution] = []
         self._steps, self._last = 0, time.monotonic()  # since the last checkpoint
+        self._saved = None if restart is None else restart.position
 
     def finished(self, solution: Solution) -> None:
         """Add the solution of a finished direction to all later checkpoints."""
         self._finished.append(solution)
+
+    @property
+    def can_save(self) -> bool:
+        """True if the run has checkpoints: without them, what a stopped run has solved would be lost."""
+        return self._checkpoints is not None
+
+    def save_finished(self) -> None:
+        """Save the solutions of all finished directions, unless that is the last checkpoint; collective."""
+        *earlier, last = self._finished
+        self._save(earlier, last.load, last.solves, (last.displacement, last.pressure))
 
     def solved(self, event: SolveEvent) -> None:
         self._steps += event.can_restart
@@ -40,17 +59,25 @@ class CheckpointWriter(Observer):
         return not least or bool(self._comm.bcast(time.monotonic() - self._last >= least))
 
     def _write(self, load: float, solves: Sequence[Solve]) -> None:
+        self._save(self._finished, load, solves, self._model.solution())
+
+    def _save(
+        self, earlier: Sequence[Solution], load: float, solves: Sequence[Solve], last: tuple[Function, Function | None]
+    ) -> None:
+        """Write a checkpoint of solutions, and of the ``last`` state (m, Pa), in the direction after theirs."""
         self._steps, self._last = 0, time.monotonic()
         if self._checkpoints is None:
             return
+        position = Position(len(earlier), load, (*(solution.solves for solution in earlier), tuple(solves)))
+        if position == self._saved:
+            return
         self._store.check_in_place()
         with self._model.timings("checkpoint"):
-            earlier = self._finished
-            position = Position(len(earlier), load, (*(solution.solves for solution in earlier), tuple(solves)))
-            solutions = [*((solution.displacement, solution.pressure) for solution in earlier), self._model.solution()]
+            solutions = [*((solution.displacement, solution.pressure) for solution in earlier), last]
             parts = [named(number, *solution) for number, solution in enumerate(solutions)]
             try:
                 self._checkpoints.write(position, {name: f for part in parts for name, f in part.items()})
             except OutputError:  # raised on some ranks only
                 self._store.check_in_place_on_this_rank()
                 raise
+        self._saved = position

@@ -3,6 +3,8 @@
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NoReturn
 
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Line, Verdict
@@ -97,9 +99,19 @@ class RunReport(Observer):
         saved = not job.accuracy and (bool(before) or found.can_restart)
         raise Interrupted(
             f"{where}; {'its state is saved' if saved else 'there was no state to save yet'}",
-            f"{'Go on with' if saved else 'Start it again with'}: "
-            f"mpirun -n {self.store.comm.size} python -m hpcinv resume {os.path.relpath(self.store.path)}",
+            self._go_on(self.store.path, "Go on with" if saved else "Start it again with"),
         )
+
+    def end_stopped(self, solutions: Sequence[Solution]) -> NoReturn:
+        """Raise ``Interrupted`` for a run that a request to stop ended after its last solve, whose state is saved."""
+        assert self.store.path is not None
+        why = "stopped by a signal"
+        line = Line("certificate", None, "", "must be complete", Verdict.UNDECIDED, why)
+        self._write(self._unfinished(solutions, line), why)
+        raise Interrupted(f"{why} in the certificate; the solution is saved", self._go_on(self.store.path))
+
+    def _go_on(self, path: Path, verb: str = "Go on with") -> str:
+        return f"{verb}: mpirun -n {self.store.comm.size} python -m hpcinv resume {os.path.relpath(path)}"
 
     def _unfinished(self, solutions: Sequence[Solution], line: Line) -> Result:
         return Result(self.job, self.model.body, tuple(solutions), Certificate((line,)))

@@ -39,6 +39,9 @@ def _load_stack() -> None:
             raise SystemPartMissing(f"{name.partition('.')[0]} cannot be imported: {exc}", INSTALLING) from None
         if name == "petsc4py.PETSc" and issubclass(module.ScalarType, complexfloating):
             raise SystemPartMissing("PETSc has complex scalars, and hpcinv needs real ones", INSTALLING)
+        # Here, since it waits for all ranks, and some may never solve. The log measures the time of linear solves.
+        if name == "petsc4py.PETSc" and not module.Log.isActive():
+            module.Log.begin()
         if name == "dolfinx" and not module.__version__.startswith(f"{DOLFINX}."):
             found = f"DOLFINx {module.__version__} is installed, and hpcinv needs {DOLFINX}"
             raise SystemPartMissing(found, INSTALLING)

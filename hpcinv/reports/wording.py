@@ -124,6 +124,8 @@ def _unfinished(summary: Mapping[str, Any], strained: str) -> Words:
         where = f"No load step{of_state} was accepted; the picture shows the body without load."
     elif line["value"] is not None:
         where = f"It carries {100 * line['value']:.4g} % of the load{of_state}; the picture shows the body there."
+    elif line["name"] == "certificate":
+        where = "The solution under the full load was found and is saved; it was not checked."
     else:
         where = ""
     after = [_sentence(part) for part in [summary.get("advice") or ""] if part]

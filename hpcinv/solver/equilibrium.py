@@ -12,11 +12,10 @@ from petsc4py import PETSc
 from hpcinv.assembly.system import System
 from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.mip_newton import ExtrapolatedStress
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
-from hpcinv.solver.observer import SILENT, Observer
+from hpcinv.solver.observer import SILENT, Observer, is_stop_asked
 from hpcinv.solver.petsc_options import SolverOptions
 from hpcinv.solver.predictor import Increment, Prediction, Predictor
 
@@ -207,7 +206,7 @@ class Equilibrium:
 
     def interrupted(self) -> bool:
         """Return whether any rank is asked to stop; collective."""
-        return bool(self.system.comm.allreduce(self.observer.stop_asked(), op=MPI.LOR))
+        return is_stop_asked(self.system.comm, self.observer)
 
     def destroy(self) -> None:
         for part in (self.snes, self._x, self._before, self.predictor, self.linear, self.system):
@@ -308,7 +307,5 @@ class Equilibrium:
 
 
 def _linear_solve_seconds() -> float:
-    """Return the seconds of all linear solves on this rank, from the log of PETSc."""
-    if not PETSc.Log.isActive():
-        PETSc.Log.begin()
+    """Return the seconds of all linear solves on this rank, from the log of PETSc, which `runtime` has begun."""
     return float(PETSc.Log.Event("KSPSolve").getPerfInfo()["time"])

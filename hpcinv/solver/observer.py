@@ -1,9 +1,13 @@
 """Observers of the solves of a run: the interface of progress, checkpoints, reports and requests to stop."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
+
 from hpcinv.effects import Direction
+from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import NewtonIteration, Solve
 
@@ -65,11 +69,47 @@ class Observer:
         """Called when the solution in one direction has ended; collective."""
 
     def stop_asked(self) -> bool:
-        """Return whether this rank asks to stop; called before each Newton iteration and after each solve."""
+        """Return whether this rank asks to stop.
+
+        Called before each Newton iteration, after each solve, and between and within the checks of the certificate.
+        """
         return False
 
 
 SILENT = Observer()
+
+
+class Stopped(Exception):
+    """A request to stop has ended work other than a solve, on all ranks at the same place."""
+
+
+@contextmanager
+def freeing(*free: Callable[[], object]) -> Iterator[None]:
+    """Context after which functions are called, also if a request to stop ends it; collective.
+
+    They are not called after other errors: freeing is collective, and these may be on one rank alone.
+    """
+    try:
+        yield
+    except Stopped:
+        for one in free:
+            one()
+        raise
+    for one in free:
+        one()
+
+
+def is_stop_asked(comm: MPI.Intracomm, observer: Observer) -> bool:
+    """Return whether some rank asks to stop; collective."""
+    asked = np.array([observer.stop_asked()])
+    comm.Allreduce(MPI.IN_PLACE, asked, op=MPI.LOR)
+    return bool(asked[0])
+
+
+def stop_if_asked(comm: MPI.Intracomm, observer: Observer) -> None:
+    """Raise ``Stopped`` on all ranks if some rank asks to stop; collective."""
+    if is_stop_asked(comm, observer):
+        raise Stopped
 
 
 class StopSignal(Observer):

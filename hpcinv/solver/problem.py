@@ -28,6 +28,7 @@ from hpcinv.parallel.timings import Timings
 from hpcinv.quantity.nondimensional import Scales, power_of_two
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.hinge_checks import check_hinges
 from hpcinv.solver.linear.selection import Chooser
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps
@@ -96,7 +97,7 @@ class Model:
                 scene.contacts.reset()
 
     def check_supports(self, system: System | None = None) -> None:
-        """Check that supports agree, hold the body and leave it its volume; collective.
+        """Check that supports agree, hold the body and all its parts, and leave it its volume; collective.
 
         Args:
             system: equations of a scene, without which it is left open whether springs hold the body.
@@ -106,10 +107,10 @@ class Model:
         """
         with self.timings("set-up"), self._naming_job():
             check_agreement(self.job, self.body, self.supports)
-            if not self._has_springs:
-                check_held(self.body, self.supports)
-            elif system is not None:
-                check_held(self.body, self.supports, system)
+            if system is not None or not self._has_springs:
+                springs = system if self._has_springs else None
+                check_held(self.body, self.supports, springs)
+                check_hinges(self.body, self.supports, self.unknowns.displacement_space, springs)
             check_not_enclosed(self.job, self.body)
         self._are_supports_checked = system is not None or not self._has_springs
 

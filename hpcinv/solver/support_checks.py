@@ -15,14 +15,15 @@ from hpcinv.job.sections import AXES
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.bounding_box import extent
-from hpcinv.mesh.cells import vertex_count
+from hpcinv.mesh.cells import sub_entities, vertex_count
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
-from hpcinv.model.rigid_motions import Frame, free_motions, names
+from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, without_springs
 from hpcinv.model.supports import Prescribed, Supports
 from hpcinv.parallel.runtime import MPI, agree, on_root
+from hpcinv.solver.spring_stiffness import stiffness_of
 
 _MOST_DESCRIBED = 3  # parts of a body in one message
 _FLAT = 1e-9  # component of a facet's normal that counts as zero
@@ -97,10 +98,12 @@ def check_held(body: Body, supports: Supports, system: System | None = None) -> 
     comm = body.mesh.comm
     count, labels = parts_of(body)
     parts = [_part(body, supports, labels, label, system is not None) for label in range(count)]
-    stiffness = _stiffness(system, labels, parts) if system is not None else [None] * count
+    stiffness = _stiffness(system, labels, parts) if system is not None else [np.zeros((6, 6))] * count
+    # Of all parts: on one that no spring holds, rounding errors would be measured by themselves.
+    stiffest = max(map(largest_stiffness, stiffness))
     faults = []
     for part, springs in zip(parts, stiffness, strict=True):
-        motions = _free(comm, supports, labels, part, springs)
+        motions = _free(comm, supports, labels, part, springs, stiffest)
         if motions.shape[1]:
             middle = ", ".join(f"{c:.4g}" for c in part.middle * body.length_scale)
             cells = f"{part.cells} cell{'' if part.cells == 1 else 's'}"
@@ -116,27 +119,37 @@ def check_held(body: Body, supports: Supports, system: System | None = None) -> 
         )
 
 
-def parts_of(body: Body) -> tuple[int, Ints]:
+def parts_of(body: Body, *, by_facets: bool = False) -> tuple[int, Ints]:
     """Return the number of parts of the body, which share no node, and the part of each local cell; collective.
 
     Connected cells of one rank are a piece; pieces of different ranks that share a node belong to one part.
     Parts are numbered in the order of the source's cells.
+
+    Args:
+        by_facets: parts that share no facet, but may share nodes.
     """
-    comm, nodes, numbers = body.mesh.comm, body.mesh.geometry.index_map(), body.mesh.topology.original_cell_index
-    cells = body.mesh.geometry.dofmaps[0][:, : vertex_count(body.source.kind)].astype(np.int64)
-    mine = connected(cells, nodes.size_local + nodes.num_ghosts)
+    comm, topology = body.mesh.comm, body.mesh.topology
+    if by_facets:
+        joints = topology.index_map(2)
+        topology.create_connectivity(3, 2)
+        cells = topology.connectivity(3, 2).array.reshape(-1, len(sub_entities(body.source.kind, 2))).astype(np.int64)
+    else:
+        joints = body.mesh.geometry.index_map()
+        cells = body.mesh.geometry.dofmaps[0][:, : vertex_count(body.source.kind)].astype(np.int64)
+    owned = joints.size_local
+    mine = connected(cells, owned + joints.num_ghosts)
     pieces = Rows.of(comm, int(mine.max(initial=-1)) + 1)
     mine += pieces.first
-    of_node = la.vector(nodes, 1, np.int64)
-    of_node.array[cells] = mine[:, None]
-    here = of_node.array[nodes.size_local :].copy()
-    of_node.scatter_forward()
-    vertices = np.unique(cells[cells >= nodes.size_local]) - nodes.size_local
-    meeting = np.unique(np.stack([here, of_node.array[nodes.size_local :]])[:, vertices], axis=1)
+    of_joint = la.vector(joints, 1, np.int64)
+    of_joint.array[cells] = mine[:, None]
+    here = of_joint.array[owned:].copy()
+    of_joint.scatter_forward()
+    shared = np.unique(cells[cells >= owned]) - owned
+    meeting = np.unique(np.stack([here, of_joint.array[owned:]])[:, shared], axis=1)
     joined = connected(np.hstack([*comm.allgather(meeting), np.tile(np.arange(pieces.total), (2, 1))]).T, pieces.total)
     part = joined[-pieces.total :]
     first = np.full(int(part.max()) + 1, np.iinfo(np.int64).max)
-    np.minimum.at(first, part[mine], numbers)
+    np.minimum.at(first, part[mine], topology.original_cell_index)
     comm.Allreduce(MPI.IN_PLACE, first, MPI.MIN)
     return len(first), np.argsort(np.argsort(first))[part[mine]]
 
@@ -162,58 +175,41 @@ def _box(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, float]:
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
 
 
-def _of_nodes(space: fem.FunctionSpace, labels: Ints) -> Ints:
-    found = np.zeros(space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts, dtype=np.int64)
+def of_nodes(space: fem.FunctionSpace, labels: Ints) -> Ints:
+    """Return the label of a cell of this rank at each node of a space; -1 at nodes of cells of other ranks only."""
+    found = np.full(space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts, -1, dtype=np.int64)
     found[space.dofmap.list] = labels[:, None]
     return found
 
 
 def _points(one: Prescribed, labels: Ints, label: int) -> Floats:
-    points: Floats = one.points[_of_nodes(one.now.function_space, labels)[one.nodes] == label]
+    points: Floats = one.points[of_nodes(one.now.function_space, labels)[one.nodes] == label]
     return points
 
 
-def _free(comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _Part, springs: Floats | None) -> Floats:
+def _free(
+    comm: MPI.Intracomm, supports: Supports, labels: Ints, part: _Part, springs: Floats, stiffest: float
+) -> Floats:
     """Return a basis (6, k) of the free rigid motions of a part; collective."""
     rows = [part.frame.motions(_points(one, labels, part.label))[:, one.axis] for one in supports.prescribed]
     # The triangle of a QR factorization constrains what its many rows do.
     triangles = comm.gather(np.linalg.qr(np.vstack([np.zeros((0, 6)), *rows]), mode="r"))
-    return on_root(comm, lambda: free_motions(np.vstack(triangles or []), springs))
+    return on_root(comm, lambda: without_springs(free_motions(np.vstack(triangles or [])), springs, stiffest))
 
 
 def _stiffness(system: System, labels: Ints, parts: list[_Part]) -> list[Floats]:
-    """Return the stiffness (6, 6) of each part against its rigid motions, which strain nothing but springs.
+    """Return the stiffness (6, 6) of each part against its rigid motions, which strain nothing but springs."""
+    space = system.scene.unknowns.displacement_space
+    points, of_node = space.tabulate_dof_coordinates(), of_nodes(space, labels)
 
-    It is computed from the forces of the unloaded scene at motions so small that they are rigid to rounding errors.
-    """
-    unknowns, state, small = system.scene.unknowns, system.state, 1e-7
-    space, owned = unknowns.displacement_space, len(system.rhs.array)
-    points, of_node = space.tabulate_dof_coordinates(), _of_nodes(space, labels)
-    by_part = [part.frame.motions(points) * (of_node == part.label)[:, None, None] for part in parts]
-    before = state.x.array.copy()
+    def field(motion: int) -> Floats:
+        moved: Floats = np.zeros_like(points)
+        for part in parts:
+            here = of_node == part.label
+            moved[here] = part.frame.moved(points[here], np.eye(6)[motion])
+        return moved
 
-    def set_motion(motion: Floats) -> Floats:
-        """Set the state to a motion and return its owned unknowns."""
-        u = fem.Function(space)
-        u.x.array[:] = motion.ravel()
-        state.x.array[:] = 0.0
-        unknowns.set_displacement(u)
-        return np.array(state.x.array[:owned])
-
-    def response(motion: Floats) -> Floats:
-        set_motion(small * motion)
-        return np.asarray(system.forces(0.0))
-
-    together = sum(by_part)
-    unmoved = response(0 * points)
-    forces = np.stack([(response(together[:, :, i]) - unmoved) / small for i in range(6)], axis=1)
-    found = []
-    for motions in by_part:
-        tests = np.stack([set_motion(motions[:, :, i]) for i in range(6)], axis=1)
-        stiffness = np.asarray(system.comm.allreduce(tests.T @ forces))
-        found.append((stiffness + stiffness.T) / 2)
-    state.x.array[:] = before
-    return found
+    return stiffness_of(system, 6, field, [of_node == part.label for part in parts])
 
 
 def check_not_enclosed(job: Job, body: Body) -> None:

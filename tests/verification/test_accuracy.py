@@ -21,6 +21,7 @@ from hpcinv.accuracy.marking import plan
 from hpcinv.accuracy.meshes import Meshes, is_straight
 from hpcinv.accuracy.trial import attempt, begin_with
 from hpcinv.certificate import Verdict
+from hpcinv.certificate.estimate import estimate
 from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body, read_source
@@ -167,6 +168,19 @@ def test_a_signal_ends_the_search(comm: MPI.Intracomm) -> None:
     asked = iter([*[False] * 8, *[True] * 1000])
     with pytest.raises(Interrupted, match="towards the accuracy demanded; nothing was saved"):
         package.run(clamped(1e-6, hexahedra=True), comm, stop_asked=lambda: next(asked))
+
+
+def test_a_signal_in_an_estimate_ends_the_search(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+
+    def stopped_estimate(*args: Any, **options: Any) -> Any:
+        asked.append(True)
+        return estimate(*args, **options)
+
+    monkeypatch.setattr("hpcinv.accuracy.trial.estimate", stopped_estimate)
+    with pytest.raises(Interrupted, match="in step 1 towards the accuracy demanded; nothing was saved"):
+        package.run(clamped(1e-6, hexahedra=True), comm, stop_asked=lambda: bool(asked))
+    assert len(asked) == 1
 
 
 @pytest.mark.parallel([1, 3])

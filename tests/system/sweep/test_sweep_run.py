@@ -48,6 +48,14 @@ def alone(sweep: Path, number: int) -> float:
 _ALONE: dict[str, float] = {}  # by the key of the case, which stands for all that its answer depends on
 
 
+def test_a_rank_without_a_case_does_not_hold_up_the_others(tmp_path: Path) -> None:
+    """In the processes of the launcher: PETSc's log, which waits for all ranks, was begun by the first solve."""
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": ["8 kPa"]}}])
+    ended = hpcinv(2, "sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert "converged: 1" in ended.stdout
+
+
 @pytest.mark.everyday("2-2")
 @pytest.mark.parametrize(("ranks", "per_case"), [(1, 1), pytest.param(2, 1, marks=pytest.mark.release), (2, 2), (3, 1)])
 def test_every_case_is_solved_once_whatever_the_ranks(ranks: int, per_case: int, tmp_path: Path) -> None:

@@ -1,0 +1,57 @@
+"""Stiffness of the springs of a scene against motions that strain nothing else."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from dolfinx import fem
+
+from hpcinv.assembly.system import System
+from hpcinv.mesh.source import Floats
+
+_SMALL = 1e-7  # size of motions that are rigid to rounding errors
+
+
+@contextmanager
+def forces_of(system: System) -> Iterator[tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]]:
+    """Context with two functions of a field (n, 3) at the nodes of the displacement; its end restores the state.
+
+    The first returns the owned unknowns of the field, the second the forces on them in the unloaded scene, per size
+    of the field; both are collective.
+    """
+    unknowns, state = system.scene.unknowns, system.state
+    before, owned = state.x.array.copy(), len(system.rhs.array)
+
+    def unknowns_of(field: Floats) -> Floats:
+        u = fem.Function(unknowns.displacement_space)
+        u.x.array[:] = field.ravel()
+        state.x.array[:] = 0.0
+        unknowns.set_displacement(u)
+        return np.array(state.x.array[:owned])
+
+    def forces(field: Floats) -> Floats:
+        unknowns_of(_SMALL * field)
+        return np.asarray(system.forces(0.0))
+
+    try:
+        unmoved = forces(np.zeros((len(unknowns.displacement_space.tabulate_dof_coordinates()), 3)))
+        yield unknowns_of, lambda field: (forces(field) - unmoved) / _SMALL
+    finally:
+        state.x.array[:] = before
+
+
+def stiffness_of(system: System, count: int, field: Callable[[int], Floats], parts: Sequence[Floats]) -> list[Floats]:
+    """Return the stiffness (k, k) of each of some parts, which share no node, against ``count`` motions; collective.
+
+    Args:
+        field: a motion by its number, at all nodes (n, 3) of the displacement.
+        parts: the nodes (n,) of each part, as a mask.
+    """
+    with forces_of(system) as (unknowns_of, forces):
+        moved = np.stack([forces(field(i)) for i in range(count)], axis=1)
+        found = []
+        for part in parts:
+            tests = np.stack([unknowns_of(field(i) * part[:, None]) for i in range(count)], axis=1)
+            stiffness = np.asarray(system.comm.allreduce(tests.T @ moved))
+            found.append((stiffness + stiffness.T) / 2)
+    return found

@@ -1,0 +1,172 @@
+"""Signals to real runs between mesh and first iteration, and within the certificate: nothing solved is lost."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.command_line import BLOCK, hpcinv, write_job
+from helpers.sweeps import records_of, write_sweep
+
+# One rank sends itself a signal when a function of hpcinv is called, before or after its work.
+SENDING = """
+import importlib, os, runpy, signal, sys
+
+where, when, rank = {where!r}, {when!r}, {rank}
+
+def send():
+    from mpi4py import MPI
+    if MPI.COMM_WORLD.rank == rank:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+class Finder:
+    def find_spec(self, name, path, target=None):
+        if name != where.rpartition(".")[0]:
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(name)
+        execute = spec.loader.exec_module
+
+        def exec_module(module):
+            execute(module)
+            function = getattr(module, where.rpartition(".")[2])
+
+            def sending(*args, **options):
+                if when == "before":
+                    send()
+                found = function(*args, **options)
+                if when == "after":
+                    send()
+                return found
+
+            setattr(module, function.__name__, sending)
+
+        spec.loader.exec_module = exec_module
+        return spec
+
+import importlib.util
+sys.meta_path.insert(0, Finder())
+runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
+"""
+# A solve of the job, rather than of its certificate, is an error.
+NEVER_SOLVING = """
+import runpy
+import hpcinv.parallel.runtime
+import hpcinv.methods.direct
+
+def reach(*_, load, **__):
+    assert load == 1.0
+    return []
+
+hpcinv.methods.direct.reach = reach
+runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
+"""
+CERTIFIED: dict[str, Any] = {"certificate": {}, "checkpoint": {"every": 100}}
+
+
+def sending(directory: Path, where: str, *, when: str = "before", rank: int = 1) -> Path:
+    """A script that runs hpcinv, in which a rank gets SIGTERM at a call of a function."""
+    script = directory / "sends.py"
+    script.write_text(SENDING.format(where=where, when=when, rank=rank))
+    return script
+
+
+def summary(run: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((run / "summary.json").read_text())
+    return found
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Summary of a run that nothing interrupts."""
+    place = tmp_path_factory.mktemp("whole")
+    done = hpcinv(2, "run", write_job(place / "job.yaml", BLOCK, **CERTIFIED), "--output", "run", cwd=place)
+    assert done.returncode == 0, done.stderr
+    return summary(place / "run")
+
+
+CHECKS = ["equilibrium_residual", "estimate", "self_overlap", "round_trip", "stability", "ineffective_loads"]
+
+
+@pytest.mark.everyday("estimate", "stability")
+@pytest.mark.parametrize("check", CHECKS)
+def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_again(
+    check: str, whole: dict[str, Any], tmp_path: Path
+) -> None:
+    """The signal comes while the check before, or this one, is made."""
+    job = write_job(tmp_path / "job.yaml", BLOCK, **CERTIFIED)
+    script = sending(tmp_path, f"hpcinv.certificate.certify.{check}")
+    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
+    run = tmp_path / "run"
+    if check == "ineffective_loads":  # the last one: a complete certificate is kept
+        assert stopped.returncode == 0, stopped.stderr
+        return
+    assert stopped.returncode == 75, stopped.stderr
+    assert stopped.stderr.count("stopped by a signal in the certificate; the solution is saved") == 1
+    assert "Traceback" not in stopped.stderr
+    assert summary(run)["status"] == "stopped by a signal"
+    assert not list(run.glob("**/.*partial*"))
+    assert [p.name for p in sorted((run / "checkpoints").iterdir())] == ["0001"]
+    done = hpcinv(3, "resume", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("  load ") == 0
+    found = summary(run)
+    assert found["status"] == "converged"
+    assert found["solutions"][0]["factorizations"] == whole["solutions"][0]["factorizations"]
+    assert found["quantities"]["top"] == pytest.approx(whole["quantities"]["top"], rel=1e-9)
+    lines = [[(line["name"], line["verdict"]) for line in s["certificate"]["lines"]] for s in (found, whole)]
+    assert lines[0] == lines[1]
+    assert len([*(run / "checkpoints").iterdir()]) == 1
+
+
+def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", BLOCK, analysis="round_trip", **CERTIFIED)
+    script = sending(tmp_path, "hpcinv.certificate.certify.self_overlap")
+    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
+    assert stopped.returncode == 75, stopped.stderr
+    done = hpcinv(1, "resume", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("  load ") == 0
+    assert [one["direction"] for one in summary(tmp_path / "run")["solutions"]] == ["inverse", "forward"]
+
+
+def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_again(tmp_path: Path) -> None:
+    sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}], job={**BLOCK, **CERTIFIED})
+    script = sending(tmp_path, "hpcinv.certificate.certify.self_overlap")
+    alone = ["--no-isolation", "--ranks-per-case", "2"]
+    stopped = hpcinv(2, "sweep", "run", sweep, *alone, cwd=tmp_path, script=script)
+    assert stopped.returncode == 75, stopped.stdout + stopped.stderr
+    assert [*records_of(sweep).values()] == [None]
+    (run,) = [path.parent for path in tmp_path.glob("**/checkpoints")]
+    assert summary(run)["status"] == "stopped by a signal"
+    script.write_text(NEVER_SOLVING)
+    done = hpcinv(2, "sweep", "run", sweep, *alone, cwd=tmp_path, script=script)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (record,) = records_of(sweep).values()
+    assert record is not None
+    assert record.converged
+
+
+@pytest.mark.parametrize("where", ["hpcinv.preparation.check_points", "hpcinv.mesh.body.build_regions"])
+def test_a_signal_before_there_is_a_directory_leaves_none(where: str, tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", BLOCK)
+    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=sending(tmp_path, where))
+    assert stopped.returncode == 75, stopped.stderr
+    assert stopped.stderr.count("stopped by a signal before there was anything to save") == 1
+    assert "Traceback" not in stopped.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_signal_before_the_solve_leaves_a_run_that_begins_again(tmp_path: Path) -> None:
+    job = write_job(tmp_path / "job.yaml", BLOCK)
+    script = sending(tmp_path, "hpcinv.driver.totals_of")
+    stopped = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script)
+    assert stopped.returncode == 75, stopped.stderr
+    assert stopped.stderr.count("at load factor 0; there was no state to save yet") == 1
+    found = summary(tmp_path / "run")
+    assert found["status"] == "stopped by a signal"
+    done = hpcinv(2, "resume", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert summary(tmp_path / "run")["status"] == "converged"
