@@ -257,7 +257,7 @@ def test_by_default_it_is_taken_where_it_is_forecast_to_pay(
 ) -> None:
     assert hpcinv.run(bar(), comm).solutions[0].coarse is None  # the body is small
     monkeypatch.setattr(selection, "_WORTH_NESTED", 0.0)
-    assert hpcinv.run(bar(), comm).solutions[0].coarse is None  # its factors in double precision are not kept
+    assert hpcinv.run(bar(), comm).solutions[0].coarse is None  # cells twice as large are too coarse
     monkeypatch.setattr(selection, "SINGLE", 0.0)
     assert strategies(hpcinv.run(bar(), comm)) == [NESTED]
     assert strategies(hpcinv.run(bar(strategy="fixed", steps=4), comm)) == ["load steps"] * 4

@@ -120,10 +120,11 @@ class Chooser:
     def is_nested_iteration_worth(self, solver: Solver, direction: Direction) -> bool:
         """Return whether the solution on coarser cells clearly saves time, as on large slender bodies that turn far.
 
-        From there one factorization is left only if it can be kept, in single precision.
+        On a smaller body than those of factors in single precision, cells twice as large are too coarse: the solution
+        there is so far from the one sought that several factorizations are left.
         """
-        choice = self.choose(solver)
-        if not self._is_slender or (choice.configuration, choice.precision) != ("direct", "single"):
+        is_large = self._is_slender and self.forecast.operations >= SINGLE
+        if not is_large or self._choose(solver).configuration != "direct":
             return False
         return self.forecast.nested_gain(_TANGENTS[direction], self._ranks) >= _WORTH_NESTED
 

@@ -159,7 +159,7 @@ def test_minimum_fill_is_for_few_ranks(comm: MPI.Intracomm) -> None:
         (Shape(cut=431, aspect=24), 125_000, {"inverse", "forward"}),
         (Shape(cut=195, aspect=24), 38_000, {"inverse", "forward"}),
         (Shape(cut=155, aspect=24), 27_000, {"forward"}),
-        (Shape(cut=130, aspect=24), 20_000, set()),  # factors in double precision are not kept
+        (Shape(cut=130, aspect=24), 20_000, set()),  # cells twice as large are too coarse
         (Shape(cut=3_000, aspect=1), 125_000, set()),  # one factorization is enough anyway
     ],
 )
@@ -177,7 +177,6 @@ def test_nested_iteration_is_taken_where_it_clearly_pays(
     found = {direction for direction in directions if chooser.is_nested_iteration_worth(Solver(), direction)}
     assert found == expected
     assert not chooser.is_nested_iteration_worth(Solver(linear="iterative"), "forward")
-    assert not chooser.is_nested_iteration_worth(Solver(petsc={"pc_precision": "double"}), "forward")
     chooser._ranks = 1000  # the coarser mesh is made on one
     assert not chooser.is_nested_iteration_worth(Solver(), "forward")
 
