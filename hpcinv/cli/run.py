@@ -13,6 +13,7 @@ from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 from hpcinv.job.settings import LEVELS
 from hpcinv.output.run_directory import RunDirectory, choose
+from hpcinv.parallel.garbage import imports_spared
 from hpcinv.parallel.signals import end_on_interrupt
 
 
@@ -135,7 +136,8 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
                     progress.warn("settings that differ from those of its job.yaml were not used; 'run' uses them")
                 return verdict.exit_code(strict=options.strict)
 
-            from hpcinv.driver import run
+            with imports_spared():
+                from hpcinv.driver import run
 
             result = run(
                 job,

@@ -13,12 +13,11 @@ another user could have written are not loaded.
 """
 
 import ctypes
-import gc
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from contextvars import ContextVar
 from itertools import islice
 from pathlib import Path
@@ -38,6 +37,7 @@ from dolfinx import cpp, fem
 from dolfinx.jit import get_options
 
 from hpcinv.errors import OutputError
+from hpcinv.parallel.garbage import paused
 from hpcinv.parallel.kernel_compiler import DECLARATIONS, NotCompiled, compile_kernel, interface_code
 from hpcinv.parallel.kernel_files import (
     NotWritten,
@@ -197,18 +197,6 @@ def _load_objects(directory: Path, name: str, objects: Sequence[str]) -> tuple[A
     return _load(path, objects, Path(directory))
 
 
-@contextmanager
-def _no_garbage_collection() -> Iterator[None]:
-    """Context without searches for cyclic garbage, which take an eighth of the time of a new kernel."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
-
-
 def _compile_objects(
     _declarations: str,
     forms: Any,
@@ -220,24 +208,34 @@ def _compile_objects(
     *_cffi: Any,
     visualise: bool = False,
 ) -> str:
-    """Compile a kernel in a private directory and publish it, unless another process has done so."""
-    if _leaves_compilation.get():
-        raise _Missing
-    directory = Path(directory)
-    with locked(directory, name):
-        if _find(name, directory) is not None:
-            return ""
-        with private_directory() as private, _no_garbage_collection():
+    """Compile a kernel unless another process has done so."""
+
+    def code() -> str:
+        with paused():  # searches take an eighth of the time
             (_, code), _suffixes = ffcx.compiler.compile_ufl_objects(
                 forms, namespace=name, options=options, visualise=visualise
             )
+        return str(code)
+
+    return _publish(code, name, flags, Path(directory))
+
+
+def _publish(code: Callable[[], str], name: str, flags: Sequence[str], directory: Path) -> str:
+    """Compile C code in a private directory and publish it, unless another process has done so; return the code."""
+    if _leaves_compilation.get():
+        raise _Missing
+    with locked(directory, name):
+        if _find(name, directory) is not None:
+            return ""
+        with private_directory() as private:
+            written = code()
             try:
-                made = compile_kernel(code, name, flags, private)
+                made = compile_kernel(written, name, flags, private)
             except (NotCompiled, OSError):
                 check_room(private)
                 raise
             publish(directory / f"{name}.so", made)
-        return str(code)
+        return written
 
 
 _jit_here: Callable[..., Any] = dolfinx.jit.ffcx_jit.__wrapped__
@@ -251,12 +249,17 @@ _leaves_compilation = ContextVar("_leaves_compilation", default=False)
 
 
 def _jit(comm: MPI.Intracomm, *arguments: Any, **further: Any) -> Any:
-    """Load on all ranks what rank 0 compiles where it is not there, and let processors of waiting ranks free."""
+    """Load on all ranks what rank 0 compiles where it is not there."""
+    return _once(comm, lambda: _jit_here(*arguments, **further))
+
+
+def _once(comm: MPI.Intracomm, load: Callable[[], Any]) -> Any:
+    """Compile on rank 0 what ``load`` does not find, load it on all ranks, and let processors of waiting ranks free."""
 
     def attempt(*, leaves_compilation: bool) -> tuple[Any, str]:
         token = _leaves_compilation.set(leaves_compilation)
         try:
-            return _jit_here(*arguments, **further), ""
+            return load(), ""
         except _Missing:
             return None, ""
         except Exception as error:  # anything that FFCx, CFFI or the compiler raises
@@ -273,6 +276,23 @@ def _jit(comm: MPI.Intracomm, *arguments: Any, **further: Any) -> Any:
     if faults := [f"rank {rank}: {one}" for rank, one in enumerate(comm.allgather(fault)) if one]:
         raise RuntimeError(f"JIT cache load failed on {faults[0]}")
     return compiled
+
+
+def compile_library(comm: MPI.Intracomm, code: str, directory: Path = DIRECTORY) -> ctypes.CDLL:
+    """Return the functions of C code, compiled unless that was done before; collective."""
+    flags = [*FLAGS, "-O3", *_environment()]
+    name = f"hpcinv_{hashlib.sha1(f'{code}{flags}'.encode()).hexdigest()}"
+
+    def load() -> ctypes.CDLL:
+        if _find(name, directory) is None:
+            NOT_FOUND.append(name)
+            _publish(lambda: code, name, flags, directory)
+        if (path := _find(name, directory)) is None:
+            raise ModuleNotFoundError(f"{name} was removed from {directory} after its compilation")
+        return ctypes.CDLL(str(path))
+
+    library: ctypes.CDLL = _once(comm, load)
+    return library
 
 
 class KernelExpression(fem.Expression):  # type: ignore[misc]  # without types
