@@ -1,15 +1,16 @@
 """Products of the volume part of a tangent with vectors, without its matrix.
 
 The moduli are evaluated once, at quadrature points of the residual or of the vectors; from the former they are extended
-to the latter by polynomials. A product then takes the gradients of the vector at the points, the duals of these by the
-moduli, and the integrals of the duals times the basis functions: two products of matrices in BLAS and one sum over the
-points, in single precision. The spaces of the vectors may have another degree than those of the state at which the
-moduli are evaluated, and their mesh another geometry, with the same cells on the same ranks.
+to the latter by polynomials, in each product where these are few. A product takes the gradients of the vector at the
+points, the duals of these by the moduli, and the integrals of the duals times the basis functions, in C and in single
+precision (``tangent_product.c``). The spaces of the vectors may have another degree than those of the state at which
+the moduli are evaluated, and their mesh another geometry, with the same cells on the same ranks.
 """
 
+import ctypes
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -21,27 +22,15 @@ from hpcinv.assembly.moduli import Slot
 from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
+from hpcinv.parallel.jit import compile_library
 
 type Singles = npt.NDArray[np.float32]
-type Places = dict[Slot, slice]
 
-_CHUNK = 2**15  # quadrature points at a time, whose gradients and duals fit in the cache of a core
-_FEW = 128  # cells at a time whose moduli are evaluated, which fit there too
-
-
-@dataclass(frozen=True)
-class _Cells:
-    """Some cells, with what does not change between products.
-
-    Attributes:
-        cells: their numbers.
-        dofs: unknowns of displacement and pressure, (components, cells, nodes) each.
-        moduli: (entries of all duals, entries of all gradients, points), times the weights.
-    """
-
-    cells: Integers
-    dofs: list[npt.NDArray[np.intp]]
-    moduli: Singles
+_CODE = Path(__file__).with_suffix(".c")
+_LANES = 8  # cells of a group, as in the code
+_CHUNK = 16  # groups at a time whose moduli are evaluated, which fit in the cache of a core
+_FEW = 8  # points of given moduli, from which to extend them in each product takes less time than to read all
+_GRADIENT = Slot(0, 3, is_gradient=True)
 
 
 class TangentProduct:
@@ -58,27 +47,17 @@ class TangentProduct:
         dofmap = unknowns.space.dofmap
         self._x, self._y = (la.vector(dofmap.index_map, dofmap.index_map_bs, dtype=np.float32) for _ in range(2))
         self._owned = dofmap.index_map.size_local * dofmap.index_map_bs
-        dofs = unknowns.dofs_of_cells()
-        owned = np.arange(given.mesh.topology.index_map(3).size_local, dtype=np.int32)
         points, weights = quadrature(given.mesh.basix_cell().name, degree)
-        tables = [tabulated(element, points).astype(np.float32) for element in unknowns.scalar_elements]
-        self._parts = []
-        for one in moduli:
-            extended = (extension(given.mesh.basix_cell().name, one.points, points) * weights[:, None]).T
-            cells = owned if one.cells is None else one.cells
-            chunks = np.array_split(cells, 1 + len(cells) * len(points) // _CHUNK)
-            places = _places(test for test, _ in one.pairs), _places(trial for _, trial in one.pairs)
-            evaluated = [_evaluated(one, places, given, dofs, chunk, extended) for chunk in chunks]
-            self._parts.append((places, tables, evaluated))
+        nodes = _Nodes(unknowns, points, weights)
+        self._parts = [_Part(one, given, nodes) for one in moduli]
 
     def __call__(self, x: Singles) -> Singles:
         """Return ``K x``, both at the owned unknowns."""
         self._x.array[: self._owned] = x
         self._x.scatter_forward()
         self._y.array[:] = 0.0
-        for places, tables, chunks in self._parts:
-            for cells in chunks:
-                self._add(*places, tables, cells)
+        for part in self._parts:
+            part.add_product(self._x.array, self._y.array)
         self._y.scatter_reverse(la.InsertMode.add)
         return np.array(self._y.array[: self._owned])
 
@@ -88,33 +67,131 @@ class TangentProduct:
         That is the sum over the nodes of ``‖K_ii‖/√3`` (Frobenius), with the 3 × 3 block of the cell's part of K at
         node i. It does not depend on how reference and current body are turned.
         """
-        gradient = Slot(0, 3, is_gradient=True)
-        step = math.ceil(sum(len(one.cells) for *_, chunks in self._parts for one in chunks) / most)
+        step = math.ceil(sum(len(part.cells) for part in self._parts) / most)
         found, values = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.float32)]
-        for (tests, trials), tables, chunks in self._parts:
-            if gradient not in tests or gradient not in trials:
-                continue
-            table = tables[0][directions_of(gradient)]
-            products = np.einsum("aqi,bqi->abqi", table, table)
-            for one in chunks:
-                moduli = one.moduli[tests[gradient], trials[gradient]]
-                some = moduli.reshape(3, 3, 3, 3, -1, table.shape[1])[..., ::step, :]
-                blocks = np.einsum("cadbnq,abqi->nicd", some, products, optimize=True)
-                found.append(one.cells[::step])
-                values.append(np.linalg.norm(blocks, axis=(2, 3)).sum(axis=1) / math.sqrt(3))
+        for part in self._parts:
+            if part.has_gradients:
+                found.append(part.cells[::step])
+                values.append(part.stiffness(step))
         return np.concatenate(found), np.concatenate(values)
 
-    def _add(self, tests: Places, trials: Places, tables: list[Singles], cells: _Cells) -> None:
-        at_nodes = [self._x.array[dofs] for dofs in cells.dofs]
-        gradients = np.empty(cells.moduli.shape[1:], dtype=np.float32)
-        for slot, rows in trials.items():
-            _at_points(at_nodes[slot.part], tables[slot.part][directions_of(slot)], gradients[rows])
-        duals = np.einsum("ijp,jp->ip", cells.moduli, gradients)
-        for slot, rows in tests.items():
-            table, dofs = tables[slot.part][directions_of(slot)], cells.dofs[slot.part]
-            by_direction = duals[rows].reshape(slot.components, len(table), -1, table.shape[1])
-            integrals = sum(by_direction[:, d] @ table[d] for d in range(len(table)))
-            np.add.at(self._y.array, dofs.ravel(), np.ravel(integrals))
+
+class _Nodes:
+    """Unknowns of the owned cells in vectors, and basis functions at quadrature points.
+
+    Attributes:
+        points, weights: quadrature rule on the reference cell.
+        places: local numbers of the unknowns, (cells, unknowns of a cell), ordered by part, component and node.
+        firsts: numbers of the first displacement and the first pressure of a cell.
+        tables: values and derivatives of the functions of displacement and pressure, (points, 4, functions).
+    """
+
+    def __init__(self, unknowns: Unknowns, points: Floats, weights: Floats) -> None:
+        self.points, self.weights = points, weights
+        owned = unknowns.mesh.topology.index_map(3).size_local
+        parts = [dofs[:owned].transpose(0, 2, 1).reshape(owned, -1) for dofs in unknowns.dofs_of_cells()]
+        self.places = np.concatenate(parts, axis=1)
+        self.firsts = 0, parts[0].shape[1]
+        self.tables = [tabulated(element, points).transpose(1, 0, 2) for element in unknowns.scalar_elements]
+
+
+class _Part:
+    """What one set of moduli adds to products.
+
+    Attributes:
+        cells: owned cells that have these moduli.
+    """
+
+    def __init__(self, moduli: CompiledModuli, given: Unknowns, nodes: _Nodes) -> None:
+        self.cells = np.arange(len(nodes.places), dtype=np.int32) if moduli.cells is None else moduli.cells
+        groups = -(-len(self.cells) // _LANES)
+        lanes = np.resize(self.cells, groups * _LANES)  # the last group may have the first cells again
+        self._tests, self._trials = (_entries(slots) for slots in zip(*moduli.pairs, strict=True))
+        self._gradients = nodes.tables[0][:, directions_of(_GRADIENT)]
+        extended = extension(given.mesh.basix_cell().name, moduli.points, nodes.points)
+        are_given = len(moduli.points) > _FEW or np.array_equal(moduli.points, nodes.points)
+        shares = (np.eye(len(nodes.points)) if are_given else extended) * nodes.weights[:, None]
+        tables = {slot: nodes.tables[slot.part][:, directions_of(slot)] for slot in {**self._tests, **self._trials}}
+        places = nodes.places[lanes].reshape(groups, _LANES, nodes.places.shape[1])
+        self._shares, self._tables = (
+            _singles(shares),
+            _singles(np.concatenate([one.ravel() for one in tables.values()])),
+        )
+        self._places = np.ascontiguousarray(places.transpose(0, 2, 1), dtype=np.int32)
+        self._moduli = self._evaluated(moduli, given, lanes, extended if are_given else np.eye(len(moduli.points)))
+        self._moduli[-1:, ..., _LANES - (len(lanes) - len(self.cells)) :] = 0.0
+        constants = {
+            "POINTS": len(nodes.points),
+            "GIVEN": self._moduli.shape[1],
+            "ARE_POINTS_GIVEN": int(are_given),
+            "UNKNOWNS": places.shape[2],
+            "ROWS": self._moduli.shape[2],
+            "COLUMNS": self._moduli.shape[3],
+            "TESTS": _initializer(self._tests, tables, nodes.firsts),
+            "TRIALS": _initializer(self._trials, tables, nodes.firsts),
+        }
+        definitions = "".join(f"#define {name} {value}\n" for name, value in constants.items())
+        self._code = compile_library(given.mesh.comm, definitions + _CODE.read_text())
+
+    def add_product(self, x: Singles, y: Singles) -> None:
+        """Add the product with ``x`` to ``y``, both at the local unknowns."""
+        arrays = self._moduli, self._shares, self._tables, self._places, x, y
+        self._code.multiply(ctypes.c_int64(len(self._moduli)), *(ctypes.c_void_p(one.ctypes.data) for one in arrays))
+
+    @property
+    def has_gradients(self) -> bool:
+        """True if displacement gradients have moduli by themselves."""
+        return _GRADIENT in self._tests and _GRADIENT in self._trials
+
+    def stiffness(self, step: int) -> Singles:
+        """Return the stiffness of each ``step``-th cell."""
+        group, lane = np.divmod(np.arange(0, len(self.cells), step), _LANES)
+        moduli = self._moduli[:, :, self._tests[_GRADIENT], self._trials[_GRADIENT]][group, ..., lane]
+        products = np.einsum("qai,qbi->qabi", self._gradients, self._gradients)
+        shares = np.einsum("qg,qabi->gabi", self._shares, products)
+        of_cells = moduli.reshape(len(group), -1, 3, 3, 3, 3)
+        blocks = np.einsum("ngcadb,gabi->nicd", of_cells, shares, optimize=True)
+        found: Singles = np.linalg.norm(blocks, axis=(2, 3)).sum(axis=1) / math.sqrt(3)
+        return found
+
+    def _evaluated(self, moduli: CompiledModuli, given: Unknowns, lanes: Integers, extended: Floats) -> Singles:
+        """Return moduli of all groups, (groups, points, all tests, all trials, lanes)."""
+        rows, columns = (max(place.stop for place in of.values()) for of in (self._tests, self._trials))
+        groups = len(lanes) // _LANES
+        found = np.zeros((groups, len(extended), rows, columns, _LANES), dtype=np.float32)
+        for first in range(0, groups, _CHUNK):
+            cells = lanes[first * _LANES : (first + _CHUNK) * _LANES]
+            values = extended @ moduli.expression.eval(given.mesh, cells)  # (cells, points, entries)
+            by_group = values.reshape(-1, _LANES, *values.shape[1:]).transpose(0, 2, 3, 1)
+            at = 0
+            for test, trial in moduli.pairs:
+                block = found[first : first + _CHUNK, :, self._tests[test], self._trials[trial]]
+                end = at + block.shape[2] * block.shape[3]
+                block[:] = by_group[:, :, at:end].reshape(block.shape)
+                at = end
+        return found
+
+
+def _entries(slots: Iterable[Slot]) -> dict[Slot, slice]:
+    """Return slots with the places of their entries, one slot after the other."""
+    places, at = dict[Slot, slice](), 0
+    for slot in dict.fromkeys(slots):
+        places[slot] = slice(at, at := at + math.prod(slot.shape))
+    return places
+
+
+def _initializer(slots: Iterable[Slot], tables: Mapping[Slot, Floats], firsts: tuple[int, int]) -> str:
+    """Return the slots as the code has them; their tables are one after the other."""
+    sizes = [table.size for table in tables.values()]
+    at = dict(zip(tables, np.cumsum([0, *sizes]), strict=False))
+    of_slots = (
+        (firsts[slot.part], slot.components, tables[slot].shape[2], tables[slot].shape[1], at[slot]) for slot in slots
+    )
+    return f"{{{', '.join(f'{{{", ".join(map(str, one))}}}' for one in of_slots)}}}"
+
+
+def _singles(values: Floats) -> Singles:
+    return np.ascontiguousarray(values, dtype=np.float32)
 
 
 def extension(kind: str, given: Floats, points: Floats) -> Floats:
@@ -131,46 +208,3 @@ def extension(kind: str, given: Floats, points: Floats) -> Floats:
         return np.full((len(points), len(given)), 1 / len(given))
     at_given, at_points = (scalar_element(kind, degree).tabulate(0, x)[0, :, :, 0] for x in (given, points))
     return np.asarray(at_points @ np.linalg.pinv(at_given))
-
-
-def _places(slots: Iterable[Slot]) -> Places:
-    """Places of the entries of slots, one slot after the other."""
-    places, at = dict[Slot, slice](), 0
-    for slot in dict.fromkeys(slots):
-        places[slot] = slice(at, at := at + math.prod(slot.shape))
-    return places
-
-
-def _evaluated(
-    one: CompiledModuli,
-    places: tuple[Places, Places],
-    given: Unknowns,
-    dofs: list[Integers],
-    cells: Integers,
-    extended: Floats,
-) -> _Cells:
-    singles = np.ascontiguousarray(extended, dtype=np.float32)
-    tests, trials = places
-    rows, columns = (max(place.stop for place in of.values()) for of in places)
-    moduli = np.zeros((rows, columns, len(cells), singles.shape[1]), dtype=np.float32)
-    for start in range(0, len(cells), _FEW):
-        values = one.expression.eval(given.mesh, cells[start : start + _FEW])  # (cells, points, entries)
-        by_entry = np.ascontiguousarray(values.transpose(2, 0, 1), dtype=np.float32)
-        at = 0
-        for test, trial in one.pairs:
-            block = moduli[tests[test], trials[trial], start : start + _FEW]
-            of_pair = by_entry[at : (at := at + block.shape[0] * block.shape[1])]
-            np.matmul(of_pair.reshape(*block.shape[:3], -1), singles, out=block)
-    by_component = [np.ascontiguousarray(of_part[cells].transpose(2, 0, 1), dtype=np.intp) for of_part in dofs]
-    return _Cells(cells, by_component, moduli.reshape(rows, columns, -1))
-
-
-def _at_points(at_nodes: Singles, table: Singles, values: Singles) -> None:
-    """Set values or derivatives at points, (components × directions, cells × points).
-
-    Args:
-        at_nodes: (components, cells, nodes).
-        table: (directions, points, nodes).
-    """
-    shape = len(at_nodes), len(table), at_nodes.shape[1], table.shape[1]
-    np.matmul(at_nodes[:, None], table.transpose(0, 2, 1), out=values.reshape(shape))

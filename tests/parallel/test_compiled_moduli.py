@@ -13,10 +13,12 @@ from helpers.verification import box, deform, job
 from petsc4py import PETSc
 
 from hpcinv.assembly import compiled_moduli as module
+from hpcinv.assembly import tangent_product
 from hpcinv.assembly.compiled_moduli import compiled_moduli
 from hpcinv.assembly.moduli import UnsupportedForm
 from hpcinv.assembly.system import System
 from hpcinv.assembly.tangent_product import TangentProduct, extension
+from hpcinv.certificate.estimate import one_degree_more
 from hpcinv.mesh import build_body
 from hpcinv.mesh.cells import quadrature
 from hpcinv.parallel.jit import JIT_OPTIONS
@@ -79,6 +81,39 @@ def test_products_are_those_of_the_matrix(data: dict[str, Any], comm: MPI.Intrac
     error = found.norm(PETSc.NormType.INFINITY) / expected.norm(PETSc.NormType.INFINITY)
     print(f"{error:.1e}")
     assert error < 1e-5
+
+
+@pytest.mark.parallel([1, 2, 3])
+@pytest.mark.parametrize("few", [8, 0], ids=["in each product", "beforehand"])
+@pytest.mark.parametrize("data", [MIXED, TWO_REGIONS, CUBES], ids=["mixed", "regions", "hexahedra"])
+def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
+    data: dict[str, Any], few: int, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are constant in a cell: products are those of the matrix in these spaces, to digits of single precision."""
+    monkeypatch.setattr(tangent_product, "_FEW", few)
+    model = model_of(data, comm)
+    finer = Model(one_degree_more(model.job), model.body, Timings())
+    direction = model.job.directions[0]
+    for one in (model, finer):
+        one.unknowns.state.x.array[:] = 0.0
+        one.scene(direction).parameters.set_load(0.7)
+    system = System(finer.scene(direction), finer.supports, Timings())
+    system.linearise(0.7)
+    x, y = system.matrix.createVecs()
+    x.array[:] = np.random.default_rng(comm.rank).normal(size=x.local_size)
+    held = np.zeros(len(finer.unknowns.state.x.array), dtype=bool)
+    for condition in finer.supports.conditions:
+        held[condition.dof_indices()[0]] = True
+    free = ~held[: x.local_size]
+    x.array[~free] = 0.0
+    system.matrix.mult(x, y)
+    moduli = compiled_moduli(model.scene(direction).residual, model.unknowns, JIT_OPTIONS)
+    product = TangentProduct(moduli, model.unknowns, finer.unknowns, finer.quadrature_degree)
+    found = product(np.array(x.array, dtype=np.float32))
+    errors = comm.allgather((np.abs(found - y.array)[free].max(initial=0.0), np.abs(y.array).max(initial=0.0)))
+    worst, size = np.max(errors, axis=0)
+    print(f"{worst / size:.1e}")
+    assert worst < 1e-5 * size
 
 
 @pytest.mark.parametrize(("kind", "of", "to"), [("tetrahedron", 2, 4), ("tetrahedron", 1, 4), ("hexahedron", 4, 6)])
