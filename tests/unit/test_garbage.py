@@ -7,15 +7,15 @@ CODE = """
 import gc
 from hpcinv.parallel.garbage import imports_spared, paused
 
-assert gc.get_freeze_count() == 0
+before = gc.get_freeze_count()
 with imports_spared():
     assert not gc.isenabled()
     import colorsys
 spared = gc.get_freeze_count()
-assert gc.isenabled() and spared > 1000
+assert gc.isenabled() and spared > before + 1000
 with imports_spared():
     pass
-assert gc.get_freeze_count() == spared, "nothing was imported, so that garbage of a run may be among what is there"
+assert gc.get_freeze_count() <= spared, "nothing was imported, and there may be garbage of a run"
 gc.disable()
 with paused():
     pass
