@@ -14,7 +14,6 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
-from scipy.sparse import csr_array
 from ufl.algorithms import expand_derivatives
 
 from hpcinv.assembly.compiled_moduli import compiled_moduli
@@ -129,6 +128,7 @@ class _Rows:
         dofmap = unknowns.space.dofmap
         self._nodes, self._bs = nodes, bs = dofmap.index_map, dofmap.index_map_bs
         pattern = pattern_of(unknowns)
+        self._pattern = pattern
         indptr, indices, names = pattern.starts, pattern.columns, pattern.names.astype(PETSc.IntType)
         self.owned, self.count = bs * nodes.size_local, len(indptr) - 1
         self._dofs = _unrolled(dofmap.list, bs)
@@ -144,7 +144,6 @@ class _Rows:
         self._far[: self.owned] = np.diff(before)
         self._near = np.diff(indptr) - self._far
         self._far[self.owned :] = self._near[self.owned :]  # rows of ghosts are not split
-        self._size = self.count, len(names)
         inner = np.delete(indices[:end], other) if len(other) else indices[:end]
         self._blocks = _integers(starts, inner), _integers(before, names[indices[other]])
         self._of_ghosts = _integers(indptr[self.owned :] - end, names[indices[end:]])
@@ -152,13 +151,13 @@ class _Rows:
         self._last: tuple[npt.NDArray[np.bool_], Integers, Integers] | None = None
 
     @cached_property
-    def _place(self) -> Any:
-        """Place of each entry as a CSR array, in the local numbers of rows and columns."""
+    def _place(self) -> Integers:
+        """Place of each entry of the pattern."""
         end = int(self._indptr[self.owned])
         place = np.arange(len(self._indices), dtype=np.int32)
         place[:end] -= np.repeat(self._before[:-1], np.diff(self._indptr[: self.owned + 1]))
         place[self._other] = np.arange(self._diagonal, end)
-        return csr_array((place, self._indices, self._indptr), shape=self._size)
+        return place
 
     def matrix(self) -> tuple[PETSc.Mat, Floats, tuple[Any, ...]]:
         """Return a new matrix, the array of its values, and rows of ghosts: starts, columns, values, and names."""
@@ -181,9 +180,11 @@ class _Rows:
 
     def at(self, rows: Integers, columns: Integers) -> Integers:
         """Return places of entries by local row and column."""
-        if not len(rows):  # SciPy would return a matrix
-            return np.zeros(0, dtype=np.int32)
-        return np.asarray(self._place[rows, columns], dtype=np.int32)
+        return self._placed(self._pattern.entries(rows, columns))
+
+    def _placed(self, entries: Integers) -> Integers:
+        """Return the places of entries of the pattern, whose order they have where no columns belong to other ranks."""
+        return self._place[entries] if len(self._other) else entries
 
     def of(self, unknowns: npt.NDArray[np.bool_]) -> tuple[Integers, Integers]:
         """Return places of all entries in the rows and columns of some local unknowns, and of those on the diagonal.
@@ -191,10 +192,10 @@ class _Rows:
         They are kept for the next matrix, which mostly has the same supports.
         """
         if self._last is None or not np.array_equal(self._last[0], unknowns):
-            place = self._place
-            columns = np.zeros(place.shape[1], dtype=bool)
+            columns = np.zeros(len(self._pattern.names), dtype=bool)
             columns[: len(unknowns)] = unknowns
-            chosen: Integers = place.data[np.repeat(unknowns, np.diff(place.indptr)) | columns[place.indices]]
+            rows = np.repeat(unknowns, np.diff(self._indptr))
+            chosen = self._placed(np.flatnonzero(rows | columns[self._indices]).astype(np.int32))
             owned = np.flatnonzero(unknowns[: self.owned]).astype(np.int32)
             self._last = unknowns, chosen, self.at(owned, owned)
         return self._last[1:]
