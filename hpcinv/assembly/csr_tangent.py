@@ -3,9 +3,11 @@
 The place of each entry of each element matrix is computed once, which avoids PETSc's search for it.
 """
 
+import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import dolfinx.fem.petsc as fem_petsc
@@ -23,8 +25,10 @@ from hpcinv.assembly.pattern import pattern_of
 from hpcinv.mesh.source import Floats
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Integers, Unknowns
-from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.jit import JIT_OPTIONS, array_type, compile_library
 from hpcinv.parallel.malloc import release_freed_memory
+
+_CODE = Path(__file__).with_suffix(".c")
 
 type FilledTerm = list[ElementMatrices] | fem.Form
 
@@ -42,6 +46,10 @@ class FilledTangent:
         self._unknowns, self._options = scene.unknowns, dict(jit_options)
         unknowns, options = scene.unknowns, self._options
         self._volume = [ElementMatrices(m, unknowns) for m in compiled_moduli(scene.residual, unknowns, options)]
+        self._code = compile_library(unknowns.mesh.comm, _CODE.read_text())
+        doubles, integers = array_type(np.float64), array_type(np.int32)
+        sizes = ctypes.c_int64, *4 * (ctypes.c_int,)
+        self._code.add.argtypes = [*sizes, doubles, integers, integers, ctypes.c_int, doubles]
         surface = surface_tangent(scene.residual, unknowns.state)
         self._surface = None if surface is None else fem.form(surface, jit_options=options)
 
@@ -85,7 +93,7 @@ class FilledTangent:
                 places = rows.places(part)
                 for chunk, blocks in part:
                     for entries, of_block in zip(blocks, places, strict=True):
-                        np.add.at(values, of_block[chunk].ravel(), entries.ravel())
+                        of_block.add(self._code, chunk, entries, values)
             values[of_prescribed] = 0.0
             values[diagonal] = 1.0
             A.setValuesIJV(starts, columns, of_ghosts, addv=PETSc.InsertMode.ADD, rowmap=names)
@@ -110,11 +118,10 @@ class _Places:
     first: Integers
     row: Integers
 
-    def __getitem__(self, cells: slice) -> npt.NDArray[np.intp]:
-        """Return the places for some cells, (cells, *block.shape)."""
-        c, d = np.indices(self.block.shape[:2], dtype=np.int32)[..., None, None]
-        found: npt.NDArray[np.intp] = self.first[cells, None, None] + c * self.row[cells, None, None] + d
-        return found.astype(np.intp)
+    def add(self, code: ctypes.CDLL, cells: slice, entries: Floats, values: Floats) -> None:
+        """Add the entries of some cells, (cells, *block.shape), to the values of the matrix."""
+        first, row = self.first[cells], self.row[cells]
+        code.add(len(first), *self.block.shape, entries, first, row, row.shape == first.shape, values)
 
 
 class _Rows:
@@ -220,7 +227,7 @@ class _Rows:
             row = np.where(columns < self.owned, self._near[rows], self._far[rows])
         else:
             row = self._near[rows[:, :, :1]]
-        places = _Places(block, first, row)
+        places = _Places(block, first, np.ascontiguousarray(row))
         self._known.append((cells, places))
         return places
 

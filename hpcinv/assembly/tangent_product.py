@@ -22,7 +22,7 @@ from hpcinv.assembly.moduli import Slot
 from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Integers, Unknowns
-from hpcinv.parallel.jit import compile_library
+from hpcinv.parallel.jit import array_type, compile_library
 
 type Singles = npt.NDArray[np.float32]
 
@@ -132,11 +132,12 @@ class _Part:
         }
         definitions = "".join(f"#define {name} {value}\n" for name, value in constants.items())
         self._code = compile_library(given.mesh.comm, definitions + _CODE.read_text())
+        singles, integers = array_type(np.float32), array_type(np.int32)
+        self._code.multiply.argtypes = [ctypes.c_int64, *3 * [singles], integers, singles, singles]
 
     def add_product(self, x: Singles, y: Singles) -> None:
         """Add the product with ``x`` to ``y``, both at the local unknowns."""
-        arrays = self._moduli, self._shares, self._tables, self._places, x, y
-        self._code.multiply(ctypes.c_int64(len(self._moduli)), *(ctypes.c_void_p(one.ctypes.data) for one in arrays))
+        self._code.multiply(len(self._moduli), self._moduli, self._shares, self._tables, self._places, x, y)
 
     @property
     def has_gradients(self) -> bool:
@@ -149,7 +150,7 @@ class _Part:
         moduli = self._moduli[:, :, self._tests[_GRADIENT], self._trials[_GRADIENT]][group, ..., lane]
         products = np.einsum("qai,qbi->qabi", self._gradients, self._gradients)
         shares = np.einsum("qg,qabi->gabi", self._shares, products)
-        of_cells = moduli.reshape(len(group), -1, 3, 3, 3, 3)
+        of_cells = moduli.reshape(*moduli.shape[:2], 3, 3, 3, 3)
         blocks = np.einsum("ngcadb,gabi->nicd", of_cells, shares, optimize=True)
         found: Singles = np.linalg.norm(blocks, axis=(2, 3)).sum(axis=1) / math.sqrt(3)
         return found

@@ -295,6 +295,11 @@ def compile_library(comm: MPI.Intracomm, code: str, directory: Path = DIRECTORY)
     return library
 
 
+def array_type(of: npt.DTypeLike) -> Any:
+    """Return the type of arguments of a C function that are arrays, contiguous and with entries of a type."""
+    return np.ctypeslib.ndpointer(of, flags="C_CONTIGUOUS")
+
+
 class KernelExpression(fem.Expression):  # type: ignore[misc]  # without types
     """A compiled expression, whose functions and constants are known without its UFL.
 

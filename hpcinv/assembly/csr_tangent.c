@@ -1,0 +1,25 @@
+/* Addition of element matrices to the values of a matrix in CSR format. */
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Add a block of the element matrices of some cells.
+
+   m, n           components of test and trial functions
+   nodes, others  nodes of a cell that have these
+   entries        (cells, m, n, nodes, others)
+   first          (cells, nodes, others): place of the first components of two nodes
+   row            (cells, nodes, others), or (cells, nodes) if not per_pair: distance from there to the next component of
+                  the test function; those of the trial function are side by side */
+void add(int64_t cells, int m, int n, int nodes, int others, const double *entries, const int32_t *first,
+         const int32_t *row, int per_pair, double *values) {
+  const size_t pairs = (size_t)nodes * others, rows = per_pair ? pairs : (size_t)nodes;
+  for (; cells--; first += pairs, row += rows)
+    for (int c = 0; c < m; c++)
+      for (int d = 0; d < n; d++)
+        for (int i = 0; i < nodes; i++)
+          for (int j = 0; j < others; j++, entries++) {
+            const size_t pair = (size_t)i * others + j;
+            values[first[pair] + c * row[per_pair ? pair : (size_t)i] + d] += *entries;
+          }
+}
