@@ -59,8 +59,8 @@ def main() -> None:
         words = [sys.executable if word == "python" else word for word in shlex.split(command)]
         # imports as a user has them: from the second run on Python reads what it has compiled in the first
         environment = os.environ | {"PETSC_OPTIONS": "-options_left 0", "PYTHONDONTWRITEBYTECODE": ""}
-        for name in ("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE"):  # and the kernels of BLAS that OpenBLAS takes by itself
-            environment.pop(name, None)
+        for variable in ("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE"):  # and the kernels that OpenBLAS takes by itself
+            environment.pop(variable, None)
         done = subprocess.run(words, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
         if done.returncode:
             sys.exit(f"{command} fails")
