@@ -68,6 +68,7 @@ class ForwardFactors:
                 rounded=choice.precision == "single",
                 low_rank=model.chooser.forecast.operations >= LOW_RANK,
                 minimum_fill=model.chooser.one_factorization_has_minimum_fill,
+                unknowns=model.unknowns,
             )
 
     @cached_property

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.linear.ordering import order_by_nodes
 from hpcinv.solver.petsc_options import Value
 
 
@@ -71,6 +73,7 @@ def factorize_symmetric(
     rounded: bool = False,
     low_rank: bool = False,
     minimum_fill: bool = False,
+    unknowns: Unknowns | None = None,
 ) -> SymmetricFactors | None:
     """Factorize the symmetric part of a matrix, unless kept factors will do; collective.
 
@@ -82,6 +85,7 @@ def factorize_symmetric(
             inertia might not be that of the matrix.
         low_rank: whether blocks of rounded factors are compressed.
         minimum_fill: whether to order the unknowns by approximate minimum fill; else MUMPS chooses METIS.
+        unknowns: those of the matrix, whose nodes METIS orders; without them it orders the unknowns.
     """
     asymmetry = asymmetry_of(matrix)
     if not math.isfinite(asymmetry):
@@ -101,7 +105,7 @@ def factorize_symmetric(
     roundings = [{**_ROUNDED, **_LOW_RANK}, _ROUNDED] if low_rank else [_ROUNDED]
     found: PETSc.PC | None = None
     for rounding in [*roundings, {}] if rounded else [{}]:
-        if (pc := _factorized(symmetric, {**options, **rounding})) is None:
+        if (pc := _factorized(symmetric, {**options, **rounding}, None if minimum_fill else unknowns)) is None:
             continue
         if not rounding or _has_inertia_of(pc, symmetric):
             found = pc
@@ -156,7 +160,7 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     return symmetric
 
 
-def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value]) -> PETSc.PC | None:
+def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value], unknowns: Unknowns | None) -> PETSc.PC | None:
     """Return factors of a symmetric matrix, ``None`` if MUMPS fails; collective."""
     database, prefix = PETSc.Options("inertia_"), "inertia_"
     for name, value in options.items():
@@ -168,6 +172,9 @@ def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value]) -> PETSc.PC | N
         pc.setType(PETSc.PC.Type.CHOLESKY)
         pc.setFactorSolverType("mumps")
         pc.setFromOptions()
+        if unknowns is not None:
+            pc.setFactorSetUpSolverType()
+            order_by_nodes(pc.getFactorMatrix(), unknowns)
         pc.setUp()
         pc.setReusePreconditioner(True)  # the matrix may be assembled again
         reason: Any = pc.getFailedReason()

@@ -96,6 +96,28 @@ class Unknowns:
         parts = [dofs[:, :first].reshape(len(dofs), -1, 3), dofs[:, first:, None]]
         return parts[: len(self.scalar_elements)]
 
+    @cached_property
+    def nodes(self) -> tuple[Integers, Integers]:
+        """Unknowns of all ranks, by their global numbers, node by node; and where each node begins, and the end.
+
+        The pressure at a vertex is among the unknowns of that node; other pressures are nodes by themselves. The same
+        on all ranks; collective at the first access.
+        """
+        dofmap, comm = self.space.dofmap, self.mesh.comm
+        owned = dofmap.index_map.size_local * dofmap.index_map_bs
+        node = np.arange(len(self.state.x.array))
+        displacement, *pressure = self.dofs_of_cells()
+        node[displacement] = displacement[:, :, :1]
+        for of_cells in pressure:
+            vertices = min(of_cells.shape[1], self.mesh.ufl_cell().num_vertices)  # the first nodes of a cell
+            node[of_cells[:, :vertices, 0]] = displacement[:, :vertices, 0]
+        order = np.argsort(node[:owned], kind="stable")
+        begins = np.diff(node[order], prepend=-1) != 0
+        first = dofmap.index_map.local_range[0] * dofmap.index_map_bs
+        parts = comm.allgather(((first + order).astype(np.int32), begins))
+        unknowns, starts = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return unknowns, np.append(np.flatnonzero(starts), len(unknowns)).astype(np.int32)
+
     @property
     def owned_displacement_dofs(self) -> npt.NDArray[np.int32]:
         """Local numbers of the displacements in the state, without ghosts; consecutive for each node."""

@@ -60,12 +60,17 @@ class LinearSolver:
         elif self._is_rounded:
             choice = self.choice
             configuration = Refined(
+                self.system.scene.unknowns,
                 low_rank=choice.low_rank,
                 minimum_fill=choice.minimum_fill,
                 nearly_symmetric=choice.nearly_symmetric,
             )
         else:
-            configuration = Direct(symmetric=not self.choice.is_own, minimum_fill=self.choice.minimum_fill)
+            configuration = Direct(
+                self.system.scene.unknowns,
+                symmetric=not self.choice.is_own,
+                minimum_fill=self.choice.minimum_fill,
+            )
         self._factorized, self._released = -1, -1
         self.options.use(configuration.options)
         self.ksp.reset()

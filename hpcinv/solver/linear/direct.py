@@ -10,9 +10,11 @@ from typing import Any, ClassVar
 
 from petsc4py import PETSc
 
+from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.configuration import Configuration
 from hpcinv.solver.linear.convergence_test import Refinement
+from hpcinv.solver.linear.ordering import order_by_nodes
 from hpcinv.solver.petsc_options import Value
 
 FEW_RANKS = 8
@@ -25,6 +27,7 @@ class Direct(Configuration):
     """Configuration of the direct solver, MUMPS.
 
     Args:
+        unknowns: those of the tangent, whose nodes METIS orders; without them it orders the unknowns.
         symmetric: whether to factorize symmetric tangents by L D Lᵀ; else L U is used for all.
         minimum_fill: whether to order the unknowns by approximate minimum fill; else MUMPS chooses METIS.
     """
@@ -36,8 +39,9 @@ class Direct(Configuration):
     """Relative, up to which L D Lᵀ is used."""
     test: Refinement
 
-    def __init__(self, *, symmetric: bool = True, minimum_fill: bool = False) -> None:
+    def __init__(self, unknowns: Unknowns | None = None, *, symmetric: bool = True, minimum_fill: bool = False) -> None:
         super().__init__(Refinement())
+        self._unknowns = unknowns
         self._may_be_symmetric, self._minimum_fill = symmetric, minimum_fill
         self._probe: tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec] | None = None
 
@@ -53,8 +57,13 @@ class Direct(Configuration):
         }
 
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
-        if not self._may_be_symmetric:
-            return
+        if self._may_be_symmetric:
+            self._choose_type(ksp, matrix)
+        if self._unknowns is not None and is_mumps(ksp.pc) and not self._minimum_fill:
+            ksp.pc.setFactorSetUpSolverType()
+            order_by_nodes(ksp.pc.getFactorMatrix(), self._unknowns)
+
+    def _choose_type(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         option: Any = PETSc.Mat.Option.SYMMETRIC  # whatever its stub says
         if (asymmetry := self._asymmetry_of(matrix)) <= self.asymmetry:
             matrix.setOption(option, asymmetry <= ROUNDING)

@@ -19,6 +19,7 @@ from typing import ClassVar
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.linear.convergence_test import Refinement
 from hpcinv.solver.linear.direct import Direct, is_mumps
 from hpcinv.solver.petsc_options import Value
@@ -39,15 +40,22 @@ class Refined(Direct):
 
     Args:
         low_rank: whether to compress blocks of the factors.
-        minimum_fill: as for `Direct`.
+        unknowns, minimum_fill: as for `Direct`.
         nearly_symmetric: whether nearly symmetric tangents are factorized by L D Lᵀ too.
     """
 
     exact: ClassVar[bool] = False
     error = Refinement.error
 
-    def __init__(self, *, low_rank: bool, minimum_fill: bool = False, nearly_symmetric: bool = False) -> None:
-        super().__init__(minimum_fill=minimum_fill)
+    def __init__(
+        self,
+        unknowns: Unknowns | None = None,
+        *,
+        low_rank: bool,
+        minimum_fill: bool = False,
+        nearly_symmetric: bool = False,
+    ) -> None:
+        super().__init__(unknowns, minimum_fill=minimum_fill)
         if nearly_symmetric:
             self.asymmetry = _NEARLY
         self._low_rank, self._has_own_tolerance = low_rank, False
