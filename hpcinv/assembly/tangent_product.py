@@ -113,10 +113,8 @@ class _Part:
         shares = (np.eye(len(nodes.points)) if are_given else extended) * nodes.weights[:, None]
         tables = {slot: nodes.tables[slot.part][:, directions_of(slot)] for slot in {**self._tests, **self._trials}}
         places = nodes.places[lanes].reshape(groups, _LANES, nodes.places.shape[1])
-        self._shares, self._tables = (
-            _singles(shares),
-            _singles(np.concatenate([one.ravel() for one in tables.values()])),
-        )
+        self._shares = _singles(shares)
+        self._tables = _singles(np.concatenate([one.ravel() for one in tables.values()]))
         self._places = np.ascontiguousarray(places.transpose(0, 2, 1), dtype=np.int32)
         self._moduli = self._evaluated(moduli, given, lanes, extended if are_given else np.eye(len(moduli.points)))
         self._moduli[-1:, ..., _LANES - (len(lanes) - len(self.cells)) :] = 0.0
