@@ -84,8 +84,8 @@ def factorize_symmetric(
         rounded: whether factors in single precision will do. They are tested, and made in double precision if their
             inertia might not be that of the matrix.
         low_rank: whether blocks of rounded factors are compressed.
-        minimum_fill: whether to order the unknowns by approximate minimum fill; else MUMPS chooses METIS.
-        unknowns: those of the matrix, whose nodes METIS orders; without them it orders the unknowns.
+        minimum_fill: whether to order by approximate minimum fill; else MUMPS chooses METIS.
+        unknowns: those of the matrix, whose nodes are ordered; without them the unknowns themselves are.
     """
     asymmetry = asymmetry_of(matrix)
     if not math.isfinite(asymmetry):
@@ -105,7 +105,7 @@ def factorize_symmetric(
     roundings = [{**_ROUNDED, **_LOW_RANK}, _ROUNDED] if low_rank else [_ROUNDED]
     found: PETSc.PC | None = None
     for rounding in [*roundings, {}] if rounded else [{}]:
-        if (pc := _factorized(symmetric, {**options, **rounding}, None if minimum_fill else unknowns)) is None:
+        if (pc := _factorized(symmetric, {**options, **rounding}, unknowns)) is None:
             continue
         if not rounding or _has_inertia_of(pc, symmetric):
             found = pc

@@ -27,9 +27,9 @@ class Direct(Configuration):
     """Configuration of the direct solver, MUMPS.
 
     Args:
-        unknowns: those of the tangent, whose nodes METIS orders; without them it orders the unknowns.
+        unknowns: those of the tangent, whose nodes are ordered; without them the unknowns themselves are.
         symmetric: whether to factorize symmetric tangents by L D Lᵀ; else L U is used for all.
-        minimum_fill: whether to order the unknowns by approximate minimum fill; else MUMPS chooses METIS.
+        minimum_fill: whether to order by approximate minimum fill; else MUMPS chooses METIS.
     """
 
     name = "direct"
@@ -59,7 +59,7 @@ class Direct(Configuration):
     def prepare(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         if self._may_be_symmetric:
             self._choose_type(ksp, matrix)
-        if self._unknowns is not None and is_mumps(ksp.pc) and not self._minimum_fill:
+        if self._unknowns is not None and is_mumps(ksp.pc):
             ksp.pc.setFactorSetUpSolverType()
             order_by_nodes(ksp.pc.getFactorMatrix(), self._unknowns)
 
