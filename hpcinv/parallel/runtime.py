@@ -14,11 +14,12 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from numpy import complexfloating
-
 from hpcinv.errors import SystemPartMissing
 from hpcinv.parallel.ranks import MPI, agree, on_root
 from hpcinv.parallel.signals import handlers_kept
+
+# isort: split
+from numpy import complexfloating  # after `ranks`, which sets NumPy's threads and memory
 
 DOLFINX = "0.11"
 """The version whose interface is used; others differ in it."""
