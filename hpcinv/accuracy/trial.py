@@ -13,6 +13,7 @@ from hpcinv.certificate.estimate import Estimate, estimate
 from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.mesh import Body
+from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.moved import placed
 from hpcinv.methods import Method, method_for
 from hpcinv.model.outcome import Outcome
@@ -146,8 +147,8 @@ def begin_with(model: Model, solution: Solution, body: Body) -> None:
     pairs = [(u, solution.displacement)] if p is None else [(u, solution.displacement), (p, solution.pressure)]
     for new, old in pairs:
         assert old is not None
-        if model.body is body:
-            new.interpolate(old)
+        if model.body.source is body.source:
+            interpolate(old, new)
         else:
             _across(new, old, body.length_scale / model.body.length_scale)
     model.set_solution(u, p)

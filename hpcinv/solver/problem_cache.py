@@ -69,7 +69,8 @@ class Workspace:
         if self._body is not None and self._body[0] == key:
             return self._body[1]
         self.clear()
-        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, report=report)
+        degree = job.discretisation.displacement
+        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, degree=degree, report=report)
         self._body = key, body
         return body
 
@@ -123,4 +124,5 @@ def collect_garbage(comm: MPI.Intracomm) -> None:
 def _mesh_of(job: Job) -> str:
     """Return everything that a body depends on, as text."""
     spec = job.mesh.model_dump(mode="json") | {"digest": [file_digest(job.resolve(file)) for file in job.mesh.files]}
-    return json.dumps([spec, {name: str(formula) for name, formula in job.regions.items()}], sort_keys=True)
+    regions = {name: str(formula) for name, formula in job.regions.items()}
+    return json.dumps([spec, regions, job.discretisation.displacement], sort_keys=True)
