@@ -161,6 +161,7 @@ class Scene:
     def update_parameters(self, job: Job, scales: Scales) -> None:
         """Set the numbers of another job of the same reuse group."""
         self.parameters.update_parameters(_ingredients(job), scales)
+        self.contacts.update_parameters(job.effects)
 
     def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
         """Return ``∫ (1/μ + 1/Λ) p q`` over the mesh, spectrally equivalent to the Schur complement of the pressures.
