@@ -11,7 +11,7 @@ from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.bordering import Bordering, Corrected, Tangent, tangent_along
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.limit_points import Sample, locate
-from hpcinv.solver.newton import Solve
+from hpcinv.solver.newton import NewtonMonitor, Solve
 
 type Moves = Generator[Solve, None, _Point | None]
 
@@ -114,7 +114,7 @@ class _Path:
                 after = yield from self._land(point, end, point.ahead(step), step)
             else:
                 after = yield from self._advance(point, end, step)
-            if self.ended:
+            if self.ended or (after is None and step == 0.0):
                 return
             if after is not None:
                 point, step = after, 2 * step if self.easy else step
@@ -142,7 +142,8 @@ class _Path:
         if solve.outcome.accepted:
             predicted.axpy(-1.0, equations.system.position())
             crossed = bool(solve.signs and point.sign and solve.signs[-1] != point.sign)
-            if crossed or norm(predicted) > step:
+            distance = norm(predicted)
+            if crossed or (distance > step and not equations.floor().exceeds(distance, NewtonMonitor.round_off)):
                 solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         if not solve.outcome.accepted:
             equations.system.set_state(point.x)
