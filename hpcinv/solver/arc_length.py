@@ -99,7 +99,7 @@ class _Path:
     def solves(self, load: float) -> Iterator[Solve]:
         point = self._start(load)
         if point is None:
-            yield self._end(load, Outcome.LINEAR_SOLVER)
+            yield self._end(load, self.equations.linear.failure)
             return
         whole = 1 / abs(point.tangent.slope)
         step = self.steps.first / self.steps.cases * whole
@@ -148,7 +148,7 @@ class _Path:
         if not solve.outcome.accepted:
             equations.system.set_state(point.x)
         yield self._charged(solve)
-        self.ended = solve.outcome is Outcome.INTERRUPTED or (solve.outcome.accepted and end == 1.0)
+        self.ended = solve.outcome.is_final or (solve.outcome.accepted and end == 1.0)
         self.easy = False
         return self._start(end) if solve.outcome.accepted and not self.ended else None
 
@@ -163,7 +163,7 @@ class _Path:
         if found.g is None or not solve.outcome.accepted:
             self.equations.system.set_state(point.x)
             yield self._charged(solve)
-            self.ended = solve.outcome is Outcome.INTERRUPTED
+            self.ended = solve.outcome.is_final
             return None
         if (solve.load - point.load) * self.direction < 0:
             beyond = self._slope_beyond(point, found)
@@ -229,7 +229,7 @@ class _Path:
         if extremum.g is None:
             self.equations.system.set_state(point.x)
             yield self._charged(solve)
-            self.ended = solve.outcome is Outcome.INTERRUPTED
+            self.ended = solve.outcome.is_final
             return None
         self.equations.system.set_state(extremum.x)
         yield replace(self._charged(solve), limit_point=True)

@@ -121,12 +121,12 @@ class Bordering:
                 factorizations += 1
                 equations.system.set_state(x)
                 if not self._linearise(load, direction):
-                    outcome = Outcome.LINEAR_SOLVER
+                    outcome = equations.linear.failure
                     break
                 if sign := equations.linear.sign_of_determinant():
                     signs.append(sign)
             if not equations.linear.solve(self._r, self._d):
-                outcome = Outcome.LINEAR_SOLVER
+                outcome = equations.linear.failure
                 break
             along = dot(t, self._g)
             if along == 0.0:  # underflow: the tangent exceeds the range of numbers

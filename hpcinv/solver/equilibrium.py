@@ -163,8 +163,7 @@ class Equilibrium:
                 accepted.destroy()
                 return self.solve(load, tolerance, begins_near=begins_near)
             linear.forget_factors()
-            if not linear.configuration.exact:
-                outcome = Outcome.KRYLOV_LIMIT
+            outcome = linear.failure
         system.set_state(x)
         if outcome.accepted:
             outcome = system.fault_of_solution() or outcome
