@@ -87,12 +87,14 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         or digest(job.resolve(job.mesh.file)),
         "unit": job.mesh.metres,  # of an image by default mm
     }
-    discretisation = {
+    discretisation: dict[str, Any] = {
         "formulation": "mixed" if job.is_mixed else "displacement",
         "displacement": job.discretisation.displacement,
         "pressure": job.pressure_degree,
         "quadrature": job.discretisation.quadrature,
     }
+    if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
+        discretisation["layers"] = [one.as_data() for one in layerings]
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
     if job.states:
         physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)
