@@ -13,6 +13,7 @@ from hpcinv.errors import CheckpointError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_header import SUFFIX, read_header
 from hpcinv.quantity.expressions import LET
+from hpcinv.quantity.plugins import inputs_of
 from hpcinv.quantity.schema import Location, at
 
 _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
@@ -99,9 +100,9 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
     if job.states:
         physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)
     if job.plugins:
-        physics["plugins"] = [digest(job.resolve(plugin)) for plugin in job.plugins]
+        physics["plugins"] = [[digest(path), inputs_of(path)] for path in map(job.resolve, job.plugins)]
     effects = [*job.effects, *(effect for state in job.states for effect in state.effects)]
-    if files := [job.resolve(file) for effect in effects for file in effect.files]:
+    if files := [job.resolve(file) for file in (*job.files, *(file for effect in effects for file in effect.files))]:
         physics["files"] = [digest(file) for file in files]
     return physics | {"directions": list(job.directions), "mesh": mesh, "discretisation": discretisation}
 
