@@ -80,7 +80,7 @@ def _is_final(solve: Solve, load: float) -> bool:
         return load > 0
     if solve.outcome is Outcome.LINEAR_SOLVER:
         return load == 0
-    if solve.outcome is Outcome.KRYLOV_LIMIT:  # fallbacks would exceed it too
+    if solve.outcome in (Outcome.KRYLOV_LIMIT, Outcome.PASSED_THROUGH):  # fallbacks would end there too
         return True
     if solve.outcome is Outcome.NOT_FINITE:  # the load exceeds the range of numbers
         return load == 0 and not solve.factorizations

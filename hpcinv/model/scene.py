@@ -35,6 +35,7 @@ from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
+from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.scene_means import PartExpressions, SceneMeans
 from hpcinv.model.spaces import Unknowns
@@ -170,6 +171,11 @@ class Scene:
         p, q = ufl.TrialFunction(pressures), ufl.TestFunction(pressures)
         dx = self.kinematics.integration.part
         return sum(part.compliance * p * q * dx(number) for number, part in enumerate(self.parts))
+
+    @cached_property
+    def passages(self) -> Passages:
+        """The ways of the body past obstacles of contact."""
+        return self.contacts.passages(self.unknowns)
 
     @cached_property
     def means(self) -> SceneMeans:
