@@ -8,9 +8,11 @@ if __name__ == "__main__":
 import argparse
 import io
 import sys
+import time
 
 from hpcinv.errors import HpcinvError, OutputError
 from hpcinv.parallel.early_exit import refuse_exit_without_end
+from hpcinv.parallel.home import require_working_directory
 from hpcinv.parallel.imports import imports_at_start, imports_explained, is_other_rank
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 from hpcinv.version import __version__
@@ -55,11 +57,14 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(with_action(sys.argv[1:] if arguments is None else arguments))
     end_if_noted()
     try:
+        require_working_directory()
         with imports_explained(), asked_for(options):
             code: int = options.command(options)
         sys.stdout.flush()
     except HpcinvError as error:
-        if not is_other_rank():
+        if is_other_rank():
+            time.sleep(1.0)  # some launchers end all ranks when one ends: let rank 0 print first
+        else:
             print(error, file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:

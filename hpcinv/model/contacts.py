@@ -11,6 +11,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
+from hpcinv.effects import Effect
 from hpcinv.effects.contact import PENALTY, QUADRATURE, TOLERANCE, Contact
 from hpcinv.effects.obstacles import SurfaceObstacle
 from hpcinv.errors import MeshError
@@ -122,6 +123,12 @@ class Contacts:
         """Return the ways of the body past obstacles that a forward solve must not lead through."""
         passages = [one.passage(unknowns) for one in self._all]
         return Passages([passage for passage in passages if passage is not None], unknowns.mesh.comm)
+
+    def update_parameters(self, effects: Sequence[Effect]) -> None:
+        """Take the numbers of other effects, of a job of the same reuse group."""
+        contacts = (effect for effect in effects if isinstance(effect, Contact))
+        for one, effect in zip(self._all, contacts, strict=True):
+            one.effect = effect
 
     def reset(self) -> None:
         """Set the pressures of rigid obstacles to zero, and their penalties to the first ones."""

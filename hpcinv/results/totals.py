@@ -5,7 +5,7 @@ The warnings are no verdict: bodies of micrometres and strains of 1e-10 exist. T
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
@@ -68,10 +68,14 @@ class Totals:
     def as_data(self) -> dict[str, Any]:
         return asdict(self)
 
-    def after(self, largest_displacement: float) -> Self:
-        """Return the totals with the warnings that follow from the largest displacement (m) at full load."""
+    def after(self, largest_displacement: float, nominal: Callable[[], float]) -> Self:
+        """Return the totals with the warnings that follow from the largest displacement (m) at full load.
+
+        Args:
+            nominal: returns the displacement (m) that loads and inelastic strains would cause without balance.
+        """
         size = math.hypot(*self.size)
-        if not largest_displacement < LEAST_STRAIN * size:
+        if not largest_displacement < LEAST_STRAIN * size or nominal() > LEAST_STRAIN * size:
             return self
         text = (
             f"the largest displacement is {largest_displacement / size:.1g} of the body's size:"

@@ -141,7 +141,7 @@ def follow(
             has_tangent = False  # the present factors belong to a state of the failed solve
         yield solve
         if not solve.outcome.accepted and (
-            step < steps.least or solve.outcome is Outcome.INTERRUPTED or (stop_early and ahead.is_likely(load))
+            step < steps.least or solve.outcome.is_final or (stop_early and ahead.is_likely(load))
         ):
             return
 
