@@ -36,6 +36,7 @@ from hpcinv.model.contacts import Contacts
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
+from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.scene_means import PartExpressions, SceneMeans
 from hpcinv.model.spaces import Unknowns
@@ -177,6 +178,11 @@ class Scene:
         p, q = ufl.TrialFunction(pressures), ufl.TestFunction(pressures)
         dx = self.kinematics.integration.part
         return sum(part.compliance * p * q * dx(number) for number, part in enumerate(self.parts))
+
+    @cached_property
+    def passages(self) -> Passages:
+        """The ways of the body past obstacles of contact."""
+        return self.contacts.passages(self.unknowns)
 
     @cached_property
     def means(self) -> SceneMeans:

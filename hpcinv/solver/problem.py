@@ -217,6 +217,7 @@ class Model:
             )
         equilibrium.linear.options.restore()
         scene.contacts.locate()
+        scene.passages.forget()
         equilibrium.system.timings, equilibrium.observer = self.timings, observer
         if not self._are_supports_checked:
             try:
