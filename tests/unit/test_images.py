@@ -23,11 +23,11 @@ from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.checks import check, determinants
-from hpcinv.mesh.imaging import image_files
 from hpcinv.mesh.imaging.clean_surfaces import _parts, _without_touching_edges
 from hpcinv.mesh.imaging.curved_cells import curved
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.imaging.wall_sizes import wall_sizes
+from hpcinv.mesh.io import isolated
 from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.surface import surface_of
@@ -180,7 +180,7 @@ def test_voxels_of_64_bits_take_no_more_memory_than_one_copy(tmp_path: Path) -> 
 
 def test_images_that_exceed_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     image = written(tmp_path / "image.mha", ball())
-    monkeypatch.setattr(image_files, "available", lambda _comm: 1000)
+    monkeypatch.setattr(isolated, "available", lambda _comm: 1000)
     with pytest.raises(MeshError, match="of memory"):
         read_labels(image, {"a": [1]}, 1e-3)
 
