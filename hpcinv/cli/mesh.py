@@ -139,11 +139,9 @@ def _add_degree(action: argparse.ArgumentParser) -> None:
 
 
 def _from_image(options: argparse.Namespace) -> int:
-    if missing := [
-        name
-        for name, value in (("output", options.output), ("--size", options.size), ("--label", options.label))
-        if not value
-    ]:
+    options.label = [text for text in options.label if text]
+    needed = {"the mesh to write": options.output, "--size": options.size, "--label": options.label}
+    if missing := [name for name, value in needed.items() if not value]:
         raise JobError(_what_to_give(options, missing))
     parsed: Callable[[str], tuple[str, Sequence[int | str]]] = label_of
     if options.input.suffix == ".dcm":
