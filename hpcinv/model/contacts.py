@@ -10,6 +10,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
+from hpcinv.effects import Effect
 from hpcinv.effects.contact import PENALTY, QUADRATURE, TOLERANCE, Contact
 from hpcinv.effects.obstacles import SurfaceObstacle
 from hpcinv.errors import MeshError
@@ -113,6 +114,12 @@ class Contacts:
             for name, (where, e) in zip(names, found, strict=True)
         ]
         self.is_iterated = any(one.is_iterated for one in self._all)
+
+    def update_parameters(self, effects: Sequence[Effect]) -> None:
+        """Take the numbers of other effects, of a job of the same reuse group."""
+        contacts = (effect for effect in effects if isinstance(effect, Contact))
+        for one, effect in zip(self._all, contacts, strict=True):
+            one.effect = effect
 
     def reset(self) -> None:
         """Set the pressures of rigid obstacles to zero, and their penalties to the first ones."""

@@ -35,6 +35,7 @@ from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
+from hpcinv.model.nominal_displacement import NominalDisplacement
 from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.scene_means import PartExpressions, SceneMeans
 from hpcinv.model.spaces import Unknowns
@@ -144,6 +145,7 @@ class Scene:
             _part(law, par.of(i), elastic, J_g, potentials, unknowns.p, H, cells[i] if cells else None)
             for i, law in enumerate(job.laws.values())
         )
+        self._strains, self._potentials, self._works = [strain for _, strain in strains], potentials, list[Any]()
         residual: Any = 0
         for number, one in enumerate(self.parts):
             dx = integration.part(number)
@@ -154,6 +156,7 @@ class Scene:
             work = effect.virtual_work(kin, unknowns.v, load, p)
             if work is not None:
                 residual -= work
+                self._works.append(work)
         self.residual = residual
         self.J = total.J
         self.mesh_J = kin.mesh_J
@@ -161,6 +164,7 @@ class Scene:
     def update_parameters(self, job: Job, scales: Scales) -> None:
         """Set the numbers of another job of the same reuse group."""
         self.parameters.update_parameters(_ingredients(job), scales)
+        self.contacts.update_parameters(job.effects)
 
     def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
         """Return ``∫ (1/μ + 1/Λ) p q`` over the mesh, spectrally equivalent to the Schur complement of the pressures.
@@ -180,6 +184,14 @@ class Scene:
             for part, (sigma, cells) in zip(self.parts, self.cauchy_stress, strict=True)
         ]
         return SceneMeans(parts, self.prestrain_stress, self.unknowns.mesh, self.quadrature_degree)
+
+    @cached_property
+    def nominal_displacement(self) -> NominalDisplacement:
+        """The displacement that loads and inelastic strains would cause if nothing balanced them, compiled."""
+        moduli = [(part.shear_modulus, part.cells) for part in self.parts]
+        return NominalDisplacement(
+            self._strains, self._potentials, self._works, self.H, moduli, self.unknowns, self.quadrature_degree
+        )
 
     @cached_property
     def parameter_derivative(self) -> ParameterDerivative:

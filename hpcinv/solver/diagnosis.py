@@ -63,15 +63,24 @@ class Diagnosis(enum.Enum):
         " If so, look at solver.petsc.",
     )
     LINEAR_SOLVER = (
-        "the linear solver failed",
-        "The tangent is singular, or MUMPS has too little memory (solver.petsc: {mat_mumps_icntl_14: 200} gives it"
-        " more); an iterative solver may need a better preconditioner.",
+        "the linear solver failed: the tangent is singular",
+        "The body may be at a critical load, or held too little there. An iterative solver may need a better"
+        " preconditioner.",
     )
     KRYLOV_LIMIT = (
-        "the iterative linear solver did not converge within the iterations that it may take, and there is not enough"
-        " memory for the direct one",
-        "Take more memory or nodes, or a coarser mesh, so that 'solver: {linear: direct}' can be used. Do the supports"
+        "the iterative linear solver did not converge within the iterations that it may take, and the direct one is not"
+        " allowed, or there is not enough memory for it",
+        "Leave out 'solver: {linear: iterative}', or take more memory, more nodes or a coarser mesh. Do the supports"
         " hold the body firmly? Where elements are poor, a better mesh may do.",
+    )
+    NO_MEMORY = (
+        "there is not enough memory for the factors of the tangent, or for the workspace that MUMPS needs",
+        "Take more memory or nodes, a coarser mesh, or 'solver: {linear: iterative}'. If no memory is short,"
+        " too large a value of mat_mumps_icntl_14 in solver.petsc may be the cause.",
+    )
+    MEMORY_LIMIT = (
+        Outcome.MEMORY_LIMIT.text,
+        "Raise or remove mat_mumps_icntl_23 in solver.petsc, which is MB for each rank.",
     )
     ITERATION_LIMIT = (
         "Newton's method took too many iterations",
@@ -110,6 +119,8 @@ _DECISIVE = {
     Diagnosis.CONTACT_LIMIT,
     Diagnosis.LIMIT_POINT,
     Diagnosis.KRYLOV_LIMIT,
+    Diagnosis.NO_MEMORY,
+    Diagnosis.MEMORY_LIMIT,
     Diagnosis.OUTSIDE_LAW,
     Diagnosis.FORWARD_FAILED,
 }

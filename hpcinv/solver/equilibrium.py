@@ -14,13 +14,15 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.mip_newton import ExtrapolatedStress
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
+from hpcinv.solver.newton import Floor, NewtonIteration, NewtonMonitor, Solve
 from hpcinv.solver.observer import SILENT, Observer, is_stop_asked
 from hpcinv.solver.petsc_options import SolverOptions
 from hpcinv.solver.predictor import Increment, Prediction, Predictor
 
 _GIVEN_UP = -7  # SNES_DIVERGED_INNER, returned to PETSc when NewtonMonitor ends a solve without convergence
 _DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE
+
+_LARGEST_SIZE = 2.0  # above the size of any body, in scaled lengths
 
 _OUTCOMES_BY_REASON: dict[int, Outcome] = {
     PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE: Outcome.LINEAR_SOLVER,
@@ -161,8 +163,7 @@ class Equilibrium:
                 accepted.destroy()
                 return self.solve(load, tolerance, begins_near=begins_near)
             linear.forget_factors()
-            if not linear.configuration.exact:
-                outcome = Outcome.KRYLOV_LIMIT
+            outcome = linear.failure
         system.set_state(x)
         if outcome.accepted:
             outcome = system.fault_of_solution() or outcome
@@ -204,6 +205,24 @@ class Equilibrium:
         if prescribed_motion:
             self.system.compile_lifting()
 
+    def floor(self, load: float | None = None) -> Floor:
+        """Return the floor of the norm of states, at the present load factor or at another one; collective when used.
+
+        It is the norm of a state with the nominal displacement, and pressures of the nominal strain, at each node.
+        """
+        unknowns, system = self.system.scene.unknowns, self.system
+        nodes = math.sqrt(unknowns.size)
+
+        def norm_of_nominal_state() -> float:
+            if load is not None:
+                system.set_load(load)
+            with system.timings("compile"):
+                nominal = system.scene.nominal_displacement
+            with system.timings("residual"):
+                return nodes * nominal()[0]
+
+        return Floor(norm_of_nominal_state, nodes * _LARGEST_SIZE)
+
     def interrupted(self) -> bool:
         """Return whether any rank is asked to stop; collective."""
         return is_stop_asked(self.system.comm, self.observer)
@@ -213,7 +232,8 @@ class Equilibrium:
             part.destroy()
 
     def _monitor(self, tolerance: float, *, begins_near: bool = False) -> NewtonMonitor:
-        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=self.linear.configuration.error)
+        inexact = self.linear.configuration.error
+        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=inexact, floor=self.floor())
 
     def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         self.system.set_state(x)

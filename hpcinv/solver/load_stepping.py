@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from hpcinv.model.outcome import Outcome
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import Solve
@@ -139,7 +138,7 @@ def follow(
             has_tangent = False  # the present factors belong to a state of the failed solve
         yield solve
         if not solve.outcome.accepted and (
-            step < steps.least or solve.outcome is Outcome.INTERRUPTED or (stop_early and ahead.is_likely(load))
+            step < steps.least or solve.outcome.is_final or (stop_early and ahead.is_likely(load))
         ):
             return
 

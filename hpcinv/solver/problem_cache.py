@@ -122,5 +122,6 @@ def collect_garbage(comm: MPI.Intracomm) -> None:
 
 def _mesh_of(job: Job) -> str:
     """Return everything that a body depends on, as text."""
-    spec = job.mesh.model_dump(mode="json") | {"digest": [file_digest(job.resolve(file)) for file in job.mesh.files]}
-    return json.dumps([spec, {name: str(formula) for name, formula in job.regions.items()}], sort_keys=True)
+    digests = [file_digest(job.resolve(file)) for file in job.mesh.files]
+    spec = job.mesh.model_dump(mode="json") | {"metres": job.mesh.metres, "digest": digests}
+    return json.dumps([spec, {name: formula.whole for name, formula in job.regions.items()}], sort_keys=True)

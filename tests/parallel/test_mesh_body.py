@@ -231,7 +231,7 @@ def test_a_cut_on_which_nothing_acts_is_seen(comm: MPI.Intracomm, tmp_path_facto
     sections = {
         "mesh": {"image": file, "labels": {"half": 1}, "size": "4 mm"},
         "material": {"law": "neo-hookean", "young": "5 kPa", "poisson": 0.4},
-        "regions": {"side": "y > 4 mm", "flat": "x < 1 mm"},
+        "regions": {"side": "x > 4 mm", "flat": "x < 1 mm"},
     }
     held = {"side": False, "flat": True, "cut": True, "boundary": True}
     body: Body | None = None
