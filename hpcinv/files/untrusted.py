@@ -144,7 +144,7 @@ def _image_fault(path: Path) -> str:
     if source.how in ("a pattern of names", "a list of names"):
         return f"names its files by {source.how}, which is {REFUSED}; ask for it as one file"
     for name in source.names:
-        if fault := _path_fault(path.parent, name):
+        if fault := path_fault(path.parent, name):
             return f"has its voxels in '{name}', which {fault}"
     return ""
 
