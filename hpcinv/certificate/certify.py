@@ -21,6 +21,7 @@ from hpcinv.certificate.stability import stability
 from hpcinv.certificate.two_level import MANY
 from hpcinv.certificate.volume import volume
 from hpcinv.parallel.runtime import MPI
+from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
 
 if TYPE_CHECKING:
@@ -120,12 +121,12 @@ def _discretisation(model: Model, solution: Solution, found: Estimate | None, un
         return skipped(
             DISCRETISATION, needed if model.job.certificate.estimate else "switched off: certificate.estimate"
         )
-    size = solution.largest_displacement
     if not isfinite(found.shape):
         note = "could not be estimated: at the points of a finer quadrature the solution is not admissible"
         return Line(DISCRETISATION, None, "", "must be finite", Verdict.WARN, note)
-    note = f"{found.shape:.3g} m{found.left_out}"
-    line = at_most(DISCRETISATION, found.shape / size if size else 0.0, 0.05, LINEAR, note=note)
+    scale = displacement_scale(model, solution)
+    note = "; ".join(filter(None, [f"{found.shape:.3g} m{found.left_out}", scale.note]))
+    line = at_most(DISCRETISATION, found.shape / scale.length if scale.length else 0.0, 0.05, LINEAR, note=note)
     if line.verdict is Verdict.FAIL and not found.is_solved:
         unsure = "one Newton step says little of so large an error, and the finer problem was not solved"
         note += f"; {unsure}: use a finer mesh"

@@ -44,6 +44,7 @@ from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.methods import DirectMethod
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
@@ -160,7 +161,7 @@ def estimate(
             equilibrium.correct(1.0)
             equilibrium.destroy()
         u, at_nodes, moved, largest = _moved(model, solution, finer, given)
-        if is_affordable and not largest <= LINEAR * solution.largest_displacement:
+        if is_affordable and not largest <= LINEAR * displacement_scale(model, solution).length:
             corrected = state.copy()
             if is_solved := _solve(finer, solution.direction, observer):
                 u, at_nodes, moved, largest = _moved(model, solution, finer, given)

@@ -29,6 +29,7 @@ from hpcinv.certificate.inertia import SymmetricFactors
 from hpcinv.methods.updates import Anderson
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.parallel.runtime import MPI
+from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
 
@@ -75,8 +76,15 @@ def round_trip(
 
 def closure_error(model: Model, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
+<<<<<<< HEAD
     difference, size = _difference(model, solution, back), solution.largest_displacement
     return at_most(ROUND_TRIP, difference / size if size else difference, WARN, FAIL, note=f"{difference:.3g} m")
+=======
+    difference, scale = _difference(model, solution, back), displacement_scale(model, solution)
+    straight = "" if model.is_isoparametric else STRAIGHT
+    note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note, straight]))
+    return at_most(ROUND_TRIP, scale.share(difference), WARN, math.inf if straight else FAIL, note=note)
+>>>>>>> main
 
 
 def _closed(model: Model, solution: Solution) -> Line:
@@ -145,7 +153,8 @@ class _WayBack:
         self._system.set_load(1.0)
         self._u = unknowns.owned_displacement_dofs
         self._p = np.zeros(0, dtype=np.int32) if unknowns.p is None else unknowns.owned_pressure_dofs
-        self._size = solution.largest_displacement / model.scales.length or 1.0
+        self._scale = displacement_scale(model, solution)
+        self._size = self._scale.length / model.scales.length or 1.0
         self._inverse = _Relabelling(model, solution) if solution.direction == "forward" else None
 
     def settles(self, observer: Observer = SILENT) -> bool:
@@ -184,7 +193,7 @@ class _WayBack:
             return steps[-1] <= _ROUND_OFF
         left = remaining(steps)
         u = self._model.unknowns.at_nodes(self._model.solution()[0])
-        found = _difference(self._model, self._solution, u) / (self._solution.largest_displacement or 1.0)
+        found = self._scale.share(_difference(self._model, self._solution, u))
         same = all(found + left <= bound or found - left > bound for bound in (WARN, FAIL))
         return same and left <= max(self._share * found, _ACCURACY)
 

@@ -46,7 +46,9 @@ FIELDS: dict[str, Dimension | None] = {
 
 Label = Annotated[int, Field(ge=1)] | Annotated[str, Field(min_length=1)]
 Labels = Annotated[ListOf[Label], BeforeValidator(lambda v: [v] if isinstance(v, int | str) else v)]
-RESERVED = ("boundary", "outside", "cut", "cavity")
+CUT = "cut"
+"""region of an image's mesh where a label ends with the image"""
+RESERVED = ("boundary", "outside", CUT, "cavity")
 """names that regions of images and surfaces have by themselves"""
 
 

@@ -98,7 +98,8 @@ class Solver(Spec):
     reuse_tangent: bool = True
     """keep a factorized tangent as long as it converges well"""
     linear: Literal["auto", "direct", "iterative"] = "auto"
-    """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto decides by size, shape and memory"""
+    """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto decides by size, shape and memory, and takes
+    the other one if that fails"""
     nested_iteration: Annotated[
         Literal["auto", "on", "off"], Field(exclude_if=lambda nested_iteration: nested_iteration == "auto")
     ] = "auto"

@@ -17,6 +17,7 @@ from hpcinv.output.summary import statistics, write_summary
 from hpcinv.parallel.runtime import on_root
 from hpcinv.pictures.boundary import NAME as BOUNDARY
 from hpcinv.pictures.boundary import write_boundary
+from hpcinv.results.displacement_scale import nominal_sizes
 from hpcinv.results.quantities_of_interest import NOT_FINITE, fault_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
@@ -53,7 +54,8 @@ class RunReport(Observer):
         if result.surface_spread is not None:
             lines += result.surface_spread.lines()
         if self.job.output.unit_warnings and not self.totals.warnings:  # warn of a body that hardly moves
-            self.totals = self.totals.after(result.solutions[0].largest_displacement)
+            first = result.solutions[0]
+            self.totals = self.totals.after(first.largest_displacement, lambda: nominal_sizes(self.model, first)[0])
             for text in self.totals.warnings:
                 self.progress.warn(text)
         return self._finish(replace(result, certificate=Certificate(tuple(lines))), "converged")
@@ -121,6 +123,7 @@ class RunReport(Observer):
         result = replace(result, directory=store.path, accuracy=self.record, totals=self.totals)
         size = model.unknowns.size
         found = statistics(result, status, size, self.unused_options, model.timings, store.comm, advice=advice)
+        found["unwritten"] = [error.message for error in store.unwritten]
         if (path := store.path) is not None:
             store.check_in_place()
             if status == "converged" and self.job.output.fields:
