@@ -32,7 +32,7 @@ from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.docstrings import meanings
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.quantity import Quantity
-from hpcinv.quantity.schema import members_of, metadata_in
+from hpcinv.quantity.schema import ARITHMETIC, members_of, metadata_in
 from hpcinv.quantity.spatial_fields import VaryingQuantity
 from hpcinv.reports.wording import MEANINGS
 from hpcinv.solver.diagnosis import Diagnosis
@@ -107,7 +107,7 @@ def _laws() -> Iterator[str]:
         """
         `ψ` is the energy per reference volume. The formulas are in the syntax of the law [formula](#formula),
         with the invariants of `C = FᵀF`: `I1`, `I2`, `J`, `I1_bar` and `I2_bar` of `J^(-2/3) C`,
-        `lambda1_bar` … of its principal stretches, `I4_f = a0·C a0`, `I5_f = a0·C² a0` and `I8_f_s = a0·(C -
+        `I4_f = a0·C a0`, `I5_f = a0·C² a0` and `I8_f_s = a0·(C -
         I) b0` of families of fibres. The plots show the nominal stress of the values in the example: of a law
         without fibres in uniaxial, equibiaxial and planar tension; of a law with fibres, taken as
         incompressible, in uniaxial tension along its first family and normal to all of them.
@@ -263,7 +263,8 @@ def _kind(key: str, value: Mapping[str, Any], definitions: Mapping[str, Any]) ->
     if "const" in value:
         return _code(value["const"])
     if "anyOf" in value or "oneOf" in value:
-        kinds = dict.fromkeys(_kind("", v, definitions) for v in value.get("anyOf", value.get("oneOf")))
+        choices = [v for v in value.get("anyOf", value.get("oneOf")) if v.get("format") != ARITHMETIC]
+        kinds = dict.fromkeys(_kind("", v, definitions) for v in choices)
         kinds.pop("null", None)
         if {"number", "text"} <= kinds.keys():
             kinds = {"quantity": None, **{k: None for k in kinds if k not in ("number", "text")}}
@@ -296,7 +297,7 @@ def _functions() -> Iterator[str]:
     yield ""
     yield "What [formulas](formulas.md) may contain; `hpcinv formulas` prints the same."
     yield ""
-    yield f"Operators: `{OPERATORS}`. Numbers are SI, or have one unit each, such as `4.25 mm`."
+    yield f"Operators: `{OPERATORS}`. Numbers are SI, or have a unit each, such as `4.25 mm` or `963 kg/m^3`."
     yield f"Constants: {', '.join(f'`{name}` = {value:.16g}' for name, value in CONSTANTS.items())}."
     yield ""
     rows = [(f"`{name}`", str(f.arguments or "2 or more"), f.meaning) for name, f in FUNCTIONS.items()]

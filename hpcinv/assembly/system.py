@@ -208,9 +208,19 @@ class System:
     def admissible_share(self, x: PETSc.Vec, step: PETSc.Vec) -> tuple[float, Outcome | None]:
         """Return the share of a step with which ``x - share * step`` is admissible, and the fault of a larger one.
 
-        The share is 1, halved at most ten times. The state is then the last one that was tried.
+        The share is that on which no point of the surface passes through an obstacle, halved at most ten times. The
+        state is then the last one that was tried.
         """
         share, fault, trial = 1.0, None, x.duplicate()
+        if passages := self.scene.passages:
+            with self.timings("admissibility check"):
+                self.set_state(x)
+                start = passages.here()
+                x.copy(trial)
+                trial.axpy(-1.0, step)
+                self.set_state(trial)
+                if (share := passages.share(start)) < 1:
+                    fault = Outcome.PASSED_THROUGH
         with self.timings("admissibility check"):
             for _ in range(10):
                 x.copy(trial)

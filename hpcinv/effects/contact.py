@@ -127,9 +127,12 @@ class Contact(Effect):
 
     def gap(self, k: Kinematics, load: Any, par: Any) -> tuple[Any, Any]:
         """Return the gap and the direction away from the obstacle."""
+        return self.obstacle.distance(self.position(k, load, par), SimpleNamespace(**self.obstacle_entries(par)))
+
+    def obstacle_entries(self, par: Any) -> dict[str, Any]:
+        """Return the quantities and functions of the obstacle by their names in it."""
         prefix = "obstacle_"
-        own = {n.removeprefix(prefix): value for n, value in vars(par).items() if n.startswith(prefix)}
-        return self.obstacle.distance(self.position(k, load, par), SimpleNamespace(**own))
+        return {name.removeprefix(prefix): value for name, value in vars(par).items() if name.startswith(prefix)}
 
     def contact_pressure(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the pressure per current area."""

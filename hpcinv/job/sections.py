@@ -46,7 +46,9 @@ FIELDS: dict[str, Dimension | None] = {
 
 Label = Annotated[int, Field(ge=1)] | Annotated[str, Field(min_length=1)]
 Labels = Annotated[ListOf[Label], BeforeValidator(lambda v: [v] if isinstance(v, int | str) else v)]
-RESERVED = ("boundary", "outside", "cut", "cavity")
+CUT = "cut"
+"""region of an image's mesh where a label ends with the image"""
+RESERVED = ("boundary", "outside", CUT, "cavity")
 """names that regions of images and surfaces have by themselves"""
 
 
@@ -378,7 +380,8 @@ class QuantityOfInterest(Spec):
     """region over which the formula is reduced: positions over its nodes, other fields over its cells or, if it has
     none, facets; or the region of a support for a reaction"""
     reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
-    """reduction of the values on a region to one value"""
+    """reduction of the values on a region to one value; max and min of stresses, J and energy are over the quadrature
+    points, which lie inside the cells or facets"""
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
     of stresses"""

@@ -19,6 +19,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
+from ufl.classes import ListTensor
 
 from hpcinv.kinematics.kinematics import Kinematics, OtherState
 from hpcinv.kinematics.ufl_formulas import at_position
@@ -217,6 +218,14 @@ class Parameters:
                 return self.constant[scale] * at_position(formula, k, self.constant[self._metre], named)
             case _:
                 return place
+
+
+def present_value(entry: Any) -> Any:
+    """Return the present value of an entry of a scene's constant, or of a vector of entries (n,); SI over its scale."""
+    if isinstance(entry, ListTensor):
+        return np.array([present_value(component) for component in entry.ufl_operands])
+    constant, index = entry.ufl_operands
+    return float(constant.value[int(index[0])])
 
 
 def load_factor(value: float, case: int, cases: int) -> float:

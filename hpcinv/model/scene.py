@@ -36,6 +36,7 @@ from hpcinv.model.contacts import Contacts
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
+from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.scene_means import PartExpressions, SceneMeans
 from hpcinv.model.spaces import Unknowns
@@ -167,6 +168,7 @@ class Scene:
     def update_parameters(self, job: Job, scales: Scales) -> None:
         """Set the numbers of another job of the same reuse group."""
         self.parameters.update_parameters(_ingredients(job), scales)
+        self.contacts.update_parameters(job.effects)
 
     def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
         """Return ``∫ (1/μ + 1/Λ) p q`` over the mesh, spectrally equivalent to the Schur complement of the pressures.
@@ -176,6 +178,11 @@ class Scene:
         p, q = ufl.TrialFunction(pressures), ufl.TestFunction(pressures)
         dx = self.kinematics.integration.part
         return sum(part.compliance * p * q * dx(number) for number, part in enumerate(self.parts))
+
+    @cached_property
+    def passages(self) -> Passages:
+        """The ways of the body past obstacles of contact."""
+        return self.contacts.passages(self.unknowns)
 
     @cached_property
     def means(self) -> SceneMeans:

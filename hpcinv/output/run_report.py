@@ -138,6 +138,7 @@ class RunReport(Observer):
         result = replace(result, directory=store.path, accuracy=self.record, totals=self.totals)
         size = model.unknowns.size
         found = statistics(result, status, size, self.unused_options, model.timings, store.comm, advice=advice)
+        found["unwritten"] = [error.message for error in store.unwritten]
         if (path := store.path) is not None:
             store.check_in_place()
             if status == "converged" and self.job.output.fields:

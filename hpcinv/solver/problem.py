@@ -20,6 +20,7 @@ from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
+from hpcinv.model.layers import layers_of_cells
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.supports import Supports
@@ -71,7 +72,7 @@ class Model:
             check_fields(job, self.fields)
             self.scales = self._scales()
             self.unknowns: Unknowns = (
-                Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
+                Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree, layers_of_cells(job, body))
                 if like is None
                 else like.unknowns
             )
@@ -216,6 +217,7 @@ class Model:
             )
         equilibrium.linear.options.restore()
         scene.contacts.locate()
+        scene.passages.forget()
         equilibrium.system.timings, equilibrium.observer = self.timings, observer
         if not self._are_supports_checked:
             try:
