@@ -64,8 +64,7 @@ REMEDIES = {
     " facets that cross. If it is a wall or a rest, the body passes beside it.",
     "boundary facets that cross": "No such body can be made. Check load and stiffness; where parts touch in the loaded"
     " body, their contact carries a load that the job does not have.",
-    "round trip": "`geometry_degree: 2`: straight cells carry only their vertices, and close no better than their size"
-    " allows. On curved ones: [stability](../theory/stability.md), since the way back may lead to another state.",
+    "round trip": "[Stability](../theory/stability.md), since the way back may lead to another state.",
     "stability": "The loaded body would buckle or snap away, so that nobody can have seen it: check load and supports."
     " What to do about 'not decided' is [on its page](../theory/stability.md#the-verdicts).",
     "limit points": "The body may carry this load in two shapes: [what was found](../theory/newton.md#limit-points).",
