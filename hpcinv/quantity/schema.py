@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -88,6 +88,9 @@ def repeated(names: Sequence[str]) -> Iterator[int]:
 class Spec(BaseModel):
     """A part of a job: immutable, without unknown keys, and with strict types (text and true are not numbers)."""
 
+    alternatives: ClassVar[tuple[str, ...]] = ()
+    """keys of which a part has exactly one, for its JSON schema; `_contradictions` reports it otherwise"""
+
     model_config = ConfigDict(
         frozen=True,
         extra="forbid",
@@ -107,7 +110,10 @@ class Spec(BaseModel):
     ) -> JsonSchemaValue:
         """JSON schema with the descriptions of the keys."""
         found = handler(schema)
-        describe(handler.resolve_ref_schema(found), cls)
+        content = handler.resolve_ref_schema(found)
+        describe(content, cls)
+        if cls.alternatives:
+            content["oneOf"] = [{"required": [key]} for key in cls.alternatives]
         return found
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
@@ -164,7 +170,7 @@ class OneOf:
         for member in members_of(self.family, self.tag).values():
             choice = handler.resolve_ref_schema(handler(member.__pydantic_core_schema__))
             describe(choice, member)
-            choice["required"] = [self.tag, *choice.get("required", ())]
+            choice["required"] = [*dict.fromkeys([self.tag, *choice.get("required", ())])]
             choices.append(choice)
         return {"oneOf": choices}
 
