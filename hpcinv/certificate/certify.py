@@ -83,7 +83,7 @@ def certify(
         else:
             checked = iter([closure_error(model, solution, solutions[1].u)])
         largest = max(uncertain, 0.0 if found is None or not isfinite(found.shape) else found.shape)
-        return (_way_back(line, solution, largest) for line in checked)
+        return (_way_back(line, displacement_scale(model, solution).length, largest) for line in checked)
 
     forward = ForwardFactors(model, solution)
     is_checked = model.job.certificate.level != "off"
@@ -106,9 +106,9 @@ def certify(
     return Certificate(tuple(lines)), found
 
 
-def _way_back(line: Line, solution: Solution, largest: float) -> Line:
-    """Return the line on the round trip with its distance judged by the largest other error (m) of the shape."""
-    if line.verdict is not Verdict.WARN or (line.value or 0.0) * solution.largest_displacement > largest:
+def _way_back(line: Line, scale: float, largest: float) -> Line:
+    """Return the line on the round trip, relative to ``scale``, judged by the largest other error of the shape (m)."""
+    if line.verdict is not Verdict.WARN or (line.value or 0.0) * scale > largest:
         return line
     return replace(line, verdict=Verdict.PASS, note=f"{line.note}; the shape has a larger error of {largest:.3g} m")
 

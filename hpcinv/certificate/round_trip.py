@@ -76,15 +76,9 @@ def round_trip(
 
 def closure_error(model: Model, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
-<<<<<<< HEAD
-    difference, size = _difference(model, solution, back), solution.largest_displacement
-    return at_most(ROUND_TRIP, difference / size if size else difference, WARN, FAIL, note=f"{difference:.3g} m")
-=======
     difference, scale = _difference(model, solution, back), displacement_scale(model, solution)
-    straight = "" if model.is_isoparametric else STRAIGHT
-    note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note, straight]))
-    return at_most(ROUND_TRIP, scale.share(difference), WARN, math.inf if straight else FAIL, note=note)
->>>>>>> main
+    note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note]))
+    return at_most(ROUND_TRIP, scale.share(difference), WARN, FAIL, note=note)
 
 
 def _closed(model: Model, solution: Solution) -> Line:

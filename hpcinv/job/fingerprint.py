@@ -94,14 +94,11 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         "pressure": job.pressure_degree,
         "quadrature": job.discretisation.quadrature,
     }
-<<<<<<< HEAD
+    if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
+        discretisation["layers"] = [one.as_data() for one in layerings]
     if job.discretisation.displacement > 1 and any(solve.mesh is not None for solve in job.plan):
         # Later solves are on the recovered body, of which earlier versions moved the nodes of the given cells only.
         discretisation["recovered_geometry"] = job.discretisation.displacement
-=======
-    if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
-        discretisation["layers"] = [one.as_data() for one in layerings]
->>>>>>> main
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
     if job.states:
         physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)
