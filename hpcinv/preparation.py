@@ -10,9 +10,9 @@ from hpcinv.accuracy import AccuracyRecord, Search
 from hpcinv.certificate import Estimate
 from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
-from hpcinv.job.states import State
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.sections import CUT
+from hpcinv.job.states import State
 from hpcinv.mesh import Body
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
