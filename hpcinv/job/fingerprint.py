@@ -103,7 +103,10 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
     if job.states:
         physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)
     if job.plugins:
-        physics["plugins"] = [[digest(path), inputs_of(path)] for path in map(job.resolve, job.plugins)]
+        plugins = [job.resolve(plugin) for plugin in job.plugins]
+        physics["plugins"] = [digest(path) for path in plugins]
+        if any(inputs := [inputs_of(path) for path in plugins]):
+            physics["inputs_of_plugins"] = inputs
     effects = [*job.effects, *(effect for state in job.states for effect in state.effects)]
     if files := [job.resolve(file) for file in (*job.files, *(file for effect in effects for file in effect.files))]:
         physics["files"] = [digest(file) for file in files]

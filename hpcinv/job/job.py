@@ -778,6 +778,6 @@ def _in_values(value: object, where: Location) -> Iterator[tuple[Location, str]]
             yield (*where, name), name
 
 
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of a job file, for editors."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Job.model_json_schema()}
+def json_schema(kind: type[Spec] = Job) -> dict[str, Any]:
+    """JSON Schema of a job file, or of another ``kind`` of file, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **kind.model_json_schema()}

@@ -3,7 +3,17 @@
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import core_schema
 
 from hpcinv.batch import axes
 from hpcinv.batch.axes import Axis
@@ -105,12 +115,36 @@ def _by_name(data: Any) -> Any:
     return data if isinstance(data, Mapping) and not (len(data) == 1 and {*data} & {*_KINDS}) else {"all": data}
 
 
+_OF_SERIES = {kind: {"type": "string"} for kind in _KINDS}
+_REFERENCE: dict[str, Any] = {
+    "anyOf": [
+        {"enum": list(_KINDS)},
+        {"type": "number"},
+        {"type": "string", "pattern": r"^\s*[-+.0-9]"},
+        {
+            "type": "object",
+            "properties": _OF_SERIES,
+            "additionalProperties": False,
+            "minProperties": 1,
+            "maxProperties": 1,
+        },
+    ]
+}
+_REFERENCES = {"anyOf": [*_REFERENCE["anyOf"], {"type": "object", "additionalProperties": _REFERENCE}]}
+
+
 class Reference(Spec):
     """Reference of a quantity: a number, the finest run, or Richardson's extrapolation."""
 
     kind: Literal["closed form", "finest", "richardson"]
     value: float | None = None
     series: Title | None = None
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return _REFERENCE
 
     @model_validator(mode="before")
     @classmethod
@@ -156,7 +190,7 @@ class Study(Spec):
     """axes of parameters that every series runs over, for statistics: each combination of their points is a case"""
     measure: ListOf[SummaryKey]
     """quantities of interest of the job by name, and keys of its summary such as errors.round_trip.max"""
-    reference: Annotated[Mapping[SummaryKey, Reference], BeforeValidator(_by_name)] = {
+    reference: Annotated[Mapping[SummaryKey, Reference], BeforeValidator(_by_name), WithJsonSchema(_REFERENCES)] = {
         "all": Reference.model_validate("finest")
     }
     """reference value: one for all measured quantities, or by name, with 'all' for the rest"""
