@@ -8,9 +8,11 @@ if __name__ == "__main__":
 import argparse
 import io
 import sys
+import time
 
-from hpcinv.errors import HpcinvError, OutputError
+from hpcinv.errors import HpcinvError, OutOfMemory, OutputError
 from hpcinv.parallel.early_exit import refuse_exit_without_end
+from hpcinv.parallel.home import require_working_directory
 from hpcinv.parallel.imports import imports_at_start, imports_explained, is_other_rank
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 from hpcinv.version import __version__
@@ -48,20 +50,28 @@ not decided (--strict), 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command and return its exit code."""
+    """Run one command and return its exit code; without arguments, those of this process, which ends with it."""
+    if arguments is None:
+        refuse_exit_without_end()
     sys.stdout = sys.stdout or io.StringIO()  # it may be closed
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
     options = _parser().parse_args(with_action(sys.argv[1:] if arguments is None else arguments))
     end_if_noted()
     try:
+        require_working_directory()
         with imports_explained(), asked_for(options):
             code: int = options.command(options)
         sys.stdout.flush()
     except HpcinvError as error:
-        if not is_other_rank():
+        if is_other_rank():
+            time.sleep(1.0)  # some launchers end all ranks when one ends: let rank 0 print first
+        else:
             print(error, file=sys.stderr)
         return error.exit_code
+    except MemoryError as error:
+        print(OutOfMemory.of(error), file=sys.stderr)
+        return OutOfMemory.exit_code
     except BrokenPipeError:
         discard_output()
         return CLOSED_OUTPUT
@@ -105,5 +115,4 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    refuse_exit_without_end()
     sys.exit(main())

@@ -86,7 +86,7 @@ def _identify(options: argparse.Namespace) -> int:
             lines.append(f"certificate: {verdict.value}")
             lines.append(str(found.cost))
             print("\n".join(lines))
-            print(f"\n{(directory / 'sections.yaml').read_text()}\nresults: {directory}", flush=True)
+            print(f"\n{(directory / 'sections.yaml').read_text('utf-8')}\nresults: {directory}", flush=True)
             for text in texts:
                 print(f"warning: {text}", file=sys.stderr)
         code = verdict.exit_code(strict=options.strict)

@@ -10,6 +10,7 @@ from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, json_schema, load
+from hpcinv.job.plausibility import doubtful_moduli
 from hpcinv.quantity.schema import Spec
 from hpcinv.study.plan import is_study, load_study
 from hpcinv.study.spec import Study
@@ -44,11 +45,14 @@ def _validate(options: argparse.Namespace) -> int:
     failed = 0
     for path in options.jobs:
         try:
-            (load_study if is_study(path) else load_sweep if is_sweep(path) else load)(path)
+            found = (load_study if is_study(path) else load_sweep if is_sweep(path) else load)(path)
         except HpcinvError as error:
             print(error, file=sys.stderr)
             failed = error.exit_code
         else:
+            if isinstance(found, Job) and found.output.unit_warnings:
+                for text in doubtful_moduli(found):
+                    print(f"warning: {path}: {text}", file=sys.stderr)
             print(f"{path}: valid")
     return failed
 

@@ -10,6 +10,7 @@ import os
 import re
 import sys
 import xml.etree.ElementTree as ET
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +19,11 @@ from typing import Annotated
 from pydantic import AfterValidator, ValidationInfo
 
 from hpcinv.errors import JobError
+from hpcinv.reading.fault import Fault
+from hpcinv.reading.image_headers import METAIMAGE, NRRD, source_of
 
+_IMAGES = METAIMAGE + NRRD
+"""suffixes of images whose headers can name other files"""
 VARIABLE = "HPCINV_UNTRUSTED"
 REFUSED = "refused with --untrusted"
 
@@ -121,10 +126,26 @@ def mesh_fault(directory: Path, file: str) -> str:
             )
     if fault := path_fault(directory, file):
         return fault
+    if path.is_file() and path.suffix in (*_IMAGES, ".gz"):
+        return _image_fault(path)
     if path.suffix == ".xdmf" and path.is_file():
         for data in _heavy_data(path):
             if fault := path_fault(path.parent, data):
                 return f"has data in '{data}', which {fault}"
+    return ""
+
+
+def _image_fault(path: Path) -> str:
+    """Fault of an image with a header that names other files; a file that cannot be read is refused by its reader."""
+    try:
+        source = source_of(path)
+    except (Fault, OSError, ValueError, EOFError, zlib.error):
+        return ""
+    if source.how in ("a pattern of names", "a list of names"):
+        return f"names its files by {source.how}, which is {REFUSED}; ask for it as one file"
+    for name in source.names:
+        if fault := path_fault(path.parent, name):
+            return f"has its voxels in '{name}', which {fault}"
     return ""
 
 

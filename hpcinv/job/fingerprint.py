@@ -88,12 +88,17 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
         or digest(job.resolve(job.mesh.file)),
         "unit": job.mesh.metres,  # of an image by default mm
     }
-    discretisation = {
+    discretisation: dict[str, Any] = {
         "formulation": "mixed" if job.is_mixed else "displacement",
         "displacement": job.discretisation.displacement,
         "pressure": job.pressure_degree,
         "quadrature": job.discretisation.quadrature,
     }
+    if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
+        discretisation["layers"] = [one.as_data() for one in layerings]
+    if job.discretisation.displacement > 1 and any(solve.mesh is not None for solve in job.plan):
+        # Later solves are on the recovered body, of which earlier versions moved the nodes of the given cells only.
+        discretisation["recovered_geometry"] = job.discretisation.displacement
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
     if job.states:
         physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)

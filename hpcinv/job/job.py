@@ -19,6 +19,7 @@ from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
 from hpcinv.job.definitions import RESERVED, resolve
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
+from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.rules import (
@@ -153,6 +154,7 @@ class Job(Spec):
     _data: Mapping[str, Any] = PrivateAttr(default_factory=dict)
     _untrusted: bool = PrivateAttr(default=False)
     _state: str = PrivateAttr(default="")
+    _whole: Job | None = PrivateAttr(default=None)
     _places: Mapping[str, str] = PrivateAttr(default_factory=dict)
 
     def __eq__(self, other: object) -> bool:
@@ -253,7 +255,7 @@ class Job(Spec):
             "quantities": tuple(q for q in self.quantities if q.state == state.name),
         }
         job = self.model_copy(update=changes)
-        job._state = state.name
+        job._state, job._whole = state.name, self
         job._places = _places_of(number, state)
         return job
 
@@ -294,6 +296,16 @@ class Job(Spec):
     def pressure_degree(self) -> int | None:
         """Degree of the pressure, or None in the displacement form."""
         return (self.discretisation.pressure or self.discretisation.displacement - 1) if self.is_mixed else None
+
+    @property
+    def layerings(self) -> tuple[Layering, ...]:
+        """What divides the body into layers, with pressures of their own in the mixed form; the same for all states."""
+        if self._whole is not None:
+            return self._whole.layerings
+        effects = _numbered("effects", self.effects)
+        for i, state in enumerate(self.states):
+            effects |= _numbered(_places_of(i, state)["effects"], state.effects)
+        return layerings_of(self.laws, effects, self.differentiated)
 
     @property
     def differentiated(self) -> list[Parameter]:

@@ -55,7 +55,9 @@ Labels = Annotated[
     BeforeValidator(lambda v: [v] if isinstance(v, int | str) else v),
     WithJsonSchema({"anyOf": [*_LABEL["anyOf"], {"type": "array", "items": _LABEL}]}),
 ]
-RESERVED = ("boundary", "outside", "cut", "cavity")
+CUT = "cut"
+"""region of an image's mesh where a label ends with the image"""
+RESERVED = ("boundary", "outside", CUT, "cavity")
 """names that regions of images and surfaces have by themselves"""
 
 
@@ -258,7 +260,8 @@ class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
     geometry_degree: Annotated[Literal[1, 2] | None, BeforeValidator(_not_true)] = None
-    """degree of the geometry of cells; by default that of the file, and 1 for generators"""
+    """degree of the geometry of the given cells; by default that of the file, and 1 for generators. The recovered body
+    has the degree of the displacement in any case"""
     maximum_cells: Annotated[int, Field(ge=1)] = 10_000_000
     """largest number of cells of a generated mesh; if more are expected, meshing stops early"""
     partition: Literal["metis", "scotch"] = "metis"
@@ -430,7 +433,8 @@ class QuantityOfInterest(Spec):
     """region over which the formula is reduced: positions over its nodes, other fields over its cells or, if it has
     none, facets; or the region of a support for a reaction"""
     reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
-    """reduction of the values on a region to one value"""
+    """reduction of the values on a region to one value; max and min of stresses, J and energy are over the quadrature
+    points, which lie inside the cells or facets"""
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
     of stresses"""

@@ -89,6 +89,8 @@ class Solver(Spec):
     """largest number of steps along the path (strategy: arc-length)"""
     rescue: ListOf[Rescue] = ("bulk-modulus", "arc-length", "line-search", "anderson")
     """fallbacks, in this order, if the strategy (adaptive or arc-length) fails; [] for none"""
+    patience: Annotated[int, Field(ge=1)] = 400
+    """factorizations in solves that fail, those of fallbacks included, after which a direction is given up"""
     maximum_iterations: Annotated[int, Field(ge=1)] = 25
     """largest number of Newton iterations in a step"""
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-12
@@ -98,7 +100,8 @@ class Solver(Spec):
     reuse_tangent: bool = True
     """keep a factorized tangent as long as it converges well"""
     linear: Literal["auto", "direct", "iterative"] = "auto"
-    """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto decides by size, shape and memory"""
+    """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto decides by size, shape and memory, and takes
+    the other one if that fails"""
     nested_iteration: Annotated[
         Literal["auto", "on", "off"], Field(exclude_if=lambda nested_iteration: nested_iteration == "auto")
     ] = "auto"

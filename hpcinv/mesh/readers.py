@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.errors import HpcinvError, MeshError, described
 from hpcinv.files.inputs import recorded_inputs
 from hpcinv.job.mesh_generators import Value
 from hpcinv.job.msh_format import fault_of
@@ -50,9 +50,7 @@ def build_python(
         except BaseException as exc:  # user code may raise anything, KeyboardInterrupt and GeneratorExit too
             lines = [f.lineno for f in traceback.extract_tb(exc.__traceback__) if f.filename == file]
             line = f", line {lines[-1]}" if lines else ""
-            raise MeshError(
-                f"{path}{line}: {type(exc).__name__}: {exc}", "Correct the generator or its parameters."
-            ) from exc
+            raise MeshError(f"{path}{line}: {described(exc)}", "Correct the generator or its parameters.") from exc
         if not gmsh.isInitialized():
             raise MeshError(f"{path}: build() finalised gmsh", "Leave gmsh running: its mesh is read after build().")
         source = _of_degree(gmsh, path, degree)

@@ -94,7 +94,7 @@ def _version_of(package: str) -> str | None:
 def _mesh(body: Body) -> dict[str, Any]:
     return {
         "cells": body.mesh.topology.index_map(3).size_global,
-        "nodes": body.mesh.geometry.index_map().size_global,
+        "nodes": body.source_geometry.index_map().size_global,
         "kind": body.source.kind,
         "geometry_degree": body.source.degree,
         "inputs": dict(body.source.inputs),

@@ -67,7 +67,7 @@ def _trusts() -> bool:
 
 def _directories() -> tuple[Path, tuple[Path, ...]]:
     """Directory to which kernels are compiled, and all directories in which they are searched."""
-    own, asked = Path(str(get_options()["cache_dir"])), os.environ.get("HPCINV_KERNELS")
+    own, asked = Path(str(_options_of_dolfinx()["cache_dir"])), os.environ.get("HPCINV_KERNELS")
     if not asked:
         refuse_foreign("the cache of kernels", own)
         return own, (own,)
@@ -81,6 +81,19 @@ def _directories() -> tuple[Path, tuple[Path, ...]]:
         return shared, (shared,)
     refuse_foreign("the cache of kernels", own)
     return own, (shared, own)
+
+
+def _options_of_dolfinx() -> dict[str, Any]:
+    """Options that DOLFINx reads from files; ``OutputError`` if it fails at them."""
+    try:
+        options: dict[str, Any] = get_options()
+    except (OSError, ValueError) as error:
+        file = getattr(error, "filename", None) or "dolfinx_jit_options.json"
+        raise OutputError(
+            f"{file}: DOLFINx cannot read its options: {getattr(error, 'strerror', None) or error}",
+            "Correct or remove the file dolfinx_jit_options.json, and XDG_CONFIG_HOME if that is set.",
+        ) from None
+    return options
 
 
 def refuse_foreign(what: str, directory: Path) -> None:

@@ -12,8 +12,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
-from hpcinv.errors import HpcinvError, OutputError
+from hpcinv.errors import HpcinvError, OutOfMemory, OutputError
+from hpcinv.parallel.home import provide_home
 from hpcinv.parallel.imports import imports_explained
+from hpcinv.parallel.launchers import adapt_to_launcher, check_size
 from hpcinv.parallel.malloc import keep_freed_memory
 from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 
@@ -33,12 +35,30 @@ def _prepare_environment() -> None:
     # NumPy asks for huge pages where it puts large arrays. Factorizations get that memory later, and on virtual
     # machines the first touch of each page takes milliseconds.
     os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
+    provide_home()
     keep_freed_memory()
 
 
 _prepare_environment()
 
-from mpi4py import MPI as MPI  # noqa: E402  (in that environment)
+import mpi4py  # noqa: E402  (in that environment)
+
+mpi4py.rc.initialize = False  # the launcher is checked first
+
+from mpi4py import MPI as MPI  # noqa: E402
+
+
+def _start_mpi() -> None:
+    if MPI.Is_initialized():  # by a program that has imported MPI itself
+        return
+    library = MPI.Get_library_version()
+    adapt_to_launcher(library, os.environ)
+    MPI.Init_thread()
+    check_size(library, os.environ, MPI.COMM_WORLD.size)
+
+
+mpi4py.rc.finalize = True  # what is started here ends as usual
+_start_mpi()
 
 
 class RootFailure(RuntimeError):
@@ -55,6 +75,8 @@ def on_root[T](comm: MPI.Intracomm, function: Callable[[], T]) -> T:
                 result = function()
         except (HpcinvError, BrokenPipeError) as exc:
             error = exc
+        except MemoryError as exc:
+            error = OutOfMemory.of(exc)
         except BaseException as exc:  # also SystemExit: the other ranks wait below
             _print_traceback(comm, exc)
             error = RootFailure(f"rank 0: {type(exc).__name__}: {exc}")
@@ -108,6 +130,10 @@ def failing_together(comm: MPI.Intracomm) -> Iterator[None]:
     except BrokenPipeError:  # the output of this rank is not read any more
         discard_output()
         abort(comm, CLOSED_OUTPUT)
+    except MemoryError as exc:
+        shortage = OutOfMemory.of(exc)
+        print(f"[rank {comm.rank}] {shortage}", file=sys.stderr, flush=True)
+        abort(comm, shortage.exit_code)
     except BaseException as exc:  # also SystemExit: otherwise MPI_Finalize would wait for ranks that wait for this one
         if not isinstance(exc, RootFailure):
             _print_traceback(comm, exc)

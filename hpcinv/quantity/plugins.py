@@ -8,7 +8,7 @@ from hashlib import sha256
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from hpcinv.errors import JobError
+from hpcinv.errors import JobError, described
 from hpcinv.files.inputs import changed_inputs, digest_of, recorded_inputs
 from hpcinv.files.names import is_file
 
@@ -31,7 +31,7 @@ def load_installed() -> None:
             entry.load()
         except BaseException as error:  # KeyboardInterrupt and GeneratorExit too
             package = f" of the package '{entry.dist.name}'" if entry.dist else ""
-            text = f"the installed plugin '{entry.name}'{package} cannot be imported: {type(error).__name__}: {error}"
+            text = f"the installed plugin '{entry.name}'{package} cannot be imported: {described(error)}"
             raise JobError(text) from error
 
 
@@ -68,7 +68,7 @@ def load_file(path: Path) -> None:
         del sys.modules[name]
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
         where = f" (line {lines[-1]})" if lines else ""  # a syntax error contains its line
-        raise ValueError(f"'{path}' cannot be imported: {type(error).__name__}: {error}{where}") from error
+        raise ValueError(f"'{path}' cannot be imported: {described(error)}{where}") from error
 
 
 def inputs_of(path: Path) -> dict[str, str]:
@@ -88,4 +88,4 @@ def fault_of_plugin(error: BaseException) -> str | None:
         if frame.f_globals.get("__name__", "").startswith(_PREFIX)
     )
     *_, last = (None, *frames)
-    return f"{last[0]}, line {last[1]}: {type(error).__name__}: {error}" if last else None
+    return f"{last[0]}, line {last[1]}: {described(error)}" if last else None

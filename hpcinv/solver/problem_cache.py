@@ -70,7 +70,8 @@ class Workspace:
         if self._body is not None and is_kept:
             return self._body[1]
         self.clear()
-        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, report=report)
+        degree = job.discretisation.displacement
+        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, degree=degree, report=report)
         self._body = key, body
         return body
 
@@ -133,4 +134,5 @@ def _mesh_of(job: Job) -> str:
     """Return everything that a body depends on, as text."""
     digests = [file_digest(job.resolve(file)) for file in job.mesh.files]
     spec = job.mesh.model_dump(mode="json") | {"metres": job.mesh.metres, "digest": digests}
-    return json.dumps([spec, {name: formula.whole for name, formula in job.regions.items()}], sort_keys=True)
+    regions = {name: formula.whole for name, formula in job.regions.items()}
+    return json.dumps([spec, regions, job.discretisation.displacement], sort_keys=True)

@@ -156,7 +156,7 @@ class Reference(Spec):
         if isinstance(data, Mapping):
             if len(data) == 1 and (kind := next(iter(data))) in _KINDS:
                 return {"kind": kind, "series": data[kind]}
-        elif not isinstance(data, str) or data[:1].isdigit() or data[:1] in "+-.":
+        elif not isinstance(data, str) or data[:1].isdigit() or data[:1] in "+-.(":
             return {"kind": "closed form", "value": Quantity(None).parse(data)}
         raise ValueError(
             f"must be a value (closed form), finest, richardson, or one of these of a series, such as "

@@ -1,0 +1,82 @@
+"""Environments other than a user's terminal: services, containers, launchers of another MPI."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.command_line import MPIRUN, ROOT, command, environment
+
+TETRAHEDRON = ROOT / "jobs" / "single-tetrahedron.yaml"
+OPEN_MPI = shutil.which("mpirun.openmpi")
+
+
+def run(words: list[str], place: Path, *without: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a command in an environment that lacks some variables."""
+    settings = {name: value for name, value in environment(**variables).items() if name not in without}
+    return subprocess.run(words, cwd=place, env=settings, capture_output=True, text=True, timeout=120, check=False)
+
+
+def hpcinv(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "hpcinv", *map(str, arguments)]
+
+
+def assert_refused(done: subprocess.CompletedProcess[str], code: int, *texts: str) -> None:
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    for text in texts:
+        assert done.stderr.count(text) == 1, done.stderr
+
+
+@pytest.mark.parametrize("home", [None, "/dev/null"])
+def test_a_run_needs_no_home(home: str | None, tmp_path: Path) -> None:
+    """ADIOS2, which writes checkpoints, ends the process where HOME is not set."""
+    words = hpcinv("run", TETRAHEDRON, "--output", "results")
+    done = run(words, tmp_path, "HOME") if home is None else run(words, tmp_path, HOME=home)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "results" / "summary.json").exists()
+
+
+def test_options_of_dolfinx_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+    words = hpcinv("run", TETRAHEDRON, "--output", "results")
+    assert_refused(run(words, tmp_path, XDG_CONFIG_HOME="/dev/null"), 2, "/dev/null/dolfinx", "XDG_CONFIG_HOME")
+    (tmp_path / "dolfinx_jit_options.json").write_text("{")
+    assert_refused(run(words, tmp_path), 2, "DOLFINx cannot read its options")
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_working_directory_that_was_removed_is_told(tmp_path: Path) -> None:
+    words = ["sh", "-c", 'mkdir gone; cd gone; rmdir ../gone; exec "$@"', "sh", *hpcinv("run", TETRAHEDRON)]
+    assert_refused(run(words, tmp_path), 2, "the working directory cannot be used: No such file or directory")
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.skipif(OPEN_MPI is None, reason="Open MPI is not installed (Debian's package openmpi-bin)")
+def test_the_launcher_of_open_mpi_is_refused(ranks: int, tmp_path: Path) -> None:
+    assert OPEN_MPI is not None
+    launcher = [OPEN_MPI, "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]
+    done = run([*launcher, *hpcinv("run", TETRAHEDRON, "--output", "results")], tmp_path)
+    told = "Open MPI's mpirun speaks PMIx, which MPICH"
+    assert_refused(done, 5, told, f"Start it by {MPIRUN}, or under Slurm by 'srun --mpi=pmi2'.")
+    assert "Abort(" not in done.stderr
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("variables", "launcher"),
+    [({}, "the launcher (PMIX_NAMESPACE is set)"), ({"SLURM_JOB_ID": "7"}, "srun --mpi=pmix")],
+)
+def test_any_launcher_of_pmix_is_refused(variables: dict[str, str], launcher: str, tmp_path: Path) -> None:
+    pmix = {"PMIX_NAMESPACE": "slurm.7.0", "PMIX_RANK": "0"}
+    done = run(hpcinv("run", TETRAHEDRON, "--output", "results"), tmp_path, **pmix, **variables)
+    assert_refused(done, 5, f"{launcher} speaks PMIx, which MPICH", "srun --mpi=pmi2")
+
+
+def test_variables_of_pmix_around_the_right_launcher_do_not_matter(tmp_path: Path) -> None:
+    words = command(2, "run", TETRAHEDRON, "--output", "results")
+    done = run(words, tmp_path, PMIX_NAMESPACE="slurm.7.0", PMIX_RANK="0")
+    assert done.returncode == 0, done.stderr
+    assert "2 ranks" in done.stdout
