@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -53,6 +54,7 @@ from hpcinv.quantity.schema import (
     at,
     collected,
     job_error,
+    name_from,
     raise_if_any,
     repeated,
     shown,
@@ -708,7 +710,9 @@ def _unpickled(plugins: list[Path], data: bytes) -> Job:
     return job
 
 
-def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".", untrusted: bool = False) -> Job:
+def load(
+    source: str | PathLike[str] | Mapping[str, Any], *, directory: str | PathLike[str] = ".", untrusted: bool = False
+) -> Job:
     """Read and check a job: a file, or a mapping with the content of one.
 
     Args:
@@ -721,6 +725,8 @@ def load(source: str | Path | Mapping[str, Any], *, directory: str | Path = ".",
     """
     if isinstance(source, Mapping):
         return parse({"job": "job", **source}, Path(directory) / UNNAMED, untrusted=untrusted)
+    if not isinstance(source, str | PathLike):
+        raise JobError(f"a job is a path of a file or a mapping with the content of one, not {shown(source)}")
     return parse(read_yaml(Path(source)), Path(source), untrusted=untrusted)
 
 
@@ -732,7 +738,9 @@ def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Jo
         text = f"entries, but may have {MOST_ENTRIES:,}"
         raise JobError(*(f"{path}: {key}: has {count:,} {text}" for key, count in large.items()))
     try:
-        job = Job.model_validate({"job": path.stem, **data}, context={"directory": path.parent, "untrusted": untrusted})
+        job = Job.model_validate(
+            {"job": name_from(path), **data}, context={"directory": path.parent, "untrusted": untrusted}
+        )
     except ValidationError as error:
         raise job_error(path, error, Job) from None
     except Exception as error:
