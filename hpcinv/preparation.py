@@ -74,9 +74,9 @@ def is_cut_held_or_loaded(job: Job, body: Body) -> bool:
     """Return whether something acts on some facet where the image ends, or it ends nowhere in the body; collective."""
     if CUT not in body.regions:
         return True
-    states = [job, *job.states]
-    names = {support.region for state in states for support in state.supports or ()}
-    names |= {name for state in states for effect in state.effects for name in effect.surfaces}
+    supports = [*job.supports, *(support for state in job.states for support in state.supports or ())]
+    effects = [*job.effects, *(effect for state in job.states for effect in state.effects)]
+    names = {support.region for support in supports} | {name for effect in effects for name in effect.surfaces}
     cut = body.facets(CUT)
     acts = any(np.intersect1d(cut, body.regions[name].facets).size for name in names if name in body.regions)
     return bool(body.mesh.comm.allreduce(acts, op=MPI.LOR))
