@@ -62,7 +62,7 @@ def applies(info: ValidationInfo) -> bool:
 
 
 def _stays_beside(path: str, info: ValidationInfo) -> str:
-    if applies(info) and (fault := _path_fault((info.context or {}).get("directory", Path()), path)):
+    if applies(info) and (fault := path_fault((info.context or {}).get("directory", Path()), path)):
         raise ValueError(f"'{path}' {fault}")
     return path
 
@@ -106,7 +106,7 @@ def _check_working_directory(files: list[Path]) -> None:
         raise JobError(f"{text}, where the file is; start as 'hpcinv …', or from another directory")
 
 
-def _path_fault(directory: Path, path: str) -> str:
+def path_fault(directory: Path, path: str) -> str:
     """Fault of a path in an untrusted file in ``directory``; empty text if there is none."""
     if (directory / path).resolve().is_relative_to(directory.resolve()):
         return ""
@@ -124,13 +124,13 @@ def mesh_fault(directory: Path, file: str) -> str:
                 f"is read by ADIOS2, which can load libraries that a file names, and is {REFUSED}; ask for a mesh in "
                 "one file (.msh, .vtu), as 'hpcinv mesh gather' makes it"
             )
-    if fault := _path_fault(directory, file):
+    if fault := path_fault(directory, file):
         return fault
     if path.is_file() and path.suffix in (*_IMAGES, ".gz"):
         return _image_fault(path)
     if path.suffix == ".xdmf" and path.is_file():
         for data in _heavy_data(path):
-            if fault := _path_fault(path.parent, data):
+            if fault := path_fault(path.parent, data):
                 return f"has data in '{data}', which {fault}"
     return ""
 
@@ -144,7 +144,7 @@ def _image_fault(path: Path) -> str:
     if source.how in ("a pattern of names", "a list of names"):
         return f"names its files by {source.how}, which is {REFUSED}; ask for it as one file"
     for name in source.names:
-        if fault := _path_fault(path.parent, name):
+        if fault := path_fault(path.parent, name):
             return f"has its voxels in '{shown(name)}', which {fault}"
     return ""
 

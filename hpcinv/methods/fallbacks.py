@@ -82,7 +82,7 @@ def _is_final(solve: Solve, load: float) -> bool:
         return load == 0
     if solve.outcome is Outcome.NOT_FINITE:  # the load exceeds the range of numbers
         return load == 0 and not solve.factorizations
-    return solve.outcome.is_final or solve.outcome is Outcome.LIMIT_POINT
+    return solve.outcome.is_final or solve.outcome in (Outcome.LIMIT_POINT, Outcome.PASSED_THROUGH)
 
 
 def _arc_length(problem: Problem, steps: Steps, load: float) -> Solves:

@@ -35,6 +35,11 @@ class Outcome(enum.Enum):
     )
     LIMIT_POINT = "the load reaches a limit point here"
     ANOTHER_PATH = "the solution found there does not belong to the path from the unloaded body"
+    PASSED_THROUGH = (
+        "the surface of the body would pass through an obstacle",
+        "Take smaller steps (solver.minimum_step, solver.steps). Where a thin obstacle fits between the nodes of the"
+        " body's surface, refine the mesh there.",
+    )
     CONTACT_LIMIT = (
         "the pressure of a rigid obstacle did not settle: the penetration remains above the tolerated one",
         "Raise effects[i].penalty tenfold, or effects[i].penetration; refine the mesh where the body touches.",

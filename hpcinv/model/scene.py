@@ -36,6 +36,7 @@ from hpcinv.model.contacts import Contacts
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
+from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.scene_means import PartExpressions, SceneMeans
 from hpcinv.model.spaces import Unknowns
@@ -113,13 +114,16 @@ class Scene:
         self.kinematics = kin = kinematics(unknowns.u, integration)
         if known is not None:
             kin.given = OtherState(kin, known)
-        self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count)
+        may_grow = kin.sign > 0 and any(effect.presses_at_any_load for effect in job.effects)
+        self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count, may_grow=may_grow)
         count = len(job.laws)
         of_effects = [
             (effect, par.load(job.case_of(effect)), par.of(count + i)) for i, effect in enumerate(job.effects)
         ]
         degree = job.discretisation.displacement
         for (where, _), (effect, _, p) in zip(job.named_effects, of_effects, strict=True):
+            if effect.presses_at_any_load:
+                p.growing = par.growing
             for name, (components, of_degree) in effect.functions(degree).items():
                 setattr(p, name, fields.updated(f"{where}.{name}", components, of_degree))
         named = tuple(zip((where for where, _ in job.named_effects), of_effects, strict=True))
@@ -174,6 +178,11 @@ class Scene:
         p, q = ufl.TrialFunction(pressures), ufl.TestFunction(pressures)
         dx = self.kinematics.integration.part
         return sum(part.compliance * p * q * dx(number) for number, part in enumerate(self.parts))
+
+    @cached_property
+    def passages(self) -> Passages:
+        """The ways of the body past obstacles of contact."""
+        return self.contacts.passages(self.unknowns)
 
     @cached_property
     def means(self) -> SceneMeans:

@@ -42,6 +42,12 @@ class SurfaceDistance:
         self._triangles = np.asarray(self._surface.regular_faces)
         self._normals = np.asarray(self._surface.point_data["Normals"], dtype=np.float64)
 
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Least and largest coordinates, (3,) each in m."""
+        points = np.asarray(self._surface.points, dtype=np.float64)
+        return points.min(axis=0), points.max(axis=0)
+
     def __call__(self, points: Floats) -> tuple[Floats, Floats]:
         """Return signed distances (n,) m and normals (n, 3) of the surface at the nearest points; not collective."""
         import pyvista

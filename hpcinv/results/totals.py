@@ -196,7 +196,7 @@ def _mass(model: Model, where: str, effect: Any, volumes: Floats) -> float:
 
 def _cell_volumes(body: Body) -> Floats:
     """Return the volumes (m³) of the owned cells, exact for straight and curved ones."""
-    kind, degree = body.source.kind, body.source.degree
+    kind, degree = body.source.kind, body.degree
     points, weights = quadrature(kind, 3 * degree)
     cells = body.mesh.geometry.dofmaps[0][: body.mesh.topology.index_map(3).size_local]
     found: Floats = np.zeros(len(cells))

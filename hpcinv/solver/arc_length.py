@@ -160,6 +160,11 @@ class _Path:
         solve = found.solve
         if solve.outcome.accepted and norm(predicted) > step:
             solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
+        passages = self.equations.system.scene.passages
+        if solve.outcome.accepted:
+            self._move_to(found.x, solve.load)
+            if passages.has_passed():
+                solve = replace(solve, outcome=Outcome.PASSED_THROUGH)
         if found.g is None or not solve.outcome.accepted:
             self.equations.system.set_state(point.x)
             yield self._charged(solve)
@@ -181,9 +186,14 @@ class _Path:
         self.before = point
         sign = solve.signs[-1] if solve.signs else point.sign
         after = _Point(found.x, solve.load, tangent_along(found.g, along), sign)
-        self.equations.system.set_state(found.x)
+        self._move_to(found.x, solve.load)
+        passages.depart()
         yield self._charged(solve)
         return after
+
+    def _move_to(self, x: PETSc.Vec, load: float) -> None:
+        self.equations.system.set_load(load)
+        self.equations.system.set_state(x)
 
     def _corrected(self, x: PETSc.Vec, load: float, t: PETSc.Vec, scale: float) -> Corrected:
         """Return a point of the path from a predicted state, or the fault of that state."""
@@ -231,7 +241,8 @@ class _Path:
             yield self._charged(solve)
             self.ended = solve.outcome.is_final
             return None
-        self.equations.system.set_state(extremum.x)
+        self._move_to(extremum.x, solve.load)
+        self.equations.system.scene.passages.depart()
         yield replace(self._charged(solve), limit_point=True)
         if self.passed == self.steps.limit_points:
             yield self._end(solve.load, Outcome.LIMIT_POINT)

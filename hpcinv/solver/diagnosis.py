@@ -103,6 +103,7 @@ class Diagnosis(enum.Enum):
         "Take it from the beginning, without that limit (solver: {strategy: arc-length}): it shows whether the load has"
         " a limit point here. Else refine the mesh where the body deforms most.",
     )
+    PASSED_THROUGH = (Outcome.PASSED_THROUGH.text, Outcome.PASSED_THROUGH.advice)
     CONTACT_LIMIT = (Outcome.CONTACT_LIMIT.text, Outcome.CONTACT_LIMIT.advice)
     FORWARD_FAILED = FIXED_POINT_LIMIT = FIXED_POINT_DIVERGED = (
         "the fixed-point method did not find the shape",
@@ -117,6 +118,7 @@ class Diagnosis(enum.Enum):
 # Ends of the path for any strategy, which loss of stability does not explain.
 _DECISIVE = {
     Diagnosis.CONTACT_LIMIT,
+    Diagnosis.PASSED_THROUGH,
     Diagnosis.LIMIT_POINT,
     Diagnosis.KRYLOV_LIMIT,
     Diagnosis.NO_MEMORY,
@@ -132,6 +134,9 @@ _PREFERRED = ("arc-length", "load steps")
 def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     """Return the reason why the solves of one direction, the last of which failed, ended before the full load."""
     accepted = [solve for solve in solves if solve.outcome.accepted]
+    last = max((number for number, solve in enumerate(solves) if solve.outcome.accepted), default=-1)
+    if any(solve.outcome is Outcome.PASSED_THROUGH for solve in solves[last + 1 :]):
+        return Diagnosis.PASSED_THROUGH
     found = Diagnosis.__members__.get(_last_outcome(solves).name, Diagnosis.NOT_CONVERGED)
     if found is Diagnosis.LINEAR_SOLVER and not accepted:
         return Diagnosis.ILL_POSED

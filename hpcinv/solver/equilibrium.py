@@ -134,6 +134,11 @@ class Equilibrium:
         system, linear = self.system, self.linear
         system.set_load(load)
         system.scene.contacts.locate()
+        if system.scene.passages.has_passed():  # an obstacle that moves
+            spent = predicted.factorizations if predicted is not None else 0
+            if predicted is not None:
+                system.set_state(predicted.origin)
+            return Solve(load, Outcome.PASSED_THROUGH, (), spent)
         self._now = now = _Progress(self._monitor(tolerance, begins_near=begins_near and self.reuse > 0))
         now.factorizations = linear.factorizations
         if predicted is not None:
@@ -167,12 +172,22 @@ class Equilibrium:
         system.set_state(x)
         if outcome.accepted:
             outcome = system.fault_of_solution() or outcome
+        if outcome.accepted and system.scene.passages.has_passed():
+            outcome = Outcome.PASSED_THROUGH
+        if outcome.accepted:
+            system.scene.passages.depart()
         if not outcome.accepted:
             system.set_state(accepted)
         accepted.destroy()
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
         factorizations = linear.factorizations - now.factorizations
         return Solve(load, outcome, history, factorizations, tuple(now.signs), linear_iterations=iterations)
+
+    def depart(self, load: float) -> None:
+        """Let ways past obstacles begin at the present state, an equilibrium under this load factor."""
+        if passages := self.system.scene.passages:
+            self.system.set_load(load)
+            passages.depart()
 
     @contextmanager
     def newton(self, line_search: str) -> Iterator[None]:
@@ -240,7 +255,8 @@ class Equilibrium:
         self.system.residual(b)
 
     def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, _A: PETSc.Mat, _P: PETSc.Mat) -> None:
-        self._now.has_new_tangent = self._now.monitor.needs_new_tangent
+        has_touched = self._now.short is Outcome.PASSED_THROUGH
+        self._now.has_new_tangent = has_touched or self._now.monitor.needs_new_tangent
         if self._now.has_new_tangent:
             self._renew_tangent(x)
 

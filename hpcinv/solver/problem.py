@@ -126,11 +126,6 @@ class Model:
             raise MeshError(f"{file}{state}{error.message}", error.advice) from None
 
     @property
-    def is_isoparametric(self) -> bool:
-        """True if the cells' geometry has the degree of the displacement: the moved mesh is then the moved body."""
-        return self.body.source.degree >= self.job.discretisation.displacement
-
-    @property
     def _has_springs(self) -> bool:
         return any(effect.holds for effect in self.job.effects)
 
@@ -217,6 +212,7 @@ class Model:
             )
         equilibrium.linear.options.restore()
         scene.contacts.locate()
+        scene.passages.forget()
         equilibrium.system.timings, equilibrium.observer = self.timings, observer
         if not self._are_supports_checked:
             try:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
+from helpers.schemas import refusals
 
 import hpcinv as package
 from hpcinv.__main__ import main
@@ -69,6 +70,7 @@ def test_examples_are_valid_jobs_beside_their_mesh(kind: str, tmp_path: Path, ca
     assert f"python -m hpcinv run {file}" in capsys.readouterr().out
     assert sorted(p.name for p in tmp_path.iterdir()) == [file.name, f"my-{kind}_mesh.py"]
     assert main(["validate", str(file)]) == 0
+    assert refusals(read_yaml(file)) == []
     text = file.read_text()
     assert "$" not in text
     assert "doi:10." in text

@@ -12,7 +12,7 @@ from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
-from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays, with_distinct_tags
 from hpcinv.parallel.runtime import MPI
 
 VTK_TYPES = {
@@ -137,7 +137,7 @@ def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
     """Facets that are in a group, and the groups with indices of these."""
     named = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.members for g in groups if g.dim == 2)]))
     kept = [g if g.dim == 3 else Group(g.name, 2, g.tag, np.searchsorted(named, g.members)) for g in groups]
-    return facets[named], tuple(kept)
+    return facets[named], with_distinct_tags(kept)
 
 
 def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
