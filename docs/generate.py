@@ -64,8 +64,7 @@ REMEDIES = {
     " facets that cross. If it is a wall or a rest, the body passes beside it.",
     "boundary facets that cross": "No such body can be made. Check load and stiffness; where parts touch in the loaded"
     " body, their contact carries a load that the job does not have.",
-    "round trip": "`geometry_degree: 2`: straight cells carry only their vertices, and close no better than their size"
-    " allows. On curved ones: [stability](../theory/stability.md), since the way back may lead to another state.",
+    "round trip": "[Stability](../theory/stability.md), since the way back may lead to another state.",
     "stability": "The loaded body would buckle or snap away, so that nobody can have seen it: check load and supports."
     " What to do about 'not decided' is [on its page](../theory/stability.md#the-verdicts).",
     "limit points": "The body may carry this load in two shapes: [what was found](../theory/newton.md#limit-points).",
@@ -428,7 +427,9 @@ def _failures() -> Iterator[str]:
     yield from _prose(
         """
         Before a run gives up it has halved its load steps and tried its [rescue strategies](hard-cases.md), so that
-        another try with smaller steps alone seldom helps.
+        another try with smaller steps alone seldom helps. After four failed solves the log says what the load moves to
+        first order: how far, where most, whether the body is nearly free to move or turn as a whole, and what the
+        supports hold. Failed solves may take 400 factorizations in each direction (`solver: {patience: 400}`).
         """
     )
     yield ""

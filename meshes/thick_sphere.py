@@ -6,6 +6,7 @@ Groups: volume ``wall``; surfaces ``inner``, ``outer``, and the planes of symmet
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 from math import hypot
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +32,8 @@ def build(
 ) -> None:
     """Mesh the octant with radial × along × along bricks in each of three blocks, whole or cut into six tetrahedra.
 
-    The blocks meet on the ray (1, 1, 1), and each reaches from there to one of the axes.
+    The blocks meet on the ray (1, 1, 1), and each reaches from there to one of the axes. Spheres separate the
+    divisions, so that curved cells have an interface of two layers where it is.
     """
     geo = gmsh.model.geo
     centre = geo.addPoint(0, 0, 0)
@@ -41,9 +43,9 @@ def build(
         return int(geo.addPoint(*(radius * c / hypot(*ray) for c in ray)))
 
     @cache
-    def line(ray: Ray) -> int:
-        tag = int(geo.addLine(point(ray, inner), point(ray, outer)))
-        geo.mesh.setTransfiniteCurve(tag, int(radial) + 1)
+    def line(ray: Ray, low: float, high: float) -> int:
+        tag = int(geo.addLine(point(ray, low), point(ray, high)))
+        geo.mesh.setTransfiniteCurve(tag, 2)
         return tag
 
     @cache
@@ -60,11 +62,13 @@ def build(
         return surface
 
     @cache
-    def side(start: Ray, end: Ray) -> int:
-        loop = geo.addCurveLoop([arc(start, end, inner), line(end), -arc(start, end, outer), -line(start)])
-        corners = [point(start, inner), point(end, inner), point(end, outer), point(start, outer)]
+    def side(start: Ray, end: Ray, low: float, high: float) -> int:
+        ends = line(start, low, high), line(end, low, high)
+        loop = geo.addCurveLoop([arc(start, end, low), ends[1], -arc(start, end, high), -ends[0]])
+        corners = [point(start, low), point(end, low), point(end, high), point(start, high)]
         return divided(geo.addPlaneSurface([loop]), corners)
 
+    @cache
     def patch(rays: tuple[Ray, Ray, Ray, Ray], radius: float) -> int:
         middle, one, axis, other = rays
         loop = geo.addCurveLoop(
@@ -78,21 +82,23 @@ def build(
         surface = geo.addSurfaceFilling([loop], sphereCenterTag=centre)
         return divided(surface, [point(ray, radius) for ray in rays])
 
-    groups: dict[str, list[int]] = {"inner": [], "outer": []}
-    blocks = []
-    for i, axis in enumerate(AXES):
-        one, other = BETWEEN[i], BETWEEN[i - 1]
-        rays = (MIDDLE, one, axis, other)
-        groups["inner"].append(patch(rays, inner))
-        groups["outer"].append(patch(rays, outer))
-        sides = [side(MIDDLE, one), side(one, axis), side(other, axis), side(MIDDLE, other)]
-        block = geo.addVolume([geo.addSurfaceLoop([groups["inner"][-1], *sides, groups["outer"][-1]])])
-        geo.mesh.setTransfiniteVolume(block, [point(ray, radius) for radius in (inner, outer) for ray in rays])
-        blocks.append(block)
+    radii = [inner + (outer - inner) * i / int(radial) for i in range(int(radial) + 1)]
+    blocks = [(MIDDLE, BETWEEN[i], axis, BETWEEN[i - 1]) for i, axis in enumerate(AXES)]
+    shells = list(pairwise(radii))
+    volumes = []
+    for rays in blocks:
+        middle, one, axis, other = rays
+        for low, high in shells:
+            sides = [side(*ends, low, high) for ends in ((middle, one), (one, axis), (other, axis), (middle, other))]
+            volume = geo.addVolume([geo.addSurfaceLoop([patch(rays, low), *sides, patch(rays, high)])])
+            geo.mesh.setTransfiniteVolume(volume, [point(ray, radius) for radius in (low, high) for ray in rays])
+            volumes.append(volume)
+    groups = {name: [patch(rays, radius) for rays in blocks] for name, radius in (("inner", inner), ("outer", outer))}
     for i, name in enumerate(("x0", "y0", "z0")):
-        groups[name] = [side(ray, axis) for ray in BETWEEN for axis in AXES if ray[i] == axis[i] == 0]
+        ends = [(ray, axis) for ray in BETWEEN for axis in AXES if ray[i] == axis[i] == 0]
+        groups[name] = [side(*pair, *shell) for pair in ends for shell in shells]
     geo.synchronize()
     for name, surfaces in groups.items():
         gmsh.model.addPhysicalGroup(2, surfaces, name=name)
-    gmsh.model.addPhysicalGroup(3, blocks, name="wall")
+    gmsh.model.addPhysicalGroup(3, volumes, name="wall")
     gmsh.model.mesh.generate(3)

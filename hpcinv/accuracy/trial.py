@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from dolfinx import fem
+from dolfinx.mesh import create_submesh
 
 from hpcinv.accuracy.forecast import Step, Work
 from hpcinv.accuracy.meshes import Variant
@@ -13,9 +14,13 @@ from hpcinv.certificate.estimate import Estimate, estimate
 from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.mesh import Body
+from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.moved import placed
+from hpcinv.mesh.source import Ints
 from hpcinv.methods import Method, method_for
+from hpcinv.model.layers import layers_of_cells, layers_on
 from hpcinv.model.outcome import Outcome
+from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, check_points, evaluate, fault_of
@@ -146,20 +151,46 @@ def begin_with(model: Model, solution: Solution, body: Body) -> None:
     pairs = [(u, solution.displacement)] if p is None else [(u, solution.displacement), (p, solution.pressure)]
     for new, old in pairs:
         assert old is not None
-        if model.body is body:
-            new.interpolate(old)
+        if model.body.source is body.source:
+            interpolate(old, new)
         else:
-            _across(new, old, body.length_scale / model.body.length_scale)
+            layers = model.unknowns.layers if new is p else None
+            given = None if layers is None else layers_of_cells(model.job, body)
+            _across(new, old, body.length_scale / model.body.length_scale, layers, given)
     model.set_solution(u, p)
     model.unknowns.state.x.scatter_forward()
 
 
-def _across(new: fem.Function, old: fem.Function, scale: float) -> None:
-    """Interpolate between meshes of one body; coordinates of the new mesh are ``scale`` times those of the old one."""
+def _across(new: fem.Function, old: fem.Function, scale: float, layers: Ints | None, given: Ints | None) -> None:
+    """Interpolate between meshes of one body; coordinates of the new mesh are ``scale`` times those of the old one.
+
+    Args:
+        layers, given: of the local cells of the new and of the old mesh; the pressure of each comes from the same one.
+    """
     here, there = new.function_space.mesh, old.function_space.mesh
-    cells, owned = (np.arange(m.topology.index_map(3).size_local, dtype=np.int32) for m in (here, there))
+    owned = [np.arange(m.topology.index_map(3).size_local, dtype=np.int32) for m in (here, there)]
     with placed(there, there.geometry.x * scale):
-        largest = here.comm.allreduce(float(there.h(3, owned).max(initial=0.0)), op=MPI.MAX)
-        data = fem.create_interpolation_data(new.function_space, old.function_space, cells, padding=_PADDING * largest)
-        new.interpolate_nonmatching(old, cells, data)
+        padding = _PADDING * here.comm.allreduce(float(there.h(3, owned[1]).max(initial=0.0)), op=MPI.MAX)
+        if layers is None or given is None:
+            _interpolate_across(new, old, owned[0], padding)
+        else:
+            for layer in layers_on(here.comm, given):
+                cells = owned[0][layers[: len(owned[0])] == layer]
+                _interpolate_across(new, _within(old, owned[1][given[: len(owned[1])] == layer]), cells, padding)
     new.x.scatter_forward()
+
+
+def _interpolate_across(new: fem.Function, old: fem.Function, cells: Integers, padding: float) -> None:
+    data = fem.create_interpolation_data(new.function_space, old.function_space, cells, padding=padding)
+    new.interpolate_nonmatching(old, cells, data)
+
+
+def _within(function: fem.Function, cells: Integers) -> fem.Function:
+    """Return a function on a mesh of some owned cells, by themselves; collective."""
+    mesh = function.function_space.mesh
+    part, to_mesh = create_submesh(mesh, 3, cells)[:2]
+    found = fem.Function(fem.functionspace(part, function.function_space.ufl_element()))
+    own = np.arange(part.topology.index_map(3).size_local, dtype=np.int32)
+    found.interpolate(function, to_mesh.sub_topology_to_topology(own, False), own)
+    found.x.scatter_forward()
+    return found

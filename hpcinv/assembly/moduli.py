@@ -19,7 +19,7 @@ from ufl.corealg.traversal import unique_post_traversal
 
 from hpcinv.kinematics.kinematics import LABEL
 from hpcinv.kinematics.staged_derivatives import Jacobian, Local, without_stages
-from hpcinv.mesh.cells import quadrature_rule
+from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 
@@ -98,9 +98,9 @@ def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
         UnsupportedForm: if quadratures differ, or the regions of the integrals do not cover all cells once.
     """
     integrals = [one for one in form.integrals() if one.integral_type() == "cell"]
-    rules = {(one.metadata().get("quadrature_degree"), one.metadata().get("quadrature_rule")) for one in integrals}
-    degree, rule = rules.pop() if len(rules) == 1 else (None, None)
-    if not isinstance(degree, int) or rule != quadrature_rule(unknowns.mesh.basix_cell().name, degree):
+    kind = unknowns.mesh.basix_cell().name
+    degree = integrals[0].metadata().get("quadrature_degree") if integrals else None
+    if not isinstance(degree, int) or any(one.metadata() != quadrature_metadata(kind, degree) for one in integrals):
         raise UnsupportedForm("its volume integrals do not have the quadrature of hpcinv")
     common = [one.integrand() for one in integrals if one.subdomain_id() in ("everywhere", "otherwise")]
     regions: dict[int, list[Any]] = {}

@@ -36,6 +36,7 @@ from dolfinx import fem
 
 from hpcinv.certificate import two_level
 from hpcinv.certificate.extension import extend
+from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import locate, position
 from hpcinv.mesh.moved import placed
@@ -43,6 +44,7 @@ from hpcinv.mesh.refine.finer_geometry import on_mesh
 from hpcinv.methods import DirectMethod
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
+from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import Value, carried, evaluate
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
@@ -159,7 +161,7 @@ def estimate(
             equilibrium.correct(1.0)
             equilibrium.destroy()
         u, at_nodes, moved, largest = _moved(model, solution, finer, given)
-        if is_affordable and not largest <= LINEAR * solution.largest_displacement:
+        if is_affordable and not largest <= LINEAR * displacement_scale(model, solution).length:
             corrected = state.copy()
             if is_solved := _solve(finer, solution.direction, observer):
                 u, at_nodes, moved, largest = _moved(model, solution, finer, given)
@@ -233,8 +235,6 @@ def _finer_body(model: Model, given: Correction | None) -> tuple[Body, str]:
 
 def _of_further_states(model: Model) -> str:
     """Why the error of the geometry is left out in states that are solved from this one; collective."""
-    if not model.is_isoparametric:
-        return "of the rest shape, only the nodes of the mesh are carried (see mesh.geometry_degree)"
     body, unknown = model.body.with_finer_geometry
     return unknown if body is None or body is model.body else "it is known for the given mesh only"
 
@@ -322,7 +322,8 @@ def _by_cell(delta: fem.Function, length: float) -> npt.NDArray[np.float64]:
     constant = fem.functionspace(mesh, ("DG", 0))
     gradient = ufl.grad(delta) / length
     degree = 2 * delta.function_space.ufl_element().degree - 2
-    form = ufl.inner(gradient, gradient) * ufl.TestFunction(constant) * ufl.dx(metadata={"quadrature_degree": degree})
+    dx = ufl.dx(metadata=quadrature_metadata(mesh.basix_cell().name, degree))
+    form = ufl.inner(gradient, gradient) * ufl.TestFunction(constant) * dx
     vector = fem.assemble_vector(fem.form(form, jit_options=JIT_OPTIONS))
     owned = mesh.topology.index_map(3).size_local
     return np.asarray(vector.array[constant.dofmap.list[:owned, 0]])

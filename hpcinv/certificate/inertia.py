@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.solver.linear.direct import WORKSPACE, larger_workspace
 from hpcinv.solver.linear.ordering import order_by_nodes
 from hpcinv.solver.petsc_options import Value
 
@@ -33,7 +34,7 @@ class Inertia:
 _OPTIONS: Mapping[str, Value] = {
     "mat_mumps_icntl_13": 1,  # no ScaLAPACK on the root, where negative pivots are not counted
     "mat_mumps_icntl_24": 1,  # detect null pivots
-    "mat_mumps_icntl_14": 50,
+    "mat_mumps_icntl_14": WORKSPACE,
 }
 _ROUNDED: Mapping[str, Value] = {"pc_precision": "single"}
 _LOW_RANK: Mapping[str, Value] = {"mat_mumps_icntl_35": 2, "mat_mumps_cntl_7": 1e-4}
@@ -161,7 +162,7 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
 
 
 def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value], unknowns: Unknowns | None) -> PETSc.PC | None:
-    """Return factors of a symmetric matrix, ``None`` if MUMPS fails; collective."""
+    """Return factors of a symmetric matrix, ``None`` if MUMPS fails also with more workspace; collective."""
     database, prefix = PETSc.Options("inertia_"), "inertia_"
     for name, value in options.items():
         database.setValue(name, value)
@@ -183,8 +184,9 @@ def _factorized(matrix: PETSc.Mat, options: Mapping[str, Value], unknowns: Unkno
             database.delValue(name)
     if reason == PETSc.PC.FailedReason.NOERROR:
         return pc
+    larger = larger_workspace(pc)
     pc.destroy()
-    return None
+    return _factorized(matrix, {**options, "mat_mumps_icntl_14": larger}, unknowns) if larger else None
 
 
 def _has_inertia_of(pc: PETSc.PC, matrix: PETSc.Mat) -> bool:

@@ -10,13 +10,11 @@ converge to is the solution.
 
 Corrections end as soon as what is left of them cannot change the verdict. With a contraction ``θ`` of successive steps
 that is about ``θ/(1-θ)`` times the last one, where ``θ`` is the largest of the last three ratios. Where they do not
-settle, Newton's method takes over; but not on straight cells without factors: the way back does not close there, and
-may take longer than the solution.
+settle, Newton's method takes over.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -31,6 +29,7 @@ from hpcinv.certificate.inertia import SymmetricFactors
 from hpcinv.methods.updates import Anderson
 from hpcinv.model.quadrature_values import CellMeans
 from hpcinv.parallel.runtime import MPI
+from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
 
@@ -45,11 +44,6 @@ if TYPE_CHECKING:
 type Floats = npt.NDArray[np.float64]
 
 ROUND_TRIP = "round trip, relative to the displacement"
-STRAIGHT = (
-    "the cells' geometry is of lower degree than the displacement, so that only their nodes can move: with"
-    " 'mesh: {geometry_degree: 2}' the round trip of quadratic ones closes (for a .msh file, 'gmsh -order 2' also puts"
-    " their nodes on the curved surface)"
-)
 WARN, FAIL = 1e-3, 0.1
 
 _CORRECTIONS = 15  # of one way back, with the same factors
@@ -65,8 +59,7 @@ def round_trip(
 ) -> Iterator[Line]:
     """Solve back from the body that a solution found, and compare the displacements; collective.
 
-    If the cells' geometry has the degree of the displacement, the two directions are exact discrete inverses. Else the
-    distance is that of the geometry too, and no failure of the solution.
+    The two directions are exact discrete inverses, since the cells' geometry has the degree of the displacement.
 
     Args:
         forward: factors of the forward tangent at the solution.
@@ -78,23 +71,20 @@ def round_trip(
     elif start == "near":
         yield solved_back(model, solution, forward, observer)
     else:
-        yield _along_the_path(model, solution, forward, observer)
+        yield _along_the_path(model, solution, observer)
 
 
 def closure_error(model: Model, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
-    difference, size = _difference(model, solution, back), solution.largest_displacement
-    note = f"{difference:.3g} m" if model.is_isoparametric else f"{difference:.3g} m; {STRAIGHT}"
-    fail = FAIL if model.is_isoparametric else math.inf
-    return at_most(ROUND_TRIP, difference / size if size else difference, WARN, fail, note=note)
+    difference, scale = _difference(model, solution, back), displacement_scale(model, solution)
+    note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note]))
+    return at_most(ROUND_TRIP, scale.share(difference), WARN, FAIL, note=note)
 
 
-def _closed(model: Model, solution: Solution, forward: ForwardFactors) -> Line:
+def _closed(model: Model, solution: Solution) -> Line:
     """Return the line of a way back that ended in the present state of the model."""
-    u, p = model.solution()
-    line = closure_error(model, solution, model.unknowns.at_nodes(u))
-    forward.move_to_equilibrium(u, p, line.value or 0.0)
-    return line
+    u, _ = model.solution()
+    return closure_error(model, solution, model.unknowns.at_nodes(u))
 
 
 def _difference(model: Model, solution: Solution, back: np.ndarray) -> float:
@@ -112,18 +102,15 @@ def solved_back(model: Model, solution: Solution, forward: ForwardFactors, obser
     with model.at(solution.other_nodes, *solution.fields):
         solver = forward.factors if forward.affordable else forward.multigrid
         if solver is not None and _WayBack(model, solution, solver).settles(observer):
-            return _closed(model, solution, forward)
+            return _closed(model, solution)
         if not forward.affordable:
-            if not model.is_isoparametric:
-                note = f"corrections did not settle, and more may take longer than the solution: {STRAIGHT}"
-                return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
             forward.destroy()  # the tangent of multigrid is assembled again
         model.set_solution(*solution.fields)
         equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
         last = equilibrium.solve(1.0, max(model.job.solver.tolerance, _ACCURACY), begins_near=True)
         model.release(equilibrium)
         if last.outcome.accepted:
-            return _closed(model, solution, forward)
+            return _closed(model, solution)
     note = (
         f"near the known displacement the solve back did not converge: {last.outcome.text}; 'certificate: {{round_trip:"
         " path}' solves it from the unloaded body"
@@ -131,7 +118,7 @@ def solved_back(model: Model, solution: Solution, forward: ForwardFactors, obser
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
 
-def _along_the_path(model: Model, solution: Solution, forward: ForwardFactors, observer: Observer) -> Line:
+def _along_the_path(model: Model, solution: Solution, observer: Observer) -> Line:
     """Return the line of a way back that begins with the unloaded body."""
     with model.at(solution.other_nodes, *solution.fields):
         equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
@@ -139,7 +126,7 @@ def _along_the_path(model: Model, solution: Solution, forward: ForwardFactors, o
         last: Solve = list(follow(equilibrium, model.steps, model.job.solver.tolerance))[-1]
         model.release(equilibrium)
         if last.outcome.accepted and last.load == 1.0:
-            return _closed(model, solution, forward)
+            return _closed(model, solution)
     note = f"the solve back from the unloaded body stopped at load factor {last.load:.4g}: {last.outcome.text}"
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
@@ -160,7 +147,8 @@ class _WayBack:
         self._system.set_load(1.0)
         self._u = unknowns.owned_displacement_dofs
         self._p = np.zeros(0, dtype=np.int32) if unknowns.p is None else unknowns.owned_pressure_dofs
-        self._size = solution.largest_displacement / model.scales.length or 1.0
+        self._scale = displacement_scale(model, solution)
+        self._size = self._scale.length / model.scales.length or 1.0
         self._inverse = _Relabelling(model, solution) if solution.direction == "forward" else None
 
     def settles(self, observer: Observer = SILENT) -> bool:
@@ -199,7 +187,7 @@ class _WayBack:
             return steps[-1] <= _ROUND_OFF
         left = remaining(steps)
         u = self._model.unknowns.at_nodes(self._model.solution()[0])
-        found = _difference(self._model, self._solution, u) / (self._solution.largest_displacement or 1.0)
+        found = self._scale.share(_difference(self._model, self._solution, u))
         same = all(found + left <= bound or found - left > bound for bound in (WARN, FAIL))
         return same and left <= max(self._share * found, _ACCURACY)
 

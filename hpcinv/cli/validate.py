@@ -11,8 +11,11 @@ from hpcinv.errors import HpcinvError
 from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, json_schema, load
 from hpcinv.job.plausibility import doubtful_moduli
+from hpcinv.quantity.schema import Spec
 from hpcinv.study.plan import is_study, load_study
+from hpcinv.study.spec import Study
 from hpcinv.sweep.plan import is_sweep, load_sweep
+from hpcinv.sweep.spec import Sweep
 
 
 def add_validate(commands: Any) -> None:
@@ -30,10 +33,11 @@ def add_validate(commands: Any) -> None:
     schema = add_command(
         commands,
         "schema",
-        "Print the JSON Schema of job files, for editors.",
-        examples="hpcinv schema > job.schema.json",
+        "Print the JSON Schema of job, study or sweep files, for editors.",
+        examples="hpcinv schema > job.schema.json\nhpcinv schema sweep > sweep.schema.json",
         page="reference/job-keys.md",
     )
+    schema.add_argument("kind", choices=list(_KINDS), nargs="?", default="job", help="kind of file, by default a job")
     schema.set_defaults(command=_schema)
 
 
@@ -53,6 +57,9 @@ def _validate(options: argparse.Namespace) -> int:
     return failed
 
 
-def _schema(_options: argparse.Namespace) -> int:
-    print(json.dumps(json_schema(), indent=2))
+_KINDS: dict[str, type[Spec]] = {"job": Job, "study": Study, "sweep": Sweep}
+
+
+def _schema(options: argparse.Namespace) -> int:
+    print(json.dumps(json_schema(_KINDS[options.kind]), indent=2))
     return 0

@@ -32,7 +32,7 @@ class Contact(Effect):
     does not determine ``p``.
 
     Elastic layer, with ``stiffness``: ``p = max(0, stiffness (stand_off - g))``, which a given deformed shape
-    determines.
+    determines. If it presses on the undeformed body in a forward solve, it grows with the load factor.
 
     Known contact pressure, with ``pressure``, on a given deformed shape: ``p = max(0, pressure - penalty g)``.
 
@@ -81,6 +81,10 @@ class Contact(Effect):
         return self.stiffness is None and self.pressure is None
 
     @property
+    def presses_at_any_load(self) -> bool:
+        return self.stiffness is not None
+
+    @property
     def assumption(self) -> str:
         """Assumption that determines the contact pressure."""
         if self.stiffness is not None:
@@ -123,16 +127,23 @@ class Contact(Effect):
 
     def gap(self, k: Kinematics, load: Any, par: Any) -> tuple[Any, Any]:
         """Return the gap and the direction away from the obstacle."""
+        return self.obstacle.distance(self.position(k, load, par), SimpleNamespace(**self.obstacle_entries(par)))
+
+    def obstacle_entries(self, par: Any) -> dict[str, Any]:
+        """Return the quantities and functions of the obstacle by their names in it."""
         prefix = "obstacle_"
-        own = {n.removeprefix(prefix): value for n, value in vars(par).items() if n.startswith(prefix)}
-        return self.obstacle.distance(self.position(k, load, par), SimpleNamespace(**own))
+        return {name.removeprefix(prefix): value for name, value in vars(par).items() if name.startswith(prefix)}
 
     def contact_pressure(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the pressure per current area."""
-        share, pressing, slope = k.at_load(load)[0], self._pressing(k, load, par), self._slope(par)
+        share, pressing, slope = self._share(k, load, par), self._pressing(k, load, par), self._slope(par)
         if slope is None:
             return share * positive_part(pressing)
         return share * rounded_positive_part(pressing, slope * self.tolerance(par) / 4)
+
+    def _share(self, k: Kinematics, load: Any, par: Any) -> Any:
+        """Return the share of the pressure at full load that acts."""
+        return k.at_load(load, par.growing if self.presses_at_any_load else 0)[0]
 
     def _pressing(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the scalar that is positive where there is contact: there it is the pressure at full load."""

@@ -18,6 +18,8 @@ from hpcinv.quantity.units import Dimension
 
 LENGTH, NUMBER = Dimension(length=1), Dimension()
 FORMATS = (".stl", ".ply", ".obj", ".vtp")
+_DIFFERENCE = 1e-6
+"""Step of differences of a formula, in its farthest coordinate; larger ones blur edges of the obstacle."""
 
 
 class Obstacle(Spec):
@@ -38,9 +40,37 @@ class Obstacle(Spec):
         """Paths, relative to the job file, of files that define the shape."""
         return ()
 
+    @property
+    def can_be_passed(self) -> bool:
+        """True if a point can come out of it on another side."""
+        return True
+
     @abstractmethod
     def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
-        """Return the signed distance of points ``x`` (UFL, scaled lengths) and its gradient, a unit vector."""
+        """Return the signed distance of points ``x`` (scaled lengths) and its gradient, a unit vector.
+
+        Points and gradients are vectors of UFL, or arrays (3, n); vectors in ``par`` are then arrays (3, 1).
+        """
+
+
+def _inner(a: Any, b: Any) -> Any:
+    if not _is_of_ufl(a):
+        return (a * b).sum(axis=0)
+    import ufl
+
+    return ufl.inner(a, b)
+
+
+def _size(a: Any) -> Any:
+    if not _is_of_ufl(a):
+        return (a * a).sum(axis=0) ** 0.5
+    import ufl
+
+    return ufl.sqrt(ufl.inner(a, a))
+
+
+def _is_of_ufl(a: Any) -> bool:
+    return hasattr(a, "ufl_shape")
 
 
 def _unit(vector: Any) -> tuple[float, ...]:
@@ -67,10 +97,12 @@ class Plane(Obstacle):
     def quantities(self) -> dict[str, tuple[Any, Dimension]]:
         return {"point": (self.point, LENGTH), "normal": (_unit(self.normal), NUMBER)}
 
-    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
-        import ufl
+    @property
+    def can_be_passed(self) -> bool:
+        return False
 
-        return ufl.inner(x - par.point, par.normal), par.normal
+    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
+        return _inner(x - par.point, par.normal), par.normal
 
 
 class Sphere(Obstacle):
@@ -86,6 +118,10 @@ class Sphere(Obstacle):
 
     def quantities(self) -> dict[str, tuple[Any, Dimension]]:
         return {"centre": (self.centre, LENGTH), "radius": (self.radius, LENGTH)}
+
+    @property
+    def can_be_passed(self) -> bool:
+        return not self.hollow
 
     def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
         return _round(x - par.centre, par.radius, self.hollow)
@@ -113,17 +149,17 @@ class Cylinder(Obstacle):
             "radius": (self.radius, LENGTH),
         }
 
-    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
-        import ufl
+    @property
+    def can_be_passed(self) -> bool:
+        return not self.hollow
 
+    def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
         arm = x - par.point
-        return _round(arm - ufl.inner(arm, par.axis) * par.axis, par.radius, self.hollow)
+        return _round(arm - _inner(arm, par.axis) * par.axis, par.radius, self.hollow)
 
 
 def _round(arm: Any, radius: Any, hollow: bool) -> tuple[Any, Any]:
-    import ufl
-
-    size = ufl.sqrt(ufl.inner(arm, arm))
+    size = _size(arm)
     return (radius - size, -arm / size) if hollow else (size - radius, arm / size)
 
 
@@ -147,13 +183,25 @@ class LevelSet(Obstacle):
         return {"metre": (1.0, LENGTH)}
 
     def distance(self, x: Any, par: Any) -> tuple[Any, Any]:
-        import ufl
+        if not _is_of_ufl(x):
+            value, slope = self._value_and_gradient(x / par.metre)
+        else:
+            from hpcinv.kinematics.ufl_formulas import value_and_gradient
 
-        from hpcinv.kinematics.ufl_formulas import value_and_gradient
-
-        value, slope = value_and_gradient(self.formula, x / par.metre)
-        size = ufl.sqrt(ufl.inner(slope, slope))
+            value, slope = value_and_gradient(self.formula, x / par.metre)
+        size = _size(slope)
         return par.metre * value / size, slope / size
+
+    def _value_and_gradient(self, x: Any) -> tuple[Any, Any]:
+        """Return the formula at points (3, n) in m, and its gradient by central differences."""
+        import numpy as np
+
+        def value(at: Any) -> Any:
+            return self.formula.evaluate(**dict(zip("xyz", at, strict=True)))
+
+        step = _DIFFERENCE * float(np.abs(x).max(initial=0.0))
+        steps = step * np.eye(3)[:, :, None]
+        return value(x), np.stack([(value(x + along) - value(x - along)) / (2 * step) for along in steps])
 
 
 class SurfaceObstacle(Obstacle):

@@ -5,7 +5,7 @@ from the computed surface along the normal there, whose derivative is that of th
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from hpcinv.mesh.location import Location, locate, position
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import gather_surface
-from hpcinv.model.surface_distance import barycentric, read_points
+from hpcinv.model.surface_distance import barycentric
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import on_root
 from hpcinv.quantity.quantity import Measured
@@ -145,9 +145,12 @@ class ObservedSurface(Observed):
     def __init__(self, spec: Observation, deviation: float, job: Job, body: Body) -> None:
         super().__init__(spec, deviation)
         path = job.resolve(str(spec.surface))
-        read: Callable[[], Floats] = (
-            (lambda: read_table(path, 3)) if path.suffix == ".csv" else lambda: read_points(path)
-        )
+
+        def read() -> Floats:
+            from hpcinv.mesh.io.surface_files import read_points  # loads VTK
+
+            return read_table(path, 3) if path.suffix == ".csv" else read_points(path)
+
         self._points = on_root(body.mesh.comm, read) * spec.unit
         self._facets = None if spec.on is None else body.boundary_facets(spec.on, _REMEDY)
         self.count = len(self._points)

@@ -1,5 +1,6 @@
 """Fingerprint of the physics of a job, differences of fingerprints, and the content key of a run."""
 
+import glob
 import hashlib
 import json
 import os
@@ -12,6 +13,7 @@ from hpcinv.errors import CheckpointError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_header import SUFFIX, read_header
 from hpcinv.quantity.expressions import LET
+from hpcinv.quantity.plugins import inputs_of
 from hpcinv.quantity.schema import Location, at
 
 _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
@@ -30,9 +32,14 @@ _MESH = {
     "orientation",
 }  # not the path
 
+_HEADERS = (".mhd", ".mha", ".nrrd", ".nhdr")
+"""suffixes of images whose header may name other files for the voxels"""
+_LONGEST_HEADER = 2**20
+"""bytes that are searched for such names; a name that comes later would not count"""
+
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a mesh file, including the HDF5 files of an XDMF file.
+    """SHA-256 of a file, including the files in which it says that its data are: XDMF files, and headers of images.
 
     For a partitioned mesh it is the hash of the header, which contains checksums of all arrays.
     """
@@ -45,6 +52,11 @@ def file_digest(path: Path) -> str:
         if path.suffix == ".xdmf":
             for name in sorted(set(re.findall(rb">\s*([^<>:]+\.h5):", content))):
                 digest.update((path.parent / os.fsdecode(name)).read_bytes())
+        elif path.suffix in _HEADERS:
+            for file in _voxel_files(path, content[:_LONGEST_HEADER]):
+                digest.update(file.name.encode())
+                with file.open("rb") as voxels:
+                    digest.update(hashlib.file_digest(voxels, "sha256").digest())
     except (OSError, ValueError) as error:
         missing = getattr(error, "filename", None) or path
         advice = "Keep the .h5 file next to the .xdmf file." if path.suffix == ".xdmf" else "Is the file readable?"
@@ -52,26 +64,51 @@ def file_digest(path: Path) -> str:
     return digest.hexdigest()
 
 
+def _voxel_files(path: Path, header: bytes) -> list[Path]:
+    """Return the files next to the header of an image that hold its voxels: one, a list, or a numbered series."""
+    named = re.search(rb"^\s*(?:ElementDataFile\s*=|data ?file:)[ \t]*([^\r\n]*)", header, re.IGNORECASE | re.MULTILINE)
+    if named is None or named[1].strip().upper() == b"LOCAL":
+        return []
+    words = named[1].split()
+    if words and words[0].upper() == b"LIST":
+        names = [line.strip() for line in header[named.end() :].splitlines()]
+        return [file for name in names if name and (file := path.parent / os.fsdecode(name)).is_file()]
+    if (file := path.parent / os.fsdecode(named[1].strip())).is_file():
+        return [file]
+    if words and b"%" in words[0]:  # a series such as slice%03d.raw 1 99 1
+        pattern = re.sub("%[0-9]*d", "*", glob.escape(os.fsdecode(words[0])))
+        return sorted(file for file in path.parent.glob(pattern) if file.is_file())
+    return []
+
+
 def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
     """The physics of a job as JSON data, with automatic choices resolved and files by their SHA-256 (``digest``)."""
     mesh = job.mesh.model_dump(mode="json", include=_MESH, exclude_none=True) | {
-        "sha256": [digest(job.resolve(file)) for file in job.mesh.files]
-        if job.mesh.surfaces
-        else digest(job.resolve(job.mesh.file))
+        "sha256": {name: [digest(job.resolve(file)) for file in files] for name, files in job.mesh.surfaces.items()}
+        or digest(job.resolve(job.mesh.file)),
+        "unit": job.mesh.metres,  # of an image by default mm
     }
-    discretisation = {
+    discretisation: dict[str, Any] = {
         "formulation": "mixed" if job.is_mixed else "displacement",
         "displacement": job.discretisation.displacement,
         "pressure": job.pressure_degree,
         "quadrature": job.discretisation.quadrature,
     }
+    if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
+        discretisation["layers"] = [one.as_data() for one in layerings]
+    if job.discretisation.displacement > 1 and any(solve.mesh is not None for solve in job.plan):
+        # Later solves are on the recovered body, of which earlier versions moved the nodes of the given cells only.
+        discretisation["recovered_geometry"] = job.discretisation.displacement
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
     if job.states:
         physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)
     if job.plugins:
-        physics["plugins"] = [digest(job.resolve(plugin)) for plugin in job.plugins]
+        plugins = [job.resolve(plugin) for plugin in job.plugins]
+        physics["plugins"] = [digest(path) for path in plugins]
+        if any(inputs := [inputs_of(path) for path in plugins]):
+            physics["inputs_of_plugins"] = inputs
     effects = [*job.effects, *(effect for state in job.states for effect in state.effects)]
-    if files := [job.resolve(file) for effect in effects for file in effect.files]:
+    if files := [job.resolve(file) for file in (*job.files, *(file for effect in effects for file in effect.files))]:
         physics["files"] = [digest(file) for file in files]
     return physics | {"directions": list(job.directions), "mesh": mesh, "discretisation": discretisation}
 
@@ -91,9 +128,12 @@ def content_key(job: Job, digest: Callable[[Path], str] = file_digest, **circums
         | circumstances
     )
     content |= {name: part for name, part in job.model_dump(mode="json", include=_OPTIONAL).items() if part}
+    if job.mesh.surface_error is not None:
+        content["surface_error"] = job.mesh.surface_error.model_dump(mode="json")
     if (expected := job.expected_shape) is not None:
         content["expected_shape"] = expected.model_dump(mode="json", exclude={"file"}) | {
-            "sha256": digest(job.resolve(expected.file))
+            "sha256": digest(job.resolve(expected.file)),
+            "unit": expected.metres,
         }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
 

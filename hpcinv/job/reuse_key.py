@@ -73,7 +73,8 @@ def _skeleton_of_loads(job: Job) -> dict[str, Any]:
 def _skeleton(ingredient: Ingredient) -> dict[str, Any]:
     left_out = {*quantities_of(type(ingredient)), "constants", "parameters"}
     plain = ingredient.model_dump(mode="json", exclude=left_out, context=WITH_DEFINITIONS)
-    return plain | {"quantities": {name: _marked(value) for name, (value, _) in ingredient.quantities().items()}}
+    kinds = {name: _marked(value) for name, (value, _) in ingredient.quantities().items()}
+    return plain | {"quantities": kinds, "structure": ingredient.structure()}
 
 
 def _marked(value: Any) -> Any:

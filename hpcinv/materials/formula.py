@@ -8,7 +8,7 @@ from pydantic import ValidationInfo, field_validator
 
 from hpcinv.materials.base import Deformation
 from hpcinv.materials.formula_law.algebras import FLOATS, ufl_functions
-from hpcinv.materials.formula_law.coefficients import Coefficient
+from hpcinv.materials.formula_law.coefficients import Coefficient, recorded_decisions
 from hpcinv.materials.formula_law.evaluation import evaluate
 from hpcinv.materials.formula_law.invariants import ISOTROPIC, PrincipalStretches, families_in, fault_of_name
 from hpcinv.materials.formula_law.jet import Jet, Strains
@@ -122,6 +122,12 @@ class Formula(IsochoricLaw):
             | {name: (p.value, _NUMBER) for name, p in self.parameters.items()}
             | {name: (value, _STRESS) for name, value in derived.items()}
         )
+
+    def structure(self) -> list[bool]:
+        """Return the decisions by the parameters about terms of the energy, such as that one is 0."""
+        with recorded_decisions() as decisions:
+            _in_floats(self.energy, self.parameters, _SMALL, 0.3 * _SMALL, -0.7 * _SMALL)
+        return decisions
 
     def numbers(self) -> dict[Location, Number | str]:
         absent = "is 0, so that its term is no part of the law; give it a small value"  # by Coefficient.parameter

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import basix
-import basix.quadrature
 import basix.ufl
 import dolfinx
 import numpy as np
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.mesh.tetrahedron_rules import ORBITS, tetrahedron_rule
 
 FACET_KIND = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 DEGREES = (1, 2)
@@ -30,22 +30,33 @@ def scalar_element(kind: str, degree: int) -> Any:
     return basix.create_element(basix.ElementFamily.P, basix.CellType[kind], degree, basix.LagrangeVariant.equispaced)
 
 
-def quadrature_rule(kind: str, degree: int) -> str:
-    """Name of the family of quadrature rules for integrals over cells, for UFL and Basix.
-
-    Basix's default on tetrahedra has a negative weight at degrees 3, 7 and 8, by which a stable body may lose its
-    stability, and more points at degrees 4 to 8.
-
-    Source: Xiao & Gimbutas, Comput. Math. Appl. 59, 663–676 (2010), doi:10.1016/j.camwa.2009.10.027.
-    """
-    return "Xiao-Gimbutas" if kind == "tetrahedron" and degree in range(3, 9) else "default"
-
-
 def quadrature(kind: str, degree: int) -> tuple[Floats, Floats]:
-    """Quadrature points (n, 3) and weights (n,) of integrals over reference cells; all weights are positive."""
-    rule = basix.quadrature.string_to_type(quadrature_rule(kind, degree))
-    points, weights = basix.make_quadrature(basix.CellType[kind], degree, rule=rule)
+    """Quadrature points (n, 3) and weights (n,) of integrals over reference cells.
+
+    Up to degree 20 all weights are positive, and the points do not depend on the order in which a file lists the
+    vertices of a cell. The rules of Basix on tetrahedra lack the first at degrees 3, 7 and 8, by which a stable body
+    may lose its stability, and the second from degree 9 on.
+    """
+    if kind == "tetrahedron" and degree in ORBITS:
+        return tetrahedron_rule(degree)
+    points, weights = basix.make_quadrature(basix.CellType[kind], degree)
     return points, weights
+
+
+def quadrature_metadata(kind: str, degree: int) -> dict[str, Any]:
+    """Metadata of a UFL measure over cells, by which it has the points and weights of `quadrature`."""
+    if kind != "tetrahedron" or degree not in ORBITS:
+        return {"quadrature_degree": degree, "quadrature_rule": "default"}
+    points, weights = _nested(degree)
+    custom = {"quadrature_points": points, "quadrature_weights": weights}
+    return {"quadrature_degree": degree, "quadrature_rule": "custom"} | custom
+
+
+@cache
+def _nested(degree: int) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
+    """A rule on tetrahedra as tuples, which UFL writes into signatures with all their digits."""
+    points, weights = tetrahedron_rule(degree)
+    return tuple(map(tuple, points.tolist())), tuple(weights.tolist())
 
 
 @cache

@@ -1,10 +1,14 @@
 """Points of one body in the cells of another mesh of it, of which every rank has all cells."""
 
+from __future__ import annotations
+
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 
 from hpcinv.mesh.cells import jacobians, kind_and_degree, scalar_element, vertex_count
@@ -49,16 +53,24 @@ class GatheredCells:
         self.comm: MPI.Intracomm = mesh.comm
         self.kind, self.degree = kind_and_degree(mesh)
         self._owned = mesh.topology.index_map(3).size_local
-        self.nodes = self._gathered(mesh.geometry.x[mesh.geometry.dofmaps[0][: self._owned]] * scale)
+        self.nodes = self.gathered(mesh.geometry.x[mesh.geometry.dofmaps[0][: self._owned]] * scale)
         self._middle: Floats = scalar_element(self.kind, 1).points[: vertex_count(self.kind)].mean(axis=0)
 
     def values(self, function: fem.Function) -> Floats:
         """Return the values (cells, nodes, components) of a function's degrees of freedom in each cell; collective."""
         dofmap = function.function_space.dofmap
-        return self._gathered(function.x.array.reshape(-1, dofmap.bs)[dofmap.list[: self._owned]])
+        return self.gathered(function.x.array.reshape(-1, dofmap.bs)[dofmap.list[: self._owned]])
 
-    def _gathered(self, of_cells: Floats) -> Floats:
-        return np.concatenate(self.comm.allgather(of_cells))
+    def gathered[T: np.generic](self, of_cells: npt.NDArray[T]) -> npt.NDArray[T]:
+        """Return values of all cells from values of the local ones; collective."""
+        return np.concatenate(self.comm.allgather(of_cells[: self._owned]))
+
+    def part(self, cells: npt.NDArray[np.bool_]) -> GatheredCells:
+        """Return some of the cells by themselves, for `find` and `evaluate`."""
+        part = copy(self)
+        part.nodes = self.nodes[cells]
+        part.__dict__.pop("_linear", None)
+        return part
 
     def find(self, points: Floats) -> Places:
         """Return the places of points (n, 3); those outside all cells are in the nearest one, to be extrapolated.

@@ -5,7 +5,6 @@ from collections.abc import Generator, Iterator
 
 from hpcinv.job.rules import NEARLY_INCOMPRESSIBLE
 from hpcinv.materials import MaterialLaw
-from hpcinv.model.outcome import Outcome
 from hpcinv.quantity.quantity import quantity_of
 from hpcinv.quantity.spatial_fields import is_uniform
 from hpcinv.solver.equilibrium import Equilibrium
@@ -62,7 +61,7 @@ class BulkModulus:
                     continue
                 self.equilibrium.system.set_state(start)
                 step = (target - share) / 2
-                if solve.outcome is Outcome.INTERRUPTED or step * math.log(self._ratio) < math.log(self._least):
+                if solve.outcome.is_final or step * math.log(self._ratio) < math.log(self._least):
                     return
         finally:
             self._soften(1.0)

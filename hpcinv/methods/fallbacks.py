@@ -80,11 +80,9 @@ def _is_final(solve: Solve, load: float) -> bool:
         return load > 0
     if solve.outcome is Outcome.LINEAR_SOLVER:
         return load == 0
-    if solve.outcome is Outcome.KRYLOV_LIMIT:  # fallbacks would exceed it too
-        return True
     if solve.outcome is Outcome.NOT_FINITE:  # the load exceeds the range of numbers
         return load == 0 and not solve.factorizations
-    return solve.outcome in (Outcome.INTERRUPTED, Outcome.LIMIT_POINT)
+    return solve.outcome.is_final or solve.outcome in (Outcome.LIMIT_POINT, Outcome.PASSED_THROUGH)
 
 
 def _arc_length(problem: Problem, steps: Steps, load: float) -> Solves:

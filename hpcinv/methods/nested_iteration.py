@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
 
 from hpcinv.assembly.tangent import as_for
 from hpcinv.effects import Direction
@@ -22,6 +24,7 @@ from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells
 from hpcinv.methods import DirectMethod, solve_direction
 from hpcinv.methods.method import NESTED, UNLOADED, Guess, Start
 from hpcinv.model.outcome import Outcome
+from hpcinv.model.spaces import Integers
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.linear.cost_model import COARSER
 from hpcinv.solver.linear.selection import Used
@@ -230,14 +233,15 @@ def _transferred(coarse: Model, model: Model, sign: int) -> Guess | None:
     pairs = zip(model.solution(), coarse.solution(), coarse.unknowns.scalar_elements, strict=False)
     fields = []
     for new, old, element in pairs:
-        space = new.function_space
-        owned = space.dofmap.index_map.size_local
-        points = space.tabulate_dof_coordinates()[:owned] * model.body.length_scale
-        places = cells.find(points)
-        values = cells.evaluate(places, element, cells.values(old))
-        new.x.array[: values.size] = values.ravel()
+        space, values = new.function_space, cells.values(old)
+        points = space.tabulate_dof_coordinates() * model.body.length_scale
+        nodal = new.x.array.reshape(len(points), -1)
+        for dofs, of_layer in _layers(model, coarse, cells, space):
+            part = cells if of_layer is None else cells.part(of_layer)
+            places = part.find(points[dofs])
+            nodal[dofs] = part.evaluate(places, element, values if of_layer is None else values[of_layer])
+            farthest = max(farthest, float(places.outside.max(initial=0.0)))
         new.x.scatter_forward()  # an extrapolated value may depend on the rank by rounding errors
-        farthest = max(farthest, float(places.outside.max(initial=0.0)))
         fields.append(new)
     if model.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > FARTHEST:
         return None
@@ -248,3 +252,19 @@ def _transferred(coarse: Model, model: Model, sign: int) -> Guess | None:
     u, p = model.solution()
     state[:] = 0.0
     return Guess(np.array(u.x.array), None if p is None else np.array(p.x.array), sign, NESTED)
+
+
+def _layers(
+    model: Model, coarse: Model, cells: GatheredCells, space: fem.FunctionSpace
+) -> Iterator[tuple[Integers, npt.NDArray[np.bool_] | None]]:
+    """Yield owned degrees of freedom, and the cells of ``coarse`` in the same layer: ``None`` for all; collective."""
+    owned = space.dofmap.index_map.size_local
+    layers, coarse_layers = model.unknowns.layers, coarse.unknowns.layers
+    if layers is None or coarse_layers is None or space is not model.unknowns.pressure_space:
+        yield np.arange(owned, dtype=np.int32), None
+        return
+    given = cells.gathered(coarse_layers)
+    for layer in np.unique(layers):
+        dofs = np.unique(space.dofmap.list[layers == layer])
+        of_layer = given == layer
+        yield dofs[dofs < owned], of_layer if of_layer.any() else None

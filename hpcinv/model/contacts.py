@@ -4,12 +4,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import ufl
 from dolfinx import fem, la
 
+from hpcinv.effects import Effect
 from hpcinv.effects.contact import PENALTY, QUADRATURE, TOLERANCE, Contact
 from hpcinv.effects.obstacles import SurfaceObstacle
 from hpcinv.errors import MeshError
@@ -17,6 +19,9 @@ from hpcinv.kinematics.kinematics import Kinematics
 from hpcinv.kinematics.staged_derivatives import without_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.obstacle_passage import Passage, Passages, SurfacePoints
+from hpcinv.model.parameters import present_value
+from hpcinv.model.spaces import Unknowns
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.parallel.jit import JIT_OPTIONS
 from hpcinv.parallel.runtime import MPI
@@ -113,6 +118,17 @@ class Contacts:
             for name, (where, e) in zip(names, found, strict=True)
         ]
         self.is_iterated = any(one.is_iterated for one in self._all)
+
+    def passages(self, unknowns: Unknowns) -> Passages:
+        """Return the ways of the body past obstacles that a forward solve must not lead through."""
+        passages = [one.passage(unknowns) for one in self._all]
+        return Passages([passage for passage in passages if passage is not None], unknowns.mesh.comm)
+
+    def update_parameters(self, effects: Sequence[Effect]) -> None:
+        """Take the numbers of other effects, of a job of the same reuse group."""
+        contacts = (effect for effect in effects if isinstance(effect, Contact))
+        for one, effect in zip(self._all, contacts, strict=True):
+            one.effect = effect
 
     def reset(self) -> None:
         """Set the pressures of rigid obstacles to zero, and their penalties to the first ones."""
@@ -217,6 +233,38 @@ class _OneContact:
         if not isinstance(obstacle, SurfaceObstacle):
             return None
         return SurfaceDistance(self._resolve(obstacle.file), obstacle.unit, obstacle.flip, self._comm)
+
+    def passage(self, unknowns: Unknowns) -> Passage | None:
+        if not (self.depends_on_state and self.effect.obstacle.can_be_passed):
+            return None
+        par, surface, length = self.par, self._surface, self._body.length_scale
+        size, bounds = None, (np.full(3, -np.inf), np.full(3, np.inf))
+        if (radius := getattr(par, "obstacle_radius", None)) is not None:
+            size = present_value(radius)
+        if surface is not None:
+            bounds = surface.bounds[0] / length, surface.bounds[1] / length
+            size = float((bounds[1] - bounds[0]).min()) / 2
+
+        def of_surface(points: Floats) -> tuple[Floats, Floats]:
+            assert surface is not None
+            gaps, directions = surface(points * length)
+            return gaps / length, directions
+
+        def of_formula(points: Floats) -> tuple[Floats, Floats]:
+            numbers = {name: present_value(entry) for name, entry in self.effect.obstacle_entries(par).items()}
+            columns = {name: n[:, None] if isinstance(n, np.ndarray) else n for name, n in numbers.items()}
+            with np.errstate(all="ignore"):  # the direction is not determined in the middle
+                gaps, directions = self.effect.obstacle.distance(points.T, SimpleNamespace(**columns))
+            return gaps, directions.T
+
+        def shift() -> Floats:
+            if self.effect.travel is None:
+                return np.zeros(3)
+            travel: Floats = present_value(self.load) * present_value(par.travel)
+            return travel
+
+        points = SurfacePoints(self._body, self._body.boundary_facets(self.effect.region), unknowns, size)
+        return Passage(points, of_formula if surface is None else of_surface, bounds, shift)
 
     def _nodes(self, space: fem.FunctionSpace) -> Ints:
         facets = self._body.boundary_facets(self.effect.region)

@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.mesh import Body
-from hpcinv.mesh.cells import quadrature_rule
+from hpcinv.mesh.cells import quadrature_metadata
 
 
 class Integration:
@@ -28,8 +28,7 @@ class Integration:
     @property
     def volume(self) -> Any:
         """The whole body."""
-        family = quadrature_rule(self._body.source.kind, self._degree)
-        rule = {"quadrature_degree": self._degree, "quadrature_rule": family}
+        rule = quadrature_metadata(self._body.source.kind, self._degree)
         return ufl.Measure("dx", self._body.mesh, subdomain_data=self._cells, metadata=rule)
 
     def part(self, number: int) -> Any:

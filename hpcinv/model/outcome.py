@@ -16,6 +16,8 @@ class Outcome(enum.Enum):
     ITERATION_LIMIT = "Newton's method took too many iterations"
     LINEAR_SOLVER = "the linear solver failed: the tangent is singular"
     KRYLOV_LIMIT = "the iterative linear solver did not converge within the iterations that it may take"
+    NO_MEMORY = "there is not enough memory for the factors of the tangent"
+    MEMORY_LIMIT = "the factors of the tangent need more memory than the PETSc options of the job allow"
     LINE_SEARCH = "the line search found no acceptable step"
     FORWARD_FAILED = (
         "a forward problem of the fixed-point method was not solved",
@@ -33,6 +35,11 @@ class Outcome(enum.Enum):
     )
     LIMIT_POINT = "the load reaches a limit point here"
     ANOTHER_PATH = "the solution found there does not belong to the path from the unloaded body"
+    PASSED_THROUGH = (
+        "the surface of the body would pass through an obstacle",
+        "Take smaller steps (solver.minimum_step, solver.steps). Where a thin obstacle fits between the nodes of the"
+        " body's surface, refine the mesh there.",
+    )
     CONTACT_LIMIT = (
         "the pressure of a rigid obstacle did not settle: the penetration remains above the tolerated one",
         "Raise effects[i].penalty tenfold, or effects[i].penetration; refine the mesh where the body touches.",
@@ -43,6 +50,11 @@ class Outcome(enum.Enum):
     def __init__(self, text: str, advice: str = "") -> None:
         self.text = text
         self.advice = advice
+
+    @property
+    def is_final(self) -> bool:
+        """True if no shorter step and no other strategy can help."""
+        return self in (Outcome.INTERRUPTED, Outcome.KRYLOV_LIMIT, Outcome.NO_MEMORY, Outcome.MEMORY_LIMIT)
 
     @property
     def accepted(self) -> bool:

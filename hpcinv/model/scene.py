@@ -35,6 +35,8 @@ from hpcinv.materials import MaterialLaw
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
+from hpcinv.model.nominal_displacement import NominalDisplacement
+from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.scene_means import PartExpressions, SceneMeans
 from hpcinv.model.spaces import Unknowns
@@ -112,13 +114,16 @@ class Scene:
         self.kinematics = kin = kinematics(unknowns.u, integration)
         if known is not None:
             kin.given = OtherState(kin, known)
-        self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count)
+        may_grow = kin.sign > 0 and any(effect.presses_at_any_load for effect in job.effects)
+        self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count, may_grow=may_grow)
         count = len(job.laws)
         of_effects = [
             (effect, par.load(job.case_of(effect)), par.of(count + i)) for i, effect in enumerate(job.effects)
         ]
         degree = job.discretisation.displacement
         for (where, _), (effect, _, p) in zip(job.named_effects, of_effects, strict=True):
+            if effect.presses_at_any_load:
+                p.growing = par.growing
             for name, (components, of_degree) in effect.functions(degree).items():
                 setattr(p, name, fields.updated(f"{where}.{name}", components, of_degree))
         named = tuple(zip((where for where, _ in job.named_effects), of_effects, strict=True))
@@ -144,6 +149,7 @@ class Scene:
             _part(law, par.of(i), elastic, J_g, potentials, unknowns.p, H, cells[i] if cells else None)
             for i, law in enumerate(job.laws.values())
         )
+        self._strains, self._potentials, self._works = [strain for _, strain in strains], potentials, list[Any]()
         residual: Any = 0
         for number, one in enumerate(self.parts):
             dx = integration.part(number)
@@ -154,6 +160,7 @@ class Scene:
             work = effect.virtual_work(kin, unknowns.v, load, p)
             if work is not None:
                 residual -= work
+                self._works.append(work)
         self.residual = residual
         self.J = total.J
         self.mesh_J = kin.mesh_J
@@ -161,6 +168,7 @@ class Scene:
     def update_parameters(self, job: Job, scales: Scales) -> None:
         """Set the numbers of another job of the same reuse group."""
         self.parameters.update_parameters(_ingredients(job), scales)
+        self.contacts.update_parameters(job.effects)
 
     def pressure_mass(self, pressures: fem.FunctionSpace) -> Any:
         """Return ``∫ (1/μ + 1/Λ) p q`` over the mesh, spectrally equivalent to the Schur complement of the pressures.
@@ -172,6 +180,11 @@ class Scene:
         return sum(part.compliance * p * q * dx(number) for number, part in enumerate(self.parts))
 
     @cached_property
+    def passages(self) -> Passages:
+        """The ways of the body past obstacles of contact."""
+        return self.contacts.passages(self.unknowns)
+
+    @cached_property
     def means(self) -> SceneMeans:
         """Compiled means over cells, volume ratios and strain energy, to be evaluated in any state."""
         volume = self.kinematics.volumes[0]
@@ -180,6 +193,14 @@ class Scene:
             for part, (sigma, cells) in zip(self.parts, self.cauchy_stress, strict=True)
         ]
         return SceneMeans(parts, self.prestrain_stress, self.unknowns.mesh, self.quadrature_degree)
+
+    @cached_property
+    def nominal_displacement(self) -> NominalDisplacement:
+        """The displacement that loads and inelastic strains would cause if nothing balanced them, compiled."""
+        moduli = [(part.shear_modulus, part.cells) for part in self.parts]
+        return NominalDisplacement(
+            self._strains, self._potentials, self._works, self.H, moduli, self.unknowns, self.quadrature_degree
+        )
 
     @cached_property
     def parameter_derivative(self) -> ParameterDerivative:

@@ -11,6 +11,8 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 
 from hpcinv.mesh.interpolation import interpolate
+from hpcinv.mesh.source import Ints
+from hpcinv.model.split_dofs import split
 from hpcinv.parallel.runtime import MPI
 
 type Integers = npt.NDArray[np.int32]
@@ -22,17 +24,19 @@ class Unknowns:
     Args:
         displacement: polynomial degree of the displacement.
         pressure: polynomial degree of the pressure, or ``None`` for the displacement form.
+        layers: number of the layer of each local cell, between which the pressure jumps; ``None`` if it is continuous.
 
     Attributes:
         state: all unknowns in one function, ``u`` or ``(u, p)``.
         scalar_elements: elements of a displacement component, and of the pressure in the mixed form.
+        layers: as given.
         displacement_space, pressure_space: spaces of displacement and pressure; the latter in the mixed form only.
         u, p: parts of the state as UFL expressions; ``p`` is ``None`` in the displacement form.
         v, q: its parts, for ``u`` and ``p``.
     """
 
-    def __init__(self, mesh: Mesh, displacement: int, pressure: int | None) -> None:
-        self.mesh = mesh
+    def __init__(self, mesh: Mesh, displacement: int, pressure: int | None, layers: Ints | None = None) -> None:
+        self.mesh, self.layers = mesh, layers
         cell = mesh.basix_cell()
         vector = basix.ufl.element("Lagrange", cell, displacement, shape=(3,))
         degrees = (displacement,) if pressure is None else (displacement, pressure)
@@ -50,13 +54,16 @@ class Unknowns:
         else:
             scalar = self.scalar_elements[1]
             self.space = fem.functionspace(mesh, basix.ufl.mixed_element([vector, scalar]))
+            self.pressure_space = fem.functionspace(mesh, scalar)
+            if layers is not None:
+                self.space = split(self.space, slice(3 * self.scalar_elements[0].dim, None), layers)
+                self.pressure_space = split(self.pressure_space, slice(None), layers)
             self.state = fem.Function(self.space, name="up")
             self.u, self.p = ufl.split(self.state)
             self.test = ufl.TestFunction(self.space)
             self.v, self.q = ufl.split(self.test)
             self.displacement_space = fem.functionspace(mesh, vector)
             self._displacement_dofs = _dofs_in(self.space, 0, self.displacement_space)
-            self.pressure_space = fem.functionspace(mesh, scalar)
             self._pressure_dofs = _dofs_in(self.space, 1, self.pressure_space)
 
     @property

@@ -42,6 +42,12 @@ class SurfaceDistance:
         self._triangles = np.asarray(self._surface.regular_faces)
         self._normals = np.asarray(self._surface.point_data["Normals"], dtype=np.float64)
 
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Least and largest coordinates, (3,) each in m."""
+        points = np.asarray(self._surface.points, dtype=np.float64)
+        return points.min(axis=0), points.max(axis=0)
+
     def __call__(self, points: Floats) -> tuple[Floats, Floats]:
         """Return signed distances (n,) m and normals (n, 3) of the surface at the nearest points; not collective."""
         import pyvista
@@ -56,17 +62,6 @@ class SurfaceDistance:
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         signed = pyvista.PolyData(points).compute_implicit_distance(self._surface)["implicit_distance"]
         return np.asarray(signed, dtype=np.float64), normals
-
-
-def read_points(path: Path) -> Floats:
-    """Read the distinct points (n, 3) of a surface or of a cloud of points, on this process.
-
-    Raises:
-        MeshError: the file cannot be read, or has no points.
-    """
-    from hpcinv.mesh.io.surface_files import read_dataset  # loads VTK
-
-    return np.unique(np.asarray(read_dataset(path).points, dtype=np.float64), axis=0)
 
 
 def barycentric(corners: Floats, points: Floats) -> Floats:

@@ -12,7 +12,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 # isort: split
 import basix.ufl
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, la
 
 from hpcinv.certificate import Estimate
 from hpcinv.errors import OutputError
@@ -116,7 +116,7 @@ class _Fields:
     def __init__(self, body: Body, solution: Solution) -> None:
         self._body, self._solution = body, solution
         mesh = body.mesh
-        self._degree = max(solution.displacement.function_space.ufl_element().degree, body.source.degree)
+        self._degree = max(solution.displacement.function_space.ufl_element().degree, body.degree)
         self._spaces = {shape: self._space(shape) for shape in ((), (3,))}
         self._owned = self._spaces[()].dofmap.index_map.size_local
         self.cells = np.arange(mesh.topology.index_map(3).size_local)
@@ -137,6 +137,18 @@ class _Fields:
         values = nodal.x.array.reshape(-1, *shape)
         return np.asarray(values[: self._owned])
 
+    def _mean_of_cells(self, function: fem.Function) -> Floats:
+        """Values of a scalar at the owned nodes, (n,): where it jumps, means over the cells around them."""
+        space, given = self._spaces[()], function.function_space
+        sums = la.vector(space.dofmap.index_map, 2)
+        at_nodes = given.element.basix_element.tabulate(0, space.element.basix_element.points)[0, :, :, 0]
+        nodes = space.dofmap.list[self.cells]
+        values = function.x.array[given.dofmap.list[self.cells]] @ at_nodes.T
+        np.add.at(sums.array.reshape(-1, 2), nodes, np.stack([values, np.ones_like(values)], axis=2))
+        sums.scatter_reverse(la.InsertMode.add)
+        total, count = sums.array.reshape(-1, 2)[: self._owned].T
+        return np.asarray(total / count)
+
     def points(self) -> tuple[Floats, Floats]:
         """Positions of the owned nodes in the undeformed and in the deformed body, (n, 3) m."""
         mesh = self._spaces[()].tabulate_dof_coordinates()[: self._owned]
@@ -154,7 +166,7 @@ class _Fields:
         solution = self._solution
         found = [Array("displacement", self._u, "m")]
         if solution.pressure is not None:
-            found.append(Array("pressure", self._nodal(solution.pressure), "Pa"))
+            found.append(Array("pressure", self._mean_of_cells(solution.pressure), "Pa"))
         for contact in solution.contacts:
             found.extend(Array(field.name, self._nodal(field), "Pa") for field in contact.fields)
         found.extend(Array(function.name, self._nodal(function)) for function in more)

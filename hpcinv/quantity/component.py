@@ -34,6 +34,13 @@ class Ingredient(Spec):
         """Value and dimension of each quantity by name: a number (SI), a field (`Varying`), or a tuple of these."""
         return {name: (getattr(self, name), d) for name, d in quantities_of(type(self)).items()}
 
+    def structure(self) -> Any:
+        """Return what decides about terms of its forms, besides its text and the kinds of its quantities (JSON data).
+
+        Equal structures have equal forms, with the numbers as entries of their constant.
+        """
+        return None
+
     def is_attached(self, name: str) -> bool:
         """Return whether a quantity stays with the material from one state of the body to another."""
         return True

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import BaseModel, BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler, WithJsonSchema
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
@@ -147,7 +147,11 @@ QUANTITIES: dict[str, Quantity] = {
 }
 """Quantity types by their names in annotations of mesh generators."""
 
-LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
+LengthUnit = Annotated[
+    Size,
+    BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v),
+    WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}], "examples": ["mm"]}),
+]
 """A unit such as mm; not for mesh generators."""
 
 AnyMeasured = Annotated[Measured, MeasuredQuantity()]  # not for mesh generators

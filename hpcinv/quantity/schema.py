@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Self, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -93,6 +93,9 @@ def repeated(names: Sequence[str]) -> Iterator[int]:
 class Spec(BaseModel):
     """A part of a job: immutable, without unknown keys, and with strict types (text and true are not numbers)."""
 
+    alternatives: ClassVar[tuple[str, ...]] = ()
+    """keys of which a part has exactly one, for its JSON schema; `_contradictions` reports it otherwise"""
+
     model_config = ConfigDict(
         frozen=True,
         extra="forbid",
@@ -116,6 +119,8 @@ class Spec(BaseModel):
         describe(content, cls)
         for key in plain_numbers(cls).keys() & content.get("properties", {}).keys():
             _also_arithmetic(content["properties"][key])
+        if cls.alternatives:
+            content["oneOf"] = [{"required": [key]} for key in cls.alternatives]
         return found
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
@@ -224,7 +229,7 @@ class OneOf:
         for member in members_of(self.family, self.tag).values():
             choice = handler.resolve_ref_schema(handler(member.__pydantic_core_schema__))
             describe(choice, member)
-            choice["required"] = [self.tag, *choice.get("required", ())]
+            choice["required"] = [*dict.fromkeys([self.tag, *choice.get("required", ())])]
             choices.append(choice)
         return {"oneOf": choices}
 

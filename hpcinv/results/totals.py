@@ -5,7 +5,7 @@ The warnings are no verdict: bodies of micrometres and strains of 1e-10 exist. T
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
@@ -71,10 +71,14 @@ class Totals:
     def as_data(self) -> dict[str, Any]:
         return asdict(self)
 
-    def after(self, largest_displacement: float) -> Self:
-        """Return the totals with the warnings that follow from the largest displacement (m) at full load."""
+    def after(self, largest_displacement: float, nominal: Callable[[], float]) -> Self:
+        """Return the totals with the warnings that follow from the largest displacement (m) at full load.
+
+        Args:
+            nominal: returns the displacement (m) that loads and inelastic strains would cause without balance.
+        """
         size = math.hypot(*self.size)
-        if not largest_displacement < LEAST_STRAIN * size:
+        if not largest_displacement < LEAST_STRAIN * size or nominal() > LEAST_STRAIN * size:
             return self
         text = (
             f"the largest displacement is {largest_displacement / size:.1g} of the body's size:"
@@ -192,7 +196,7 @@ def _mass(model: Model, where: str, effect: Any, volumes: Floats) -> float:
 
 def _cell_volumes(body: Body) -> Floats:
     """Return the volumes (m³) of the owned cells, exact for straight and curved ones."""
-    kind, degree = body.source.kind, body.source.degree
+    kind, degree = body.source.kind, body.degree
     points, weights = quadrature(kind, 3 * degree)
     cells = body.mesh.geometry.dofmaps[0][: body.mesh.topology.index_map(3).size_local]
     found: Floats = np.zeros(len(cells))

@@ -11,7 +11,7 @@ from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.bordering import Bordering, Corrected, Tangent, tangent_along
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.limit_points import Sample, locate
-from hpcinv.solver.newton import Solve
+from hpcinv.solver.newton import NewtonMonitor, Solve
 
 type Moves = Generator[Solve, None, _Point | None]
 
@@ -99,7 +99,7 @@ class _Path:
     def solves(self, load: float) -> Iterator[Solve]:
         point = self._start(load)
         if point is None:
-            yield self._end(load, Outcome.LINEAR_SOLVER)
+            yield self._end(load, self.equations.linear.failure)
             return
         whole = 1 / abs(point.tangent.slope)
         step = self.steps.first / self.steps.cases * whole
@@ -114,7 +114,7 @@ class _Path:
                 after = yield from self._land(point, end, point.ahead(step), step)
             else:
                 after = yield from self._advance(point, end, step)
-            if self.ended:
+            if self.ended or (after is None and step == 0.0):
                 return
             if after is not None:
                 point, step = after, 2 * step if self.easy else step
@@ -142,12 +142,13 @@ class _Path:
         if solve.outcome.accepted:
             predicted.axpy(-1.0, equations.system.position())
             crossed = bool(solve.signs and point.sign and solve.signs[-1] != point.sign)
-            if crossed or norm(predicted) > step:
+            distance = norm(predicted)
+            if crossed or (distance > step and not equations.floor().exceeds(distance, NewtonMonitor.round_off)):
                 solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         if not solve.outcome.accepted:
             equations.system.set_state(point.x)
         yield self._charged(solve)
-        self.ended = solve.outcome is Outcome.INTERRUPTED or (solve.outcome.accepted and end == 1.0)
+        self.ended = solve.outcome.is_final or (solve.outcome.accepted and end == 1.0)
         self.easy = False
         return self._start(end) if solve.outcome.accepted and not self.ended else None
 
@@ -159,10 +160,15 @@ class _Path:
         solve = found.solve
         if solve.outcome.accepted and norm(predicted) > step:
             solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
+        passages = self.equations.system.scene.passages
+        if solve.outcome.accepted:
+            self._move_to(found.x, solve.load)
+            if passages.has_passed():
+                solve = replace(solve, outcome=Outcome.PASSED_THROUGH)
         if found.g is None or not solve.outcome.accepted:
             self.equations.system.set_state(point.x)
             yield self._charged(solve)
-            self.ended = solve.outcome is Outcome.INTERRUPTED
+            self.ended = solve.outcome.is_final
             return None
         if (solve.load - point.load) * self.direction < 0:
             beyond = self._slope_beyond(point, found)
@@ -180,9 +186,14 @@ class _Path:
         self.before = point
         sign = solve.signs[-1] if solve.signs else point.sign
         after = _Point(found.x, solve.load, tangent_along(found.g, along), sign)
-        self.equations.system.set_state(found.x)
+        self._move_to(found.x, solve.load)
+        passages.depart()
         yield self._charged(solve)
         return after
+
+    def _move_to(self, x: PETSc.Vec, load: float) -> None:
+        self.equations.system.set_load(load)
+        self.equations.system.set_state(x)
 
     def _corrected(self, x: PETSc.Vec, load: float, t: PETSc.Vec, scale: float) -> Corrected:
         """Return a point of the path from a predicted state, or the fault of that state."""
@@ -228,9 +239,10 @@ class _Path:
         if extremum.g is None:
             self.equations.system.set_state(point.x)
             yield self._charged(solve)
-            self.ended = solve.outcome is Outcome.INTERRUPTED
+            self.ended = solve.outcome.is_final
             return None
-        self.equations.system.set_state(extremum.x)
+        self._move_to(extremum.x, solve.load)
+        self.equations.system.scene.passages.depart()
         yield replace(self._charged(solve), limit_point=True)
         if self.passed == self.steps.limit_points:
             yield self._end(solve.load, Outcome.LIMIT_POINT)

@@ -28,6 +28,10 @@ from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
 
+_ROUNDED = 1e-9
+"""Rate of the state, relative to its floor at full load, that is the rounding error of the difference quotient ∂R/∂λ.
+With a larger one, states that depend on the load a little are landed on without a prediction."""
+
 
 @dataclass(frozen=True)
 class Tangent:
@@ -70,6 +74,7 @@ class Bordering:
 
     def __init__(self, equations: Equilibrium, cases: int = 1) -> None:
         self.equations, self.cases = equations, cases
+        self._floor = equations.floor(1.0)
         # residual, its negative derivative by the load factor, K⁻¹ times both, and the residual of which that is
         self._r, self._r_load, self._d, self._g, self._r_here = (equations.system.position() for _ in range(5))
 
@@ -81,7 +86,12 @@ class Bordering:
             direction: 1 if λ grows along the tangent, -1 if it falls.
         """
         self.equations.system.set_state(x)
-        return tangent_along(self._g, along, direction) if self._linearise(load, direction) else None
+        if not self._linearise(load, direction):
+            return None
+        if self._floor.exceeds(norm(self._g), _ROUNDED):
+            self._g.set(0.0)
+        self.equations.system.set_load(load)
+        return tangent_along(self._g, along, direction)
 
     def correct(
         self, x: PETSc.Vec, load: float, t: PETSc.Vec, tolerance: float, *, direction: int, scale: float
@@ -94,7 +104,8 @@ class Bordering:
         """
         equations = self.equations
         # The step can be shortened instead, and an iteration whose corrections grow may end on another path.
-        monitor = NewtonMonitor(tolerance, equations.limit, equations.reuse, growths_allowed=0)
+        floor = equations.floor()
+        monitor = NewtonMonitor(tolerance, equations.limit, equations.reuse, growths_allowed=0, floor=floor)
         x, outcome, fault = x.copy(), None, None
         signs: list[int] = []
         factorizations = 0
@@ -110,12 +121,12 @@ class Bordering:
                 factorizations += 1
                 equations.system.set_state(x)
                 if not self._linearise(load, direction):
-                    outcome = Outcome.LINEAR_SOLVER
+                    outcome = equations.linear.failure
                     break
                 if sign := equations.linear.sign_of_determinant():
                     signs.append(sign)
             if not equations.linear.solve(self._r, self._d):
-                outcome = Outcome.LINEAR_SOLVER
+                outcome = equations.linear.failure
                 break
             along = dot(t, self._g)
             if along == 0.0:  # underflow: the tangent exceeds the range of numbers

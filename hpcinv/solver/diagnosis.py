@@ -63,15 +63,24 @@ class Diagnosis(enum.Enum):
         " If so, look at solver.petsc.",
     )
     LINEAR_SOLVER = (
-        "the linear solver failed",
-        "The tangent is singular, or MUMPS has too little memory (solver.petsc: {mat_mumps_icntl_14: 200} gives it"
-        " more); an iterative solver may need a better preconditioner.",
+        "the linear solver failed: the tangent is singular",
+        "The body may be at a critical load, or held too little there. An iterative solver may need a better"
+        " preconditioner.",
     )
     KRYLOV_LIMIT = (
-        "the iterative linear solver did not converge within the iterations that it may take, and there is not enough"
-        " memory for the direct one",
-        "Take more memory or nodes, or a coarser mesh, so that 'solver: {linear: direct}' can be used. Do the supports"
+        "the iterative linear solver did not converge within the iterations that it may take, and the direct one is not"
+        " allowed, or there is not enough memory for it",
+        "Leave out 'solver: {linear: iterative}', or take more memory, more nodes or a coarser mesh. Do the supports"
         " hold the body firmly? Where elements are poor, a better mesh may do.",
+    )
+    NO_MEMORY = (
+        "there is not enough memory for the factors of the tangent, or for the workspace that MUMPS needs",
+        "Take more memory or nodes, a coarser mesh, or 'solver: {linear: iterative}'. If no memory is short,"
+        " too large a value of mat_mumps_icntl_14 in solver.petsc may be the cause.",
+    )
+    MEMORY_LIMIT = (
+        Outcome.MEMORY_LIMIT.text,
+        "Raise or remove mat_mumps_icntl_23 in solver.petsc, which is MB for each rank.",
     )
     ITERATION_LIMIT = (
         "Newton's method took too many iterations",
@@ -94,6 +103,7 @@ class Diagnosis(enum.Enum):
         "Take it from the beginning, without that limit (solver: {strategy: arc-length}): it shows whether the load has"
         " a limit point here. Else refine the mesh where the body deforms most.",
     )
+    PASSED_THROUGH = (Outcome.PASSED_THROUGH.text, Outcome.PASSED_THROUGH.advice)
     CONTACT_LIMIT = (Outcome.CONTACT_LIMIT.text, Outcome.CONTACT_LIMIT.advice)
     FORWARD_FAILED = FIXED_POINT_LIMIT = FIXED_POINT_DIVERGED = (
         "the fixed-point method did not find the shape",
@@ -108,8 +118,11 @@ class Diagnosis(enum.Enum):
 # Ends of the path for any strategy, which loss of stability does not explain.
 _DECISIVE = {
     Diagnosis.CONTACT_LIMIT,
+    Diagnosis.PASSED_THROUGH,
     Diagnosis.LIMIT_POINT,
     Diagnosis.KRYLOV_LIMIT,
+    Diagnosis.NO_MEMORY,
+    Diagnosis.MEMORY_LIMIT,
     Diagnosis.OUTSIDE_LAW,
     Diagnosis.FORWARD_FAILED,
 }
@@ -121,6 +134,9 @@ _PREFERRED = ("arc-length", "load steps")
 def diagnose(direction: Direction, solves: Sequence[Solve]) -> Diagnosis:
     """Return the reason why the solves of one direction, the last of which failed, ended before the full load."""
     accepted = [solve for solve in solves if solve.outcome.accepted]
+    last = max((number for number, solve in enumerate(solves) if solve.outcome.accepted), default=-1)
+    if any(solve.outcome is Outcome.PASSED_THROUGH for solve in solves[last + 1 :]):
+        return Diagnosis.PASSED_THROUGH
     found = Diagnosis.__members__.get(_last_outcome(solves).name, Diagnosis.NOT_CONVERGED)
     if found is Diagnosis.LINEAR_SOLVER and not accepted:
         return Diagnosis.ILL_POSED

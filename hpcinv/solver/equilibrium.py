@@ -14,13 +14,15 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.mip_newton import ExtrapolatedStress
-from hpcinv.solver.newton import NewtonIteration, NewtonMonitor, Solve
+from hpcinv.solver.newton import Floor, NewtonIteration, NewtonMonitor, Solve
 from hpcinv.solver.observer import SILENT, Observer, is_stop_asked
 from hpcinv.solver.petsc_options import SolverOptions
 from hpcinv.solver.predictor import Increment, Prediction, Predictor
 
 _GIVEN_UP = -7  # SNES_DIVERGED_INNER, returned to PETSc when NewtonMonitor ends a solve without convergence
 _DONE = 4  # SNES_CONVERGED_SNORM_RELATIVE
+
+_LARGEST_SIZE = 2.0  # above the size of any body, in scaled lengths
 
 _OUTCOMES_BY_REASON: dict[int, Outcome] = {
     PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE: Outcome.LINEAR_SOLVER,
@@ -132,6 +134,11 @@ class Equilibrium:
         system, linear = self.system, self.linear
         system.set_load(load)
         system.scene.contacts.locate()
+        if system.scene.passages.has_passed():  # an obstacle that moves
+            spent = predicted.factorizations if predicted is not None else 0
+            if predicted is not None:
+                system.set_state(predicted.origin)
+            return Solve(load, Outcome.PASSED_THROUGH, (), spent)
         self._now = now = _Progress(self._monitor(tolerance, begins_near=begins_near and self.reuse > 0))
         now.factorizations = linear.factorizations
         if predicted is not None:
@@ -161,17 +168,26 @@ class Equilibrium:
                 accepted.destroy()
                 return self.solve(load, tolerance, begins_near=begins_near)
             linear.forget_factors()
-            if not linear.configuration.exact:
-                outcome = Outcome.KRYLOV_LIMIT
+            outcome = linear.failure
         system.set_state(x)
         if outcome.accepted:
             outcome = system.fault_of_solution() or outcome
+        if outcome.accepted and system.scene.passages.has_passed():
+            outcome = Outcome.PASSED_THROUGH
+        if outcome.accepted:
+            system.scene.passages.depart()
         if not outcome.accepted:
             system.set_state(accepted)
         accepted.destroy()
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
         factorizations = linear.factorizations - now.factorizations
         return Solve(load, outcome, history, factorizations, tuple(now.signs), linear_iterations=iterations)
+
+    def depart(self, load: float) -> None:
+        """Let ways past obstacles begin at the present state, an equilibrium under this load factor."""
+        if passages := self.system.scene.passages:
+            self.system.set_load(load)
+            passages.depart()
 
     @contextmanager
     def newton(self, line_search: str) -> Iterator[None]:
@@ -204,6 +220,24 @@ class Equilibrium:
         if prescribed_motion:
             self.system.compile_lifting()
 
+    def floor(self, load: float | None = None) -> Floor:
+        """Return the floor of the norm of states, at the present load factor or at another one; collective when used.
+
+        It is the norm of a state with the nominal displacement, and pressures of the nominal strain, at each node.
+        """
+        unknowns, system = self.system.scene.unknowns, self.system
+        nodes = math.sqrt(unknowns.size)
+
+        def norm_of_nominal_state() -> float:
+            if load is not None:
+                system.set_load(load)
+            with system.timings("compile"):
+                nominal = system.scene.nominal_displacement
+            with system.timings("residual"):
+                return nodes * nominal()[0]
+
+        return Floor(norm_of_nominal_state, nodes * _LARGEST_SIZE)
+
     def interrupted(self) -> bool:
         """Return whether any rank is asked to stop; collective."""
         return is_stop_asked(self.system.comm, self.observer)
@@ -213,14 +247,16 @@ class Equilibrium:
             part.destroy()
 
     def _monitor(self, tolerance: float, *, begins_near: bool = False) -> NewtonMonitor:
-        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=self.linear.configuration.error)
+        inexact = self.linear.configuration.error
+        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=inexact, floor=self.floor())
 
     def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         self.system.set_state(x)
         self.system.residual(b)
 
     def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, _A: PETSc.Mat, _P: PETSc.Mat) -> None:
-        self._now.has_new_tangent = self._now.monitor.needs_new_tangent
+        has_touched = self._now.short is Outcome.PASSED_THROUGH
+        self._now.has_new_tangent = has_touched or self._now.monitor.needs_new_tangent
         if self._now.has_new_tangent:
             self._renew_tangent(x)
 

@@ -7,6 +7,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.assembly.system import System
+from hpcinv.model.outcome import Outcome
 from hpcinv.parallel.malloc import release_freed_memory
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.configuration import Configuration
@@ -32,6 +33,7 @@ class LinearSolver:
         options: options in PETSc's database, including options of Newton's method.
         fallback: reason why the other configuration was taken, if it was.
         factorizations: number of tangents that were factorized, or for which a preconditioner was set up.
+        failure: reason why the last solution failed, if one has.
 
     Raises:
         JobError: from every method, if PETSc refuses options of the job, or fails with them.
@@ -42,7 +44,7 @@ class LinearSolver:
     ) -> None:
         self.system, self.choice = system, choice
         self.fallback: str | None = None
-        self.factorizations = 0
+        self.factorizations, self.failure = 0, Outcome.LINEAR_SOLVER
         self._iterations, self._has_changed = 0, False
         self._is_rounded = choice.precision == "single"
         self._factorized = -1  # number of the tangent that was factorized last
@@ -98,15 +100,22 @@ class LinearSolver:
             self._factorized = self.system.tangents
             return
         with self.system.timings("factorization"), self.options.blamed():
-            self.ksp.pc.setReusePreconditioner(False)
-            self.ksp.setOperators(self.system.matrix)
-            self.configuration.prepare(self.ksp, self.system.matrix)
-            self.ksp.setUp()
-            if self.configuration.must_refactorize(self.ksp):
-                self.ksp.setUp()
+            self._set_up()
+            while larger := self.configuration.larger_workspace(self.ksp):
+                self.options.change(larger)
+                self.ksp.pc.reset()
+                self._set_up()
             self.ksp.setUpOnBlocks()
             self.ksp.pc.setReusePreconditioner(True)
         self._factorized, self._released = self.system.tangents, -1
+
+    def _set_up(self) -> None:
+        self.ksp.pc.setReusePreconditioner(False)
+        self.ksp.setOperators(self.system.matrix)
+        self.configuration.prepare(self.ksp, self.system.matrix)
+        self.ksp.setUp()
+        if self.configuration.must_refactorize(self.ksp):
+            self.ksp.pc.setUp()  # the KSP takes itself for set up
         self.factorizations += 1
 
     def factorize_if_needed(self) -> None:
@@ -175,9 +184,10 @@ class LinearSolver:
             return True
         if self._has_changed or self.choice.other is None:
             return False
-        if self.configuration.exact and not self.configuration.lacked_memory(self.ksp):
+        failure = self.configuration.failure(self.ksp)
+        if failure is Outcome.LINEAR_SOLVER:
             return False  # a singular tangent stays singular
-        what = "did not converge" if not self.configuration.exact else "ran out of memory"
+        what = "did not converge" if failure is Outcome.KRYLOV_LIMIT else "ran out of memory"
         self._has_changed = True
         self._replace(
             self.choice.other, f"the {self.configuration.name} solver {what}: {self.choice.other} from there on"
@@ -205,7 +215,8 @@ class LinearSolver:
             release_freed_memory()
 
     def forget_factors(self) -> None:
-        """Discard the factors after a failed factorization, with which MUMPS cannot continue."""
+        """Discard the factors after a failed factorization, with which MUMPS cannot continue; `failure` has why."""
+        self.failure = self.configuration.failure(self.ksp)
         self._factorized, self._released = -1, -1
         self.options.restore()
         self.ksp.pc.reset()

@@ -80,7 +80,7 @@ class LimitPointAhead:
 
     def is_likely(self, load: float) -> bool:
         """Return whether a limit point is likely after the last failure, of a solve that began at ``load``."""
-        ceiling = self.failures[-1][1]
+        ceiling = self.failures[-1][1] if self.failures else 0.0
         starts = {begin for begin, end in self.failures if load < end <= ceiling}
         return len(starts) >= 3 and len(self.rates) >= 2 and self.rates[-1] > self.rates[-2]
 
@@ -106,6 +106,8 @@ def follow(
         passed: number of limit points between the unloaded body and the present state.
         stop_early: stop where a limit point is likely, before the smallest step is reached.
     """
+    equilibrium.system.begin_unloaded()
+    equilibrium.depart(load)
     if isinstance(steps, ArcLengthSteps):
         yield from trace(equilibrium, steps, tolerance, load=load, passed=passed)
         return
@@ -135,11 +137,12 @@ def follow(
             load, has_tangent = target, has_tangent or predicted is not None or equilibrium.system.tangents > tangents
         else:
             state.array[:] = accepted
-            ahead.failures.append((load, target))
+            if solve.outcome is not Outcome.PASSED_THROUGH:  # which says nothing about the load
+                ahead.failures.append((load, target))
             has_tangent = False  # the present factors belong to a state of the failed solve
         yield solve
         if not solve.outcome.accepted and (
-            step < steps.least or solve.outcome is Outcome.INTERRUPTED or (stop_early and ahead.is_likely(load))
+            step < steps.least or solve.outcome.is_final or (stop_early and ahead.is_likely(load))
         ):
             return
 

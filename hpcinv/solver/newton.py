@@ -8,7 +8,9 @@ doi:10.1007/978-3-642-23899-4).
 
 import itertools
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.predictor import Increment
@@ -49,6 +51,31 @@ class Solve:
     limit_point: bool = False
 
 
+def is_given_up(solves: Sequence[Solve], patience: int) -> bool:
+    """Return whether failed solves have taken more factorizations than ``solver.patience`` allows."""
+    return sum(solve.factorizations for solve in solves if not solve.outcome.accepted) > patience
+
+
+class Floor:
+    """Norm of the state below which its size means nothing: the state that would result if no loads were balanced.
+
+    Args:
+        norm: returns it; called once at most, when it is first needed.
+        largest: its largest possible value, without which most solves would evaluate it.
+    """
+
+    def __init__(self, norm: Callable[[], float] = lambda: 0.0, largest: float = 0.0) -> None:
+        self._norm, self._largest = norm, largest
+
+    def exceeds(self, size: float, share: float) -> bool:
+        """Return whether a share of the floor exceeds a size, or equals it."""
+        return size <= share * self._largest and size <= share * self._value
+
+    @cached_property
+    def _value(self) -> float:
+        return self._norm()
+
+
 @dataclass
 class NewtonMonitor:
     """Decides after each correction whether to stop, and whether the next one needs a new tangent.
@@ -60,6 +87,7 @@ class NewtonMonitor:
         predicted: length of the step along the tangent that predicted the initial state; 0 without a prediction.
         inexact: relative error of a correction that the linear solver leaves.
         growths_allowed: number of iterations in which the correction may grow; with more of them it has diverged.
+        floor: corrections are compared with it where the state is smaller, as where its exact value is zero.
     """
 
     tolerance: float
@@ -69,6 +97,7 @@ class NewtonMonitor:
     predicted: float = 0.0
     inexact: float = 0.0
     growths_allowed: int = 2
+    floor: Floor = field(default_factory=Floor)
     history: list[NewtonIteration] = field(default_factory=list)
 
     # Far from the solution the first corrections may shrink by chance: a tangent assembled there must not be kept.
@@ -77,6 +106,9 @@ class NewtonMonitor:
     near_at_first = 5e-3
     # Corrections smaller than this that no longer shrink are rounding errors.
     round_off = 1e-8
+    # A correction below this share of the floor is a rounding error. A larger share ends solves earlier, with fewer
+    # digits of displacements that are much smaller than the nominal one.
+    rounding = 1e-13
     # A correction by a kept tangent that exceeds the one before by more than this is computed with a new tangent.
     renewal = 1.0
     # The solve ends at a correction, except the first, whose rotation (rad) or strain exceeds this.
@@ -108,6 +140,8 @@ class NewtonMonitor:
 
         The test costs no factorization (Deuflhard's simplified correction).
         """
+        if self.floor.exceeds(correction, self.rounding):
+            return True
         if not self.history:
             return correction <= self.reuse * self.predicted and correction <= self.near * state
         return correction <= self.renewal * self.history[-1].correction
@@ -125,7 +159,10 @@ class NewtonMonitor:
         theta, last, size = max(self.contraction, self.inexact), iteration.correction, iteration.state
         if last == 0.0 or (theta < 1 and last * theta / (1 - theta) <= self.tolerance * size):
             return Outcome.CONVERGED
-        if last <= self.round_off * size and theta > 0.5 and iteration.new_tangent and len(self.history) > 1:
+        if self.floor.exceeds(last, self.rounding):
+            return Outcome.ROUND_OFF
+        shrinks_no_more = theta > 0.5 and iteration.new_tangent and len(self.history) > 1
+        if shrinks_no_more and (last <= self.round_off * size or self.floor.exceeds(last, self.round_off)):
             return Outcome.ROUND_OFF
         if len(self.history) >= self.limit:
             return Outcome.ITERATION_LIMIT

@@ -46,6 +46,13 @@ class SolverOptions:
                 self._texts.pop(name, None)
         self.restore()
 
+    def change(self, values: Mapping[str, Value]) -> None:
+        """Change the values of options, also of options of the job."""
+        self._values.update(values)
+        for name in values:
+            self._texts.pop(name, None)
+        self.restore()
+
     def restore(self) -> None:
         """Set all options again that other solvers have removed or changed; the linear solver may read them again."""
         there = self._database.getAll()

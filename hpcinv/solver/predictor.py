@@ -64,7 +64,7 @@ class Prediction:
     Attributes:
         increment: largest rotation and strain that it makes.
         origin: the state where it begins; overwritten by the next prediction.
-        is_taken: whether the state was moved along it; false if an element would turn inside out.
+        is_taken: whether the state was moved along it.
         factorizations, signs: number of new tangents, and signs of their determinants.
     """
 
@@ -93,7 +93,7 @@ class Predictor:
     def predict(self, load: float, *, new_tangent: bool = False) -> Prediction:
         """Move the state along the tangent of the solution path to another load factor.
 
-        A step that would turn an element inside out is not taken.
+        A step that would turn an element inside out, or carry it through an obstacle, is not taken.
 
         Args:
             new_tangent: assemble and factorize the tangent; else the present factors are used.
@@ -121,7 +121,7 @@ class Predictor:
         x.aypx(-1.0, start)
         system.set_state(x)
         x.destroy()
-        is_taken = solved and system.fault() is None
+        is_taken = solved and system.fault() is None and not system.scene.passages.has_passed()
         if not is_taken:
             system.set_state(start)
         return Prediction(length, increment, start, is_taken, linear.factorizations - before, (sign,) if sign else ())

@@ -20,6 +20,7 @@ from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
+from hpcinv.model.layers import layers_of_cells
 from hpcinv.model.scene import Scene
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.supports import Supports
@@ -71,7 +72,7 @@ class Model:
             check_fields(job, self.fields)
             self.scales = self._scales()
             self.unknowns: Unknowns = (
-                Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
+                Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree, layers_of_cells(job, body))
                 if like is None
                 else like.unknowns
             )
@@ -123,11 +124,6 @@ class Model:
             yield
         except MeshError as error:
             raise MeshError(f"{file}{state}{error.message}", error.advice) from None
-
-    @property
-    def is_isoparametric(self) -> bool:
-        """True if the cells' geometry has the degree of the displacement: the moved mesh is then the moved body."""
-        return self.body.source.degree >= self.job.discretisation.displacement
 
     @property
     def _has_springs(self) -> bool:
@@ -216,6 +212,7 @@ class Model:
             )
         equilibrium.linear.options.restore()
         scene.contacts.locate()
+        scene.passages.forget()
         equilibrium.system.timings, equilibrium.observer = self.timings, observer
         if not self._are_supports_checked:
             try:

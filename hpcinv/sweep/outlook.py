@@ -12,6 +12,7 @@ from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
+from hpcinv.model.layers import layers_of_cells
 from hpcinv.model.spaces import Unknowns
 from hpcinv.parallel.runtime import MPI
 from hpcinv.sweep.plan import SweepPlan
@@ -77,9 +78,10 @@ def _time(
 def _size(job: Job) -> tuple[int, int] | str:
     try:
         body = build_body(job.mesh, job.regions, MPI.COMM_SELF, resolve=job.resolve)
+        layers = layers_of_cells(job, body)
     except MeshError as error:
         return error.message
-    unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree)
+    unknowns = Unknowns(body.mesh, job.discretisation.displacement, job.pressure_degree, layers)
     return body.mesh.topology.index_map(3).size_global, unknowns.size
 
 

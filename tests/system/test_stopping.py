@@ -112,7 +112,7 @@ if "pytest" not in sys.modules:  # the test reads the job, too
 def with_slow_reader(directory: Path, suffix: str) -> tuple[dict[str, Any], Path]:
     """A job with a mesh in a file and a slow reader of it, and the file that the reader makes when it begins."""
     slow, mark = directory / "slow_reader.py", directory / "reading"
-    reader = ROOT / "hpcinv" / "mesh" / "io" / "isolated_reader.py"
+    reader = ROOT / "hpcinv" / "reading" / "isolated_reader.py"
     slow.write_text(SLOW_READER.format(mark=str(mark), reader=str(reader)))
     plugin = directory / "plugin.py"
     plugin.write_text(STARTING_SLOW_READER.format(slow=str(slow)))

@@ -221,6 +221,16 @@ def test_command_writes_what_a_job_takes(tmp_path: Path, capsys: pytest.CaptureF
     assert {test["points"] for test in best["tests"]} == {9}
 
 
+@pytest.mark.parametrize("name", ["a\nplugins: [evil.py]\n#.csv", "a\u2028plugins: [evil.py]\u2028.csv"])
+def test_names_of_tests_are_data_in_the_sections_of_a_job(name: str, tmp_path: Path) -> None:
+    tests = tmp_path / name
+    tests.write_text(EXACT)
+    material = tmp_path / "material.yaml"
+    assert main(["fit", str(tests), "--law", "mooney-rivlin", "--material", str(material)]) == 0
+    assert "plugins" not in yaml.safe_load(material.read_text())
+    assert not [line for line in material.read_text().splitlines() if line.startswith("plugins")]
+
+
 EXACT = "# mode: uniaxial\nstretch, nominal stress [Pa]\n" + "\n".join(
     f"{x}, {2 * (x - x**-2.0):.15g}" for x in (1.1, 1.2, 1.3, 1.5, 1.7)
 )

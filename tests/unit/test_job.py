@@ -19,7 +19,7 @@ from pydantic import ValidationError
 import hpcinv
 from hpcinv.effects.base import Direction, Effect
 from hpcinv.errors import JobError
-from hpcinv.job.fingerprint import difference, fingerprint
+from hpcinv.job.fingerprint import difference, file_digest, fingerprint
 from hpcinv.job.job import Job, json_schema, parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.materials import laws
@@ -479,6 +479,7 @@ def test_the_json_schema_describes_every_key_of_a_job() -> None:
     schema = json_schema()
     assert json.loads(json.dumps(schema)) == schema
     assert set(schema["properties"]) == set(Job.model_fields)
+    assert "image" in schema["$defs"]["MeshSpec"]["properties"]
     assert schema["required"] == ["mesh", "material"]
     assert all("description" in p for p in schema["properties"].values())
     assert {"enum": ["off", "quick", "standard", "full"]} in schema["$defs"]["CertificateSettings"]["anyOf"]
@@ -506,3 +507,23 @@ def test_the_first_of_many_problems_are_told_and_the_others_counted(problems: Ca
     assert len(found) == 51
     assert found[0].startswith("unknown0: unknown key")
     assert found[-1] == "and 8,950 more problems like these"
+
+
+@pytest.mark.parametrize(
+    ("header", "voxels"),
+    [
+        ("a.mhd: ElementDataFile = a.raw", "a.raw"),
+        ("a.mhd: ElementDataFile = LIST\na1.raw\na2.raw", "a2.raw"),
+        ("a.mhd: ElementDataFile = a%02d.raw 1 9 1", "a07.raw"),
+        ("a.nrrd: data file: a.bin", "a.bin"),
+        ("a.nrrd: datafile: LIST\na.bin\nb.bin", "b.bin"),
+    ],
+)
+def test_the_identity_of_an_image_has_the_files_of_its_voxels(header: str, voxels: str, tmp_path: Path) -> None:
+    name, _, text = header.partition(": ")
+    (tmp_path / name).write_text(f"NDims = 3\n{text}\n")
+    digests = set()
+    for content in ("yesterday", "today"):
+        (tmp_path / voxels).write_text(content)
+        digests.add(file_digest(tmp_path / name))
+    assert len(digests) == 2

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+import pytest
 from dolfinx import fem
 from ffcx.naming import compute_signature
 from helpers.verification import box, job
 
-from hpcinv.mesh import build_body
+from hpcinv.effects import effects
+from hpcinv.errors import JobError
+from hpcinv.job.job import Job
+from hpcinv.job.reuse_key import reuse_group_of
+from hpcinv.materials import laws
+from hpcinv.mesh import Body, build_body
 from hpcinv.model.scene import Scene
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+from hpcinv.quantity.parameter_paths import Number
+from hpcinv.quantity.schema import at
 from hpcinv.solver.problem import Model
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 1000}
@@ -49,3 +58,56 @@ def test_what_is_not_listed_leaves_nothing_behind(comm: MPI.Intracomm) -> None:
     assert len(bare.residual.constants()[0].value) == 1 + 3  # load factor, c1 c2 d1
     assert len(loaded.residual.constants()[0].value) == 1 + 3 + 4
     assert bare.residual.signature() != loaded.residual.signature()
+
+
+DIRECTIONS = {"fibre": [1, 0, 0], "sheet": [0, 1, 0], "muscle": [1, 0, 0], "fibre1": [1, 1, 0], "fibre2": [1, -1, 0]}
+FORMULA = {
+    "law": "formula",
+    "energy": "a/2*(I1_bar - 3) + (b - c)*(I1_bar - 3)^2 + d*max(I1_bar - 3 - e, 0)^2",
+    "parameters": {"a": "10 kPa", "b": "3 kPa", "c": "2 kPa", "d": "1 kPa", "e": 0.2},
+    "kappa": "50 kPa",
+}
+INGREDIENTS = {
+    **{f"law {name}": ("material", law.example) for name, law in laws().items()},
+    **{f"effect {name}": ("effects[0]", effect.example) for name, effect in effects().items()},
+    "law formula with differences": ("material", FORMULA),
+}
+
+
+def variants(case: Job, section: str) -> Iterator[Job]:
+    """The job with each number of a law or effect replaced by 0, 1, 2, and by others near its own."""
+    for place, number in case.owners[section].numbers().items():
+        if isinstance(number, Number):
+            unit = "" if number.dimension is None else number.dimension.unit
+            for value in (0.0, 1.0, 2.0, 1.5 * number.value, -number.value):
+                try:
+                    yield case.with_({at((section, *place)): f"{value!r} {unit}" if unit else value})
+                except JobError:  # it is not admissible, or contradicts others
+                    continue
+    if section == "material" and "parameters" in case.data["material"]:
+        yield case.with_({"material.parameters.b": "2 kPa"})  # the difference vanishes
+
+
+@pytest.mark.parametrize("name", INGREDIENTS)
+def test_jobs_of_a_reuse_group_have_the_same_forms(name: str, comm: MPI.Intracomm) -> None:
+    section, example = INGREDIENTS[name]
+    content: Mapping[str, Any] = {
+        "analysis": "forward",
+        "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
+        "effects": [],
+        "fibres": {n: {"direction": d, "given_on": "reference"} for n, d in DIRECTIONS.items()},
+    }
+    first = job(
+        mesh=box((1, 1, 1)),
+        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+        **{**content, section.partition("[")[0]: example if section == "material" else [example]},
+    )
+    body = build_body(first.mesh, first.regions, comm, resolve=first.resolve)
+    group, form = reuse_group_of(first), form_of(first, body)
+    same = [form_of(case, body) == form for case in variants(first, section) if reuse_group_of(case) == group]
+    assert all(same)
+
+
+def form_of(case: Job, body: Body) -> str:
+    model = Model(case, body, Timings())
+    return str(model.scene(case.directions[0]).residual.signature())

@@ -11,7 +11,7 @@ from helpers.command_line import NO_CERTIFICATE
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.errors import Interrupted, MeshError
+from hpcinv.errors import Interrupted, MeshError, SolveError
 from hpcinv.job.job import load
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
@@ -185,6 +185,57 @@ def test_beam_that_comes_to_rest_on_a_peg(comm: MPI.Intracomm) -> None:
     assert sag_of_tip == pytest.approx(tip, rel=0.01)
     missed = closing(result)
     assert missed < 1e-8 * tip
+
+
+def sagging(comm: MPI.Intracomm, obstacle: dict[str, Any], **changes: Any) -> Result:
+    """A soft beam that would sag by 0.09 m, onto a small obstacle 26 mm below it and 20 mm from its tip."""
+    weight = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 200}
+    given: dict[str, Any] = {
+        "analysis": "forward",
+        "mesh": box((20, 1, 1), lx=0.4, ly=0.02, lz=0.02, hexahedra=True) | {"geometry_degree": 2},
+        "material": {"law": "neo-hookean", "young": "2 MPa", "poisson": 0},
+        "effects": [weight, {"effect": "contact", "region": "z0", "obstacle": obstacle}],
+        "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+        "certificate": "off",
+    }
+    return hpcinv.run(job(**given | changes), comm)
+
+
+PEG = {"shape": "cylinder", "point": [0.38, 0, -0.036], "axis": [0, 1, 0], "radius": 0.01}
+
+
+@pytest.mark.parallel([1, 2])
+def test_beam_does_not_pass_through_a_peg_in_one_step(comm: MPI.Intracomm) -> None:
+    """Euler–Bernoulli, whose error at this sag is that of the other beam on a peg."""
+    length, at, bending, load = 0.4, 0.38, 2e6 * 0.02**4 / 12, 200 * 9.81 * 0.02**2
+    sag = load * at**2 * (6 * length**2 - 4 * length * at + at**2) / (24 * bending)
+    force = (sag - 0.026) * 3 * bending / at**3
+    tip = load * length**4 / (8 * bending) - force * at**2 * (3 * length - at) / (6 * bending)
+    solution = sagging(comm, PEG).solutions[0]
+    assert solution.contacts[0].force[2] == pytest.approx(force, rel=0.02)
+    assert solution.largest_displacement == pytest.approx(tip, rel=0.02)
+
+
+def test_wire_between_the_nodes_is_not_passed_unnoticed(comm: MPI.Intracomm) -> None:
+    """The surface feels an obstacle at points that are some 8 mm apart; none of them comes near."""
+    wire = PEG | {"point": [0.371, 0, -0.0265], "radius": 0.0005}
+    with pytest.raises(SolveError, match="would pass through an obstacle") as stopped:
+        sagging(comm, wire, solver={"strategy": "fixed", "steps": 2})
+    assert "refine the mesh there" in stopped.value.advice
+
+
+@pytest.mark.parallel([1, 2])
+def test_rod_that_sweeps_through_a_block_in_one_step_is_refused(comm: MPI.Intracomm) -> None:
+    """The rod is above the block before the only step, and below it afterwards."""
+    rod = {"shape": "cylinder", "point": [0.5, 0, 1.2], "axis": [0, 1, 0], "radius": 0.05}
+    sweeping = {"effect": "contact", "region": "z1", "obstacle": rod, "travel": [0, 0, -3]}
+    with pytest.raises(SolveError, match="would pass through an obstacle"):
+        standing(
+            comm,
+            effects=[sweeping],
+            supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
+            solver={"strategy": "fixed", "steps": 1},
+        )
 
 
 def indented(comm: MPI.Intracomm, obstacle: dict[str, Any]) -> Result:

@@ -3,12 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import Any
 
 from hpcinv.materials.formula_law.algebras import Functions
 
 _ROUNDING = 1e-13  # a sum that is smaller than this part of its terms is zero
+
+_recorded: ContextVar[list[bool] | None] = ContextVar("recorded decisions", default=None)
+
+
+@contextmanager
+def recorded_decisions() -> Iterator[list[bool]]:
+    """Context that records all decisions that the values of coefficients make about terms of a form, in order."""
+    decisions: list[bool] = []
+    token = _recorded.set(decisions)
+    try:
+        yield decisions
+    finally:
+        _recorded.reset(token)
+
+
+def _decided(outcome: bool) -> bool:
+    if (decisions := _recorded.get()) is not None:
+        decisions.append(outcome)
+    return outcome
 
 
 @dataclass(frozen=True)
@@ -35,10 +57,14 @@ class Coefficient:
     @classmethod
     def parameter(cls, value: float, symbol: Any) -> Coefficient:
         """Return the coefficient of a parameter; a zero is literal, so that its term is no part of the form."""
-        return cls(value, symbol, abs(value), is_literal=False) if value else ZERO
+        return cls(value, symbol, abs(value), is_literal=False) if _decided(value != 0) else ZERO
 
     def __bool__(self) -> bool:
-        return self.value != 0
+        return _decided(self.value != 0)
+
+    @property
+    def is_positive(self) -> bool:
+        return _decided(self.value > 0)
 
     def __add__(self, other: Coefficient) -> Coefficient:
         return self._with(other, self.value + other.value, self.symbol + other.symbol, self.size + other.size)
@@ -78,7 +104,7 @@ class Coefficient:
         return self._with(self, value, symbol, abs(value) + slope * self.size)
 
     def _with(self, other: Coefficient, value: float, symbol: Any, size: float) -> Coefficient:
-        if abs(value) <= _ROUNDING * size:
+        if _decided(abs(value) <= _ROUNDING * size):
             return ZERO
         return Coefficient(value, symbol, size, self.is_literal and other.is_literal)
 

@@ -38,7 +38,7 @@ class Strains:
     positive: list[Any] = field(default_factory=list)
 
     def constant(self, value: Coefficient) -> Jet:
-        return Jet(self, value, {}, 0.0, math.inf, is_positive=value.value > 0)
+        return Jet(self, value, {}, 0.0, math.inf, is_positive=value.is_positive)
 
     def number(self, value: float) -> Jet:
         return self.constant(Coefficient.literal(value))
@@ -150,7 +150,7 @@ class Jet:
             if abs(n.value) > _MOST_FACTORS:
                 raise ValueError(f"raises a strain to the power {n.value:g}, and the largest is {_MOST_FACTORS}")
             return self._whole_power(int(n.value))
-        if self.constant.value > 0:
+        if self.constant.is_positive:
             return self._power(n)
         if self.constant:
             raise ValueError(f"raises something that is negative at F = I to the power {n.value:g}")
@@ -191,7 +191,7 @@ class Jet:
     ) -> Jet:
         """Return ``f(q) = f(q0) + factor · change(of)``, if the change has no first-order part."""
         if self.is_constant:
-            return replace(self.strains.constant(value), is_positive=is_positive or value.value > 0)
+            return replace(self.strains.constant(value), is_positive=is_positive or value.is_positive)
         remainder = factor.symbol * self.strains.functions[change](of)
         return Jet(self.strains, value, {}, remainder, min(self.order, 2), is_positive)
 
@@ -238,10 +238,10 @@ def sqrt(q: Jet) -> Jet:
 
 def positive_part(q: Jet) -> Jet:
     if q.is_constant:
-        return q if q.constant.value > 0 else q.strains.number(0.0)
+        return q if q.constant.is_positive else q.strains.number(0.0)
     if_positive = q.strains.functions["if_positive"]
     value = q.constant.symbol + q.change
-    if q.constant.value > 0:
+    if q.constant.is_positive:
         rest = if_positive(value, q.remainder, -(q.constant.symbol + q.first_order))
         return replace(q, remainder=rest, exact_change=None)
     return Jet(q.strains, ZERO, {}, if_positive(value, value, 0.0), 2 if q.constant else q.order_of_change)

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from petsc4py import PETSc
 
+from hpcinv.model.outcome import Outcome
 from hpcinv.solver.linear.convergence_test import Settling
 from hpcinv.solver.petsc_options import Value
 
@@ -67,9 +68,13 @@ class Configuration(ABC):
         """Return the sign of the determinant of the factorized tangent; 0 if it is not known."""
         return 0
 
-    def lacked_memory(self, ksp: PETSc.KSP) -> bool:
-        """Return whether the last set-up failed for lack of memory."""
-        return False
+    def larger_workspace(self, ksp: PETSc.KSP) -> Mapping[str, Value]:
+        """Return options with which the last set-up may succeed, if it failed for lack of workspace; collective."""
+        return {}
+
+    def failure(self, ksp: PETSc.KSP) -> Outcome:
+        """Return the reason why the last set-up or solution failed; collective."""
+        return Outcome.KRYLOV_LIMIT
 
     def destroy(self) -> None:
         """Free PETSc objects."""

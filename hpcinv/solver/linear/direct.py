@@ -10,7 +10,9 @@ from typing import Any, ClassVar
 
 from petsc4py import PETSc
 
+from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Unknowns
+from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.configuration import Configuration
 from hpcinv.solver.linear.convergence_test import Refinement
@@ -20,7 +22,14 @@ from hpcinv.solver.petsc_options import Value
 FEW_RANKS = 8
 """Ranks up to which a root factorized by one of them costs little, and its inertia is worth it for the certificate."""
 ROUNDING = 1e-13  # asymmetry by rounding errors in the assembly; loads without a potential cause far more
-_NO_MEMORY = frozenset({-8, -9, -11, -13, -14, -15, -17, -18, -19, -20})  # INFOG(1), MUMPS users' guide, ch. 8
+WORKSPACE = 50
+"""Room for pivoting by which MUMPS's estimate is enlarged at first, in percent (ICNTL(14)), which nearly incompressible
+tangents need. More of it takes memory; less is found out by a factorization that fails and is repeated."""
+_WORKSPACE = "mat_mumps_icntl_14"
+# INFOG(1), MUMPS users' guide, ch. 8
+_LITTLE_WORKSPACE = frozenset({-8, -9, -11, -12, -14, -15, -17, -20})  # of arrays, or of buffers for messages
+_OVERHEAD = 1e8  # bytes; with less, workspaces of tiny bodies are not enlarged, with more they may grow in vain
+_NOT_ALLOCATED, _LIMITED = -13, -19
 
 
 class Direct(Configuration):
@@ -52,7 +61,7 @@ class Direct(Configuration):
             "pc_type": "lu",
             "pc_factor_mat_solver_type": "mumps",
             "mat_mumps_icntl_33": 1,  # the determinant, whose sign changes at limit points
-            "mat_mumps_icntl_14": 50,  # room for pivoting, which nearly incompressible tangents need
+            _WORKSPACE: WORKSPACE,
             **({"mat_mumps_icntl_7": 2} if self._minimum_fill else {}),
         }
 
@@ -111,12 +120,22 @@ class Direct(Configuration):
         mantissa = ksp.pc.getFactorMatrix().getMumpsRinfog(12)
         return (mantissa > 0) - (mantissa < 0)
 
-    def lacked_memory(self, ksp: PETSc.KSP) -> bool:
-        if not is_mumps(ksp.pc) or ksp.pc.getFactorMatrix().getMumpsInfog(1) not in _NO_MEMORY:
-            return False
+    def larger_workspace(self, ksp: PETSc.KSP) -> Mapping[str, Value]:
+        matrix = ksp.getOperators()[1]
+        if not is_mumps(ksp.pc) or not (percent := larger_workspace(ksp.pc)):
+            return {}
         # MUMPS postpones pivots that are not numbers until its workspace is full.
+        size: Any = matrix.norm(PETSc.NormType.FROBENIUS)
+        return {_WORKSPACE: percent} if math.isfinite(size) else {}
+
+    def failure(self, ksp: PETSc.KSP) -> Outcome:
+        code = ksp.pc.getFactorMatrix().getMumpsInfog(1) if is_mumps(ksp.pc) else 0
         size: Any = ksp.getOperators()[1].norm(PETSc.NormType.FROBENIUS)
-        return math.isfinite(size)
+        if not math.isfinite(size):
+            return Outcome.LINEAR_SOLVER
+        if code == _LIMITED:
+            return Outcome.MEMORY_LIMIT
+        return Outcome.NO_MEMORY if code == _NOT_ALLOCATED or code in _LITTLE_WORKSPACE else Outcome.LINEAR_SOLVER
 
     def destroy(self) -> None:
         super().destroy()
@@ -126,3 +145,20 @@ class Direct(Configuration):
 
 def is_mumps(pc: PETSc.PC) -> bool:
     return pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY) and pc.getFactorSolverType() == "mumps"
+
+
+def larger_workspace(pc: PETSc.PC) -> int:
+    """Return twice the workspace (percent) of a factorization that failed for lack of it; collective.
+
+    0 if it did not, if there is no memory for that, or if full factors would fit into the workspace that was too small.
+    """
+    factors = pc.getFactorMatrix()
+    if factors.getMumpsInfog(1) not in _LITTLE_WORKSPACE:
+        return 0
+    matrix, percent = pc.getOperators()[1], factors.getMumpsIcntl(14)
+    estimate = 1e6 * factors.getMumpsInfog(17)  # bytes of all ranks with the present workspace
+    larger = 2 * max(percent, WORKSPACE // 2)
+    needed = estimate * (100 + larger) / (100 + percent)
+    full = 16.0 * matrix.getSize()[0] ** 2 + _OVERHEAD
+    comm = matrix.comm.tompi4py()
+    return larger if estimate < full and needed <= available(comm) else 0

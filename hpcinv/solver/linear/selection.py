@@ -129,11 +129,9 @@ class Chooser:
         return self.forecast.nested_gain(_TANGENTS[direction], self._ranks) >= _WORTH_NESTED
 
     def _choose(self, solver: Solver) -> Choice:
+        if solver.linear != "auto":
+            return Choice(solver.linear, "the job asks for it")
         fallback = "direct" if self.can_factorize else None
-        if solver.linear == "iterative":
-            return Choice("iterative", "the job asks for it", fallback)
-        if solver.linear == "direct":
-            return Choice("direct", "the job asks for it", "iterative")
         if not self.can_factorize:
             return Choice(
                 "iterative",

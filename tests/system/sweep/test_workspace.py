@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.command_line import ROOT
+from helpers.sweeps import write_sweep
 from helpers.verification import box, job
 
 from hpcinv.driver import run
 from hpcinv.errors import MeshError
-from hpcinv.job.job import Job
+from hpcinv.job.fingerprint import content_key
+from hpcinv.job.job import Job, load
 from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import MPI
-from hpcinv.solver.problem_cache import Workspace
+from hpcinv.solver.problem_cache import Workspace, _mesh_of
+from hpcinv.sweep.interface import sweep
 
 CLAMPED = [{"region": "x0", "fix": ["x", "y", "z"]}]
 
@@ -48,7 +53,40 @@ def by_region(inner: float, outer: float, displacement: str) -> Job:
     )
 
 
+def by_name(**sections: Any) -> tuple[Job, Job]:
+    """Jobs that differ in the value of a name, which some of their sections use."""
+    before, after = (block(let={"c": c}, **sections) for c in ("0.9", "1.9"))
+    return before, after
+
+
+def layered(c: float) -> Job:
+    """A formula of which the number is a factor, or no term at all."""
+    law = {"law": "formula", "energy": "mu/2*(I1_bar - 3) + c*(I1_bar - 3)^2", "kappa": "40 kPa"}
+    return block(material=law | {"parameters": {"mu": "10 kPa", "c": f"{c} kPa"}})
+
+
+def pressed(**numbers: Any) -> Job:
+    """A block that rests on a rigid ball."""
+    ball = {"shape": "sphere", "centre": [1, 0.5, -3], "radius": 3}
+    contact = {"effect": "contact", "region": "z0", "obstacle": ball}
+    return block(
+        analysis="forward",
+        effects=[
+            {"effect": "gravity", "acceleration": [0, 0, -30], "density": 100.0},
+            {**contact, **numbers},
+        ],
+        quantities=[{"name": "depth", "of": "contact_penetration", "on": "z0"}],
+    )
+
+
 PAIRS = {
+    "name in a region": by_name(
+        regions={"left": "x < c"},
+        effects=[{"effect": "gravity", "acceleration": [0, 0, -2], "density": {"left": 100, "elsewhere": 200}}],
+        mesh=box((4, 1, 1), lx=2.0),
+    ),
+    "term of a law": (layered(0), layered(20)),
+    "penetration": (pressed(penetration="10 mm"), pressed(penetration="0.1 mm")),
     "numbers": (block(), block(3.3e3, -5.0)),
     "scales": (block(), block(1e7, -5e3)),
     "fields": (by_region(1e4, 2e4, "0.05"), by_region(5e4, 1e4, "0.1")),
@@ -60,6 +98,32 @@ PAIRS = {
         block(material={"law": "neo-hookean", "mu": 2e4, "lam": 1e7}),
     ),
 }
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("names", [("0.066 m", "0.133 m"), ("0.133 m", "0.066 m")], ids=["up", "down"])
+def test_a_region_moves_with_a_name_that_is_swept(
+    names: tuple[str, str], run_directory: Path, comm: MPI.Intracomm
+) -> None:
+    content: dict[str, Any] = {
+        "mesh": box((6, 2, 2), lx=0.2, ly=0.1, lz=0.1),
+        "let": {"c": names[0]},
+        "regions": {"soft": "x > c"},
+        "material": {
+            "soft": {"law": "neo-hookean", "mu": "30 kPa", "lam": "60 kPa"},
+            "elsewhere": {"law": "neo-hookean", "mu": "60 kPa", "lam": "60 kPa"},
+        },
+        "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}],
+        "supports": CLAMPED,
+        "quantities": [{"name": "V", "of": "1", "on": "soft", "reduce": "integral", "over": "current"}],
+        "certificate": "off",
+    }
+    content["mesh"] = content["mesh"] | {"file": str(ROOT / "meshes" / "box.py")}
+    if comm.rank == 0:
+        write_sweep(run_directory, [{"grid": {"let.c": list(names)}}], job=content)
+    found = sweep(run_directory / "sweep.yaml", comm, ranks_per_case=comm.size)
+    lengths = {"0.066 m": 2 / 15, "0.133 m": 1 / 15}  # of whole cells, each 1/30 m long, beyond the plane
+    assert found["V"] == pytest.approx([1e-2 * lengths[name] for name in names], rel=1e-12)
 
 
 def differs(one: Result, other: Result) -> float:
@@ -112,6 +176,62 @@ def test_a_job_that_is_refused_leaves_nothing_behind(comm: MPI.Intracomm) -> Non
         with pytest.raises(MeshError, match="is not finite"):
             run(moved(0.0), comm, workspace=workspace)
         assert differs(alone, run(moved(2.0), comm, workspace=workspace)) < 1e-11
+
+
+OBSTACLE = {"shape": "level-set", "formula": "z + 0.02*c"}
+FIBRES = {"fibre": {"direction": [1, "c*X", 0], "given_on": "reference"}}
+NAMED: dict[str, dict[str, Any]] = {
+    "law": {
+        "material": {"law": "neo-hookean", "mu": "1e4*(c + X)", "lam": 4e4},
+        "discretisation": {"formulation": "displacement"},
+    },
+    "support": {"supports": [{"region": "x0", "displacement": ["0.05*c", "0.02*c*y", 0]}]},
+    "load": {"effects": [{"effect": "pressure", "region": "x1", "pressure": "300*c*(1 + z)"}]},
+    "inelastic strain": {"effects": [{"effect": "growth", "stretch": "1 + 0.1*c*X"}]},
+    "fibres": {
+        "fibres": FIBRES,
+        "material": {"law": "transversely-isotropic", "mu": 1e4, "k": 2e4, "kappa": 3e4},
+    },
+    "obstacle": {
+        "analysis": "forward",
+        "effects": [{"effect": "contact", "region": "z0", "obstacle": OBSTACLE, "stiffness": "60 kPa/m"}],
+    },
+    "definition": {"let": {"r": "c*norm(y, z)"}, "supports": [{"region": "x0", "displacement": [0, "r", 0]}]},
+}
+
+
+@pytest.mark.parametrize("section", NAMED)
+def test_a_name_in_a_formula_counts_by_its_value(section: str) -> None:
+    sections = NAMED[section]
+    one, other = (block(**sections | {"let": {"c": c} | sections.get("let", {})}) for c in ("0.9", "1.9"))
+    assert (reuse_group_of(one), numbers_of(one)) != (reuse_group_of(other), numbers_of(other))
+    assert content_key(one) != content_key(other)
+
+
+def test_what_decides_about_a_mesh_or_a_check_counts(tmp_path: Path) -> None:
+    """The unit of an image that is left out is mm; surfaces have names; an assumed error changes a certificate."""
+    (tmp_path / "a.stl").write_text("solid a")
+    (tmp_path / "b.stl").write_text("solid b")
+    (tmp_path / "scan.nrrd").write_bytes(b"NRRD0004")
+
+    def with_mesh(**mesh: Any) -> Job:
+        common = {"material": {"law": "neo-hookean", "mu": 1e4, "lam": 4e4}, "supports": CLAMPED}
+        return load({**common, "mesh": {"size": "5 mm", **mesh}}, directory=tmp_path)
+
+    scan = {"image": "scan.nrrd", "labels": {"body": 1}}
+    jobs = [
+        with_mesh(**scan),
+        with_mesh(**scan, unit="m"),
+        with_mesh(surfaces={"in": ["a.stl"], "out": ["b.stl"]}, unit="mm"),
+        with_mesh(surfaces={"out": ["a.stl"], "in": ["b.stl"]}, unit="mm"),
+        with_mesh(surfaces={"in": ["a.stl", "b.stl"]}, unit="mm"),
+        with_mesh(surface="a.stl", unit="mm"),
+        with_mesh(surface="a.stl", unit="mm", surface_error={"sd": "1 mm"}),
+        with_mesh(surface="a.stl", unit="mm", surface_error={"sd": "2 mm"}),
+    ]
+    assert len({content_key(one) for one in jobs}) == len(jobs)
+    assert len({_mesh_of(one) for one in jobs}) == len(jobs)
+    assert content_key(with_mesh(**scan, unit="mm")) == content_key(jobs[0])
 
 
 def test_only_numbers_may_differ_within_a_reuse_group() -> None:

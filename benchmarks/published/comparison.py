@@ -1,0 +1,78 @@
+"""A published value next to ours: difference over the error bars of both."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from .references import Reference
+
+type Verdict = Literal["inside", "outside", "not reliable", "failed"]
+
+ROUNDING = 1e-11
+"""Error of our value on a common mesh, relative to it: ten times Newton's tolerance. Larger: a coarser comparison."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the page, in the unit of the publication.
+
+    Attributes:
+        ours, error: value and estimated error; ``nan`` if the run failed.
+        reason: why the row is not inside, as the run says; empty if it is.
+    """
+
+    reference: Reference
+    ours: float
+    error: float
+    unknowns: int
+    seconds: float
+    reason: str
+
+    @property
+    def difference(self) -> float:
+        """Difference in units of the error bar, ours and theirs together."""
+        return (self.ours - float(self.reference.value)) / (self.reference.spread + self.error)
+
+    @property
+    def verdict(self) -> Verdict:
+        if math.isnan(self.ours):
+            return "failed"
+        if self.reason:
+            return "not reliable"
+        return "inside" if abs(self.difference) <= 1 else "outside"
+
+
+def compare(reference: Reference, summary: Mapping[str, Any]) -> Row:
+    """Return the row of a published value, from the summary of its run."""
+    if "failure" in summary:
+        return Row(reference, math.nan, math.nan, 0, math.nan, summary["failure"])
+    name, component = re.fullmatch(r"([^\[]+)(?:\[(\d)\])?", reference.quantity).groups()  # type: ignore[union-attr]
+    ours = _number(summary["quantities"].get(name), component)
+    error, reason = _error(reference, summary, name, component)
+    unknowns, seconds = summary["mesh"]["unknowns"], summary["timings"]["total"]
+    if math.isnan(ours):
+        reason = f"the job has no quantity {reference.quantity}"
+    return Row(reference, ours / reference.factor, error / reference.factor, unknowns, seconds, reason)
+
+
+def _error(reference: Reference, summary: Mapping[str, Any], name: str, component: str | None) -> tuple[float, str]:
+    """Return our error (SI), and why it is not known, or empty."""
+    ours = abs(_number(summary["quantities"].get(name), component))
+    if reference.comparison == "mesh":
+        return ROUNDING * ours, ""
+    if accuracy := summary.get("accuracy"):
+        return abs(accuracy["bounds"][name]), ""
+    estimate = summary["certificate"].get("estimate") or {}
+    if name not in estimate.get("quantities", {}):
+        return math.nan, "the run has no estimate of this quantity"
+    return abs(_number(estimate["quantities"][name], component)), ""
+
+
+def _number(value: Any, component: str | None) -> float:
+    if isinstance(value, list):
+        value = value[int(component or 0)]
+    return math.nan if value is None else float(value)

@@ -1,0 +1,102 @@
+"""The page of published values, ``docs/verification/published.md``, and its picture."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from .comparison import Row, Verdict
+from .references import FOLDER
+
+PAGE = Path("docs/verification/published.md")
+PICTURE = Path("docs/pictures/published.png")
+VERDICTS: tuple[Verdict, ...] = ("inside", "outside", "not reliable", "failed")
+HEADER = """<!-- Written by python -m benchmarks.published: do not edit. -->
+
+# Published values
+
+Values that others published, each next to ours with our error bar. Their error is the spread that they state, or one
+unit of the last printed digit. Our error is the certificate's estimate; it is zero where both solve the same discrete
+problem ("mesh"). The difference is in units of both errors together: a row is inside if it is at most 1.
+
+```sh
+mpirun -n 2 python -m benchmarks.published         # all rows; finished runs are kept in results/published
+mpirun -n 2 python -m benchmarks.published {first}
+```
+
+![Difference over the error bar of each row](../pictures/published.png)
+
+"""
+
+
+def write(rows: Sequence[Row], root: Path) -> None:
+    """Write page and picture below the root of the repository."""
+    (root / PAGE).write_text(page(rows))
+    draw(rows, root / PICTURE)
+
+
+def page(rows: Sequence[Row]) -> str:
+    """Return the page."""
+    names = list(dict.fromkeys(row.reference.folder for row in rows))
+    counts = Counter(row.verdict for row in rows)
+    inverse = sum(bool(row.reference.loaded) for row in rows)
+    summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
+    parts = [
+        HEADER.format(first=names[0] if names else ""),
+        f"{len(rows)} values of {len(names)} sources, {inverse} of them recovered unloaded shapes: {summary}.\n",
+    ]
+    for name in names:
+        own = [row for row in rows if row.reference.folder == name]
+        parts += ["\n", (FOLDER / name / "README.md").read_text().replace("# ", "## ", 1), "\n", table(own)]
+    return "".join(parts)
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return the table of some rows in Markdown."""
+    lines = [
+        "| case | quantity | theirs | ours | difference | unknowns | s | verdict | place |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        reference = row.reference
+        changes = " ".join(f"{key.rpartition('.')[2]}={value}" for key, value in reference.changes.items())
+        remark = f": {reference.note or row.reason}" if row.verdict != "inside" else ""
+        lines.append(
+            f"| {reference.job} {changes} | {reference.quantity}, {reference.unit or '1'} ({reference.comparison}) "
+            f"| {reference.value} ± {reference.spread:.2g} | {_digits(row)} ± {row.error:.1g} | {row.difference:+.2f} "
+            f"| {row.unknowns} | {row.seconds:.1f} | {row.verdict}{remark} | {reference.place} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _digits(row: Row) -> str:
+    """Return our value to two digits more than both errors have."""
+    smallest = max(min(row.reference.spread, row.error or row.reference.spread), abs(row.ours) * 1e-9)
+    if not math.isfinite(smallest) or smallest == 0:
+        return f"{row.ours:g}"
+    decimals = min(max(0, 1 - math.floor(math.log10(smallest))), 12)
+    return f"{row.ours:.{decimals}f}"
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Draw the difference over the error bar of each row."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(9, 3.2), layout="constrained")
+    names = list(dict.fromkeys(row.reference.folder for row in rows))
+    axes.axhspan(-1, 1, color="0.9", label="both error bars")
+    start = 0
+    for name in names:
+        heights = [max(-3.0, min(3.0, row.difference)) for row in rows if row.reference.folder == name]
+        axes.plot(range(start, start + len(heights)), heights, "o", markersize=4, label=name)
+        start += len(heights)
+    axes.set(xlabel="row", ylabel="difference / error bar", ylim=(-3.2, 3.2))
+    axes.legend(fontsize=7, ncols=2, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)

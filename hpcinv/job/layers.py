@@ -1,0 +1,79 @@
+"""Layers of a body: regions in which its law, its parameters and its inelastic stretch are the same.
+
+The pressure of a mixed form jumps where one layer meets another, so that each has pressures of its own there.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hpcinv.effects import Effect
+from hpcinv.job.sensitivities import Parameter, with_ties
+from hpcinv.materials import MaterialLaw
+from hpcinv.quantity.component import Ingredient
+from hpcinv.quantity.expressions import LET
+from hpcinv.quantity.spatial_fields import ByRegion, entries
+
+
+@dataclass(frozen=True)
+class Layering:
+    """Classes of regions of cells; regions of one class are the same to a law or an effect.
+
+    Attributes:
+        classes: class of each region by its name, the first one 0.
+        law: class of the laws to which it applies; ``None`` for the whole body.
+    """
+
+    classes: Mapping[str, int]
+    law: int | None = None
+
+    def as_data(self) -> list[Any]:
+        """JSON data."""
+        return [self.law, dict(self.classes)]
+
+
+def layerings_of(
+    laws: Mapping[str, MaterialLaw], effects: Mapping[str, Effect], varied: list[Parameter]
+) -> tuple[Layering, ...]:
+    """Return what divides a body into layers, that of the laws first; nothing if it is one.
+
+    Args:
+        laws, effects: by their places in the job; the laws are those of all regions.
+        varied: numbers by which results are differentiated. Regions that have such numbers of their own are never the
+            same, since they differ as soon as one of the numbers changes.
+    """
+    free = {(one.where, *one.place) for one in with_ties(varied)}
+    of_laws = _classes({where: _text(law, where, free) for where, law in laws.items()})
+    values: dict[tuple[int | None, tuple[str, ...]], list[Sequence[Any]]] = {}
+    owners: list[tuple[int | None, str, Ingredient]] = [(of_laws[where], where, law) for where, law in laws.items()]
+    owners += [(None, where, effect) for where, effect in effects.items() if not effect.is_load]
+    for law, where, owner in owners:
+        own = {part for place in free if place[0] == where for part in place[1:]}
+        for field in _by_region(owner):
+            numbers = [(number, region if region in own else "") for region, number in field.values.items()]
+            values.setdefault((law, tuple(field.values)), []).append(numbers)
+    found = [Layering({where.removeprefix("material."): number for where, number in of_laws.items()})]
+    found += [
+        Layering(_classes(dict(zip(regions, zip(*fields, strict=True), strict=True))), law)
+        for (law, regions), fields in values.items()
+    ]
+    return tuple(one for one in found if max(one.classes.values()) > 0)
+
+
+def _text(law: MaterialLaw, where: str, free: set[tuple[Any, ...]]) -> str:
+    """Return all of a law as text, with its place if one of its numbers is free."""
+    of_law = [where] if any(owner == where for owner, *_ in free) else []
+    return json.dumps([law.model_dump(mode="json", context={LET: True}), of_law], sort_keys=True)
+
+
+def _by_region(part: Ingredient) -> Iterator[ByRegion]:
+    """Yield the quantities, and the entries of vectors and tensors, that have a value for each region."""
+    for value, _ in part.quantities().values():
+        yield from (entry for entry in entries(value) if isinstance(entry, ByRegion))
+
+
+def _classes(values: Mapping[str, Any]) -> dict[str, int]:
+    """Return numbers that are the same where values are, in the order of their first appearance."""
+    numbers: dict[Any, int] = {}
+    return {name: numbers.setdefault(value, len(numbers)) for name, value in values.items()}

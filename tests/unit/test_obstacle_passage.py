@@ -1,0 +1,97 @@
+"""Straight ways of points past obstacles: which of them lead through, and where they enter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hpcinv.effects.obstacles import Cylinder, LevelSet, Obstacle, Plane, Sphere
+from hpcinv.model.obstacle_passage import Distance, passages
+from hpcinv.model.surface_distance import SurfaceDistance
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.expressions import Expression
+
+RADIUS = 0.25
+BALL = {"centre": (0.0, 0.0, 0.0), "radius": RADIUS}
+BAR = {"point": (0.0, 0.0, 0.0), "axis": (0.0, 1.0, 0.0), "radius": RADIUS}
+ROUND = LevelSet(shape="level-set", formula=Expression(f"x^2 + y^2 + z^2 - ({RADIUS} m)^2"))
+
+
+def of(obstacle: Obstacle) -> Distance:
+    """The distance of an obstacle in metres."""
+    values = {name: value for name, (value, _) in obstacle.quantities().items()}
+    columns = {n: np.reshape(v, (3, 1)) if isinstance(v, tuple) else v for n, v in values.items()}
+
+    def distance(points: Any) -> Any:
+        with np.errstate(all="ignore"):
+            gaps, directions = obstacle.distance(points.T, SimpleNamespace(**columns))
+        return gaps, np.broadcast_to(directions, points.T.shape).T
+
+    return distance
+
+
+SHAPES = [
+    Sphere(shape="sphere", **BALL),  # type: ignore[arg-type]
+    Cylinder(shape="cylinder", **BAR),  # type: ignore[arg-type]
+    ROUND,
+]
+
+
+def way(obstacle: Obstacle, start: Any, end: Any) -> float:
+    (share,) = passages(of(obstacle), np.array([start], dtype=float), np.array([end], dtype=float))
+    return float(share)
+
+
+@pytest.mark.parametrize("obstacle", SHAPES, ids=lambda o: o.shape)
+def test_way_through_an_obstacle_ends_just_inside(obstacle: Obstacle) -> None:
+    share = way(obstacle, (0.05, 0, 1), (0.05, 0, -1))
+    entry = (1 - np.sqrt(RADIUS**2 - 0.05**2)) / 2
+    assert entry < share < entry + 0.2 * RADIUS / 2
+
+
+@pytest.mark.parametrize("obstacle", SHAPES, ids=lambda o: o.shape)
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [
+        ((0.3, 0, 1), (0.3, 0, -1)),  # past it
+        ((0, 0, 1), (0, 0, 0.1)),  # into it, from where it is pushed back
+        ((0, 0, 1), (0, 0, 0.3)),  # towards it
+        ((0.05, 0, 0.2), (0.1, 0, 0.2)),  # along its inside
+        ((0.01, 0, -0.24), (0.05, 0, -1)),  # out of it
+    ],
+)
+def test_other_ways_lead_to_their_ends(obstacle: Obstacle, start: Any, end: Any) -> None:
+    assert way(obstacle, start, end) == np.inf
+
+
+@pytest.mark.parametrize("radius", [1e-2, 1e-3, 1e-4])
+def test_thin_wire_is_not_stepped_over(radius: float) -> None:
+    wire = Cylinder(shape="cylinder", **BAR | {"radius": radius})  # type: ignore[arg-type]
+    share = way(wire, (0, 0, 0.7), (0, 0, -0.3))
+    assert share == pytest.approx(0.7, abs=1.1 * radius)
+
+
+def test_half_spaces_and_moulds_have_no_other_side() -> None:
+    plane = Plane(shape="plane", point=(0, 0, 0), normal=(0, 0, 1))
+    mould = Sphere(shape="sphere", hollow=True, **BALL)  # type: ignore[arg-type]
+    assert not plane.can_be_passed
+    assert not mould.can_be_passed
+    share = way(plane, (0, 0, 1), (0, 0, -1))
+    assert share == np.inf
+
+
+def test_way_through_a_plate_of_triangles(tmp_path: Path) -> None:
+    import pyvista
+
+    file = tmp_path / "plate.stl"
+    pyvista.Box((-1, 1, -1, 1, -0.01, 0.01)).triangulate().save(file)
+    plate = SurfaceDistance(file, 1.0, False, MPI.COMM_SELF)
+    starts = np.array([[0.1, 0.2, 1.0], [0.1, 0.2, 1.0], [1.5, 0.2, 1.0]])
+    through, pressed, past = passages(plate, starts, starts - np.array([[0, 0, 2.0], [0, 0, 0.995], [0, 0, 2.0]]))
+    assert through == pytest.approx(0.495, abs=1e-3)
+    assert pressed == np.inf
+    assert past == np.inf

@@ -1,0 +1,84 @@
+"""Values that others published: the tables, the judgement of a row, and the rows that are small."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import pytest
+from helpers.command_line import ROOT
+
+from hpcinv.parallel.runtime import MPI
+
+
+@pytest.fixture(autouse=True)
+def benchmarks_importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT)
+
+
+@pytest.mark.parametrize(("printed", "unit"), [("14.74", 0.01), ("60", 1.0), ("8.40e-6", 1e-8), ("1e3", 1e3)])
+def test_error_of_a_printed_value_is_one_unit_of_its_last_digit(printed: str, unit: float) -> None:
+    from benchmarks.published.references import last_digit
+
+    assert last_digit(printed) == pytest.approx(unit, rel=1e-15)
+
+
+def test_each_source_has_a_table_whose_jobs_exist_and_a_readme() -> None:
+    from benchmarks.published.references import FOLDER, read, sources
+
+    assert len(sources()) >= 3
+    for source in sources():
+        assert (FOLDER / source / "README.md").read_text().startswith("# ")
+        for row in read(source):
+            assert row.source
+            assert row.place
+            assert (FOLDER / source / f"{row.job}.yaml").exists()
+            assert not row.loaded or (FOLDER / source / f"{row.loaded}.yaml").exists()
+
+
+def test_an_unreadable_table_is_named_with_its_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from benchmarks.published import references
+
+    (tmp_path / "odd").mkdir()
+    head = ",".join(references.COLUMNS)
+    (tmp_path / "odd" / "references.csv").write_text(f"{head}\nbeam,,tip,1.0,furlong,,mesh,,,doi,table,\n")
+    monkeypatch.setattr(references, "FOLDER", tmp_path)
+    with pytest.raises(references.TableError, match=r"references.csv: line 2: .*furlong"):
+        references.read("odd")
+
+
+def test_rows_are_judged_by_both_error_bars() -> None:
+    from benchmarks.published.comparison import compare
+    from benchmarks.published.references import read
+
+    limit = dataclasses.replace(read("cook")[0], comparison="limit", value="14.74", spread=0.01)
+
+    def verdict(tip: float, error: float | None) -> str:
+        estimate = None if error is None else {"quantities": {"tip": error}}
+        summary = {
+            "quantities": {"tip": tip},
+            "certificate": {"estimate": estimate},
+            "mesh": {"unknowns": 1},
+            "timings": {"total": 1.0},
+        }
+        return compare(limit, summary).verdict
+
+    assert verdict(14.745e-3, 1e-8) == "inside"
+    assert verdict(14.755e-3, 1e-8) == "outside"
+    assert verdict(14.755e-3, -1e-5) == "inside"  # by our own error
+    assert verdict(14.745e-3, None) == "not reliable"
+    assert compare(limit, {"failure": "no solution"}).verdict == "failed"
+
+
+def test_small_rows_are_inside_both_error_bars(shared_by_workers: Path) -> None:
+    from benchmarks.published.__main__ import rows_of
+    from benchmarks.published.references import read, sources
+
+    small = [row for source in sources() for row in read(source) if row.small]
+    rows = rows_of(small, shared_by_workers / "published", MPI.COMM_SELF)
+    assert len(rows) == len(small)
+    assert {row.reference.folder for row in rows} == set(sources())
+    assert any(row.reference.loaded for row in rows)
+    assert [row.reference.place for row in rows if row.verdict != "inside"] == []
+    assert all(math.isfinite(row.difference) for row in rows)
