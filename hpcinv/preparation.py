@@ -12,6 +12,7 @@ from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.sections import CUT
+from hpcinv.job.states import State
 from hpcinv.mesh import Body
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
@@ -74,8 +75,9 @@ def is_cut_held_or_loaded(job: Job, body: Body) -> bool:
     """Return whether something acts on some facet where the image ends, or it ends nowhere in the body; collective."""
     if CUT not in body.regions:
         return True
-    names = {support.region for holder in (job, *job.states) for support in holder.supports or ()}
-    names |= {name for holder in (job, *job.states) for effect in holder.effects for name in effect.surfaces}
+    holders: list[Job | State] = [job, *job.states]
+    names = {support.region for holder in holders for support in holder.supports or ()}
+    names |= {name for holder in holders for effect in holder.effects for name in effect.surfaces}
     cut = body.facets(CUT)
     acts = any(np.intersect1d(cut, body.regions[name].facets).size for name in names if name in body.regions)
     return bool(body.mesh.comm.allreduce(acts, op=MPI.LOR))
