@@ -19,6 +19,7 @@ from hpcinv.files.names import exists
 from hpcinv.job.mesh_generators import in_unit
 from hpcinv.job.mesh_header import SUFFIX
 from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh.body_length import body_length
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cell_count import MeshingMonitor, no_report
 from hpcinv.mesh.cells import coordinate_element
@@ -68,6 +69,11 @@ class Body:
         source = found[0].source if found else header
         assert source is not None
         return with_geometry(self, source), ""
+
+    @cached_property
+    def length(self) -> float:
+        """Length of the body as its mesh lies at the first access, in scaled units; collective then."""
+        return body_length(self.mesh, self.source.kind, self.source.degree)
 
     @cached_property
     def computed(self) -> dict[str, Any]:
