@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "verification")]
 
 import test_fibres as fibres  # noqa: E402
+import test_layers as layers  # noqa: E402
 import test_material_regions as regions  # noqa: E402
 import test_rotating_bar as rotating  # noqa: E402
 import test_thick_cylinder as cylinder  # noqa: E402
@@ -59,6 +60,30 @@ def wall_of_sphere(divisions: int, geometry: int, displacement: int, *, hexahedr
     )
     volume = math.pi / 6 * (sphere.OUTER**3 - sphere.INNER**3)
     return data, {"inner-radius": A, "outer-radius": sphere.before(A), "volume": volume}
+
+
+def layered_sphere(divisions: int, geometry: int, displacement: int, *, hexahedra: bool) -> Case:
+    """Two incompressible layers with different moduli."""
+    return layers_of_sphere(layers.radii(), divisions, geometry, displacement, hexahedra=hexahedra)
+
+
+def grown_layers(divisions: int, geometry: int, displacement: int, *, hexahedra: bool) -> Case:
+    """Two layers of one incompressible material, of which one grows and the other shrinks."""
+    pressure = {"effect": "pressure", "region": "inner", "pressure": layers.PRESSURE}
+    changes = {
+        "material": layers.law(50e3),
+        "effects": [pressure, {"effect": "growth", "stretch": layers.GROWN}],
+    }
+    exact = layers.radii(layers.GROWN, dict.fromkeys(layers.MU, 50e3))
+    return layers_of_sphere(exact, divisions, geometry, displacement, hexahedra=hexahedra, **changes)
+
+
+def layers_of_sphere(
+    exact: dict[str, float], divisions: int, geometry: int, displacement: int, *, hexahedra: bool, **changes: Any
+) -> Case:
+    data = layers.wall(divisions, hexahedra=hexahedra, geometry=geometry, **changes)
+    spaces = data.discretisation.model_copy(update={"displacement": displacement})
+    return data.model_copy(update={"discretisation": spaces}), exact
 
 
 def plane_strain(
@@ -195,6 +220,8 @@ def beam(size: str, geometry: int, certificate: dict[str, Any], displacement: in
 
 WALLS = {
     "sphere": wall_of_sphere,
+    "layered sphere": layered_sphere,
+    "grown layers": grown_layers,
     "cylinder": wall_of_cylinder,
     "rotating disk": rotating_disk,
     "tube with fibres": tube_with_fibres,

@@ -32,7 +32,7 @@ from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.docstrings import meanings
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.quantity.quantity import Quantity
-from hpcinv.quantity.schema import members_of, metadata_in
+from hpcinv.quantity.schema import ARITHMETIC, members_of, metadata_in
 from hpcinv.quantity.spatial_fields import VaryingQuantity
 from hpcinv.reports.wording import MEANINGS
 from hpcinv.solver.diagnosis import Diagnosis
@@ -64,8 +64,7 @@ REMEDIES = {
     " facets that cross. If it is a wall or a rest, the body passes beside it.",
     "boundary facets that cross": "No such body can be made. Check load and stiffness; where parts touch in the loaded"
     " body, their contact carries a load that the job does not have.",
-    "round trip": "`geometry_degree: 2`: straight cells carry only their vertices, and close no better than their size"
-    " allows. On curved ones: [stability](../theory/stability.md), since the way back may lead to another state.",
+    "round trip": "[Stability](../theory/stability.md), since the way back may lead to another state.",
     "stability": "The loaded body would buckle or snap away, so that nobody can have seen it: check load and supports."
     " What to do about 'not decided' is [on its page](../theory/stability.md#the-verdicts).",
     "limit points": "The body may carry this load in two shapes: [what was found](../theory/newton.md#limit-points).",
@@ -107,7 +106,7 @@ def _laws() -> Iterator[str]:
         """
         `ψ` is the energy per reference volume. The formulas are in the syntax of the law [formula](#formula),
         with the invariants of `C = FᵀF`: `I1`, `I2`, `J`, `I1_bar` and `I2_bar` of `J^(-2/3) C`,
-        `lambda1_bar` … of its principal stretches, `I4_f = a0·C a0`, `I5_f = a0·C² a0` and `I8_f_s = a0·(C -
+        `I4_f = a0·C a0`, `I5_f = a0·C² a0` and `I8_f_s = a0·(C -
         I) b0` of families of fibres. The plots show the nominal stress of the values in the example: of a law
         without fibres in uniaxial, equibiaxial and planar tension; of a law with fibres, taken as
         incompressible, in uniaxial tension along its first family and normal to all of them.
@@ -263,7 +262,8 @@ def _kind(key: str, value: Mapping[str, Any], definitions: Mapping[str, Any]) ->
     if "const" in value:
         return _code(value["const"])
     if "anyOf" in value or "oneOf" in value:
-        kinds = dict.fromkeys(_kind("", v, definitions) for v in value.get("anyOf", value.get("oneOf")))
+        choices = [v for v in value.get("anyOf", value.get("oneOf")) if v.get("format") != ARITHMETIC]
+        kinds = dict.fromkeys(_kind("", v, definitions) for v in choices)
         kinds.pop("null", None)
         if {"number", "text"} <= kinds.keys():
             kinds = {"quantity": None, **{k: None for k in kinds if k not in ("number", "text")}}
@@ -296,7 +296,7 @@ def _functions() -> Iterator[str]:
     yield ""
     yield "What [formulas](formulas.md) may contain; `hpcinv formulas` prints the same."
     yield ""
-    yield f"Operators: `{OPERATORS}`. Numbers are SI, or have one unit each, such as `4.25 mm`."
+    yield f"Operators: `{OPERATORS}`. Numbers are SI, or have a unit each, such as `4.25 mm` or `963 kg/m^3`."
     yield f"Constants: {', '.join(f'`{name}` = {value:.16g}' for name, value in CONSTANTS.items())}."
     yield ""
     rows = [(f"`{name}`", str(f.arguments or "2 or more"), f.meaning) for name, f in FUNCTIONS.items()]
@@ -427,7 +427,9 @@ def _failures() -> Iterator[str]:
     yield from _prose(
         """
         Before a run gives up it has halved its load steps and tried its [rescue strategies](hard-cases.md), so that
-        another try with smaller steps alone seldom helps.
+        another try with smaller steps alone seldom helps. After four failed solves the log says what the load moves to
+        first order: how far, where most, whether the body is nearly free to move or turn as a whole, and what the
+        supports hold. Failed solves may take 400 factorizations in each direction (`solver: {patience: 400}`).
         """
     )
     yield ""

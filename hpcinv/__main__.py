@@ -10,7 +10,7 @@ import io
 import sys
 import time
 
-from hpcinv.errors import HpcinvError, OutputError
+from hpcinv.errors import HpcinvError, OutOfMemory, OutputError
 from hpcinv.parallel.early_exit import refuse_exit_without_end
 from hpcinv.parallel.home import require_working_directory
 from hpcinv.parallel.imports import imports_at_start, imports_explained, is_other_rank
@@ -50,7 +50,9 @@ not decided (--strict), 75 stopped by SIGTERM or SIGUSR1 (resume it), 130 Ctrl-C
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command and return its exit code."""
+    """Run one command and return its exit code; without arguments, those of this process, which ends with it."""
+    if arguments is None:
+        refuse_exit_without_end()
     sys.stdout = sys.stdout or io.StringIO()  # it may be closed
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be no text
@@ -67,6 +69,9 @@ def main(arguments: list[str] | None = None) -> int:
         else:
             print(error, file=sys.stderr)
         return error.exit_code
+    except MemoryError as error:
+        print(OutOfMemory.of(error), file=sys.stderr)
+        return OutOfMemory.exit_code
     except BrokenPipeError:
         discard_output()
         return CLOSED_OUTPUT
@@ -110,5 +115,4 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    refuse_exit_without_end()
     sys.exit(main())

@@ -19,6 +19,12 @@ class HpcinvError(Exception):
         return f"{self.message}\n  {self.advice}" if self.advice else self.message
 
 
+def described(error: BaseException) -> str:
+    """Return kind and text of an error in code of others; that of a lack of memory often has no text."""
+    text = str(error) or ("there is not enough memory" if isinstance(error, MemoryError) else "")
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
 class JobError(HpcinvError):
     """The job file is wrong; ``problems`` holds one line for each error in it."""
 
@@ -75,6 +81,18 @@ class SystemPartMissing(HpcinvError):
     """Something that hpcinv needs is missing: a C compiler, an X library, a Python package."""
 
     exit_code = 5
+
+
+class OutOfMemory(HpcinvError):
+    """There is not enough memory."""
+
+    exit_code = 5
+
+    @classmethod
+    def of(cls, error: MemoryError) -> Self:
+        """Return the message for an error of Python or NumPy, which may have no text."""
+        text = f"there is not enough memory: {error}" if str(error) else "there is not enough memory"
+        return cls(text, "Take a machine with more memory, more nodes, or a smaller problem.")
 
 
 class Interrupted(HpcinvError):

@@ -4,11 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from hpcinv.accuracy import AccuracyRecord, Search
 from hpcinv.certificate import Estimate
 from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import is_generator
+from hpcinv.job.sections import CUT
+from hpcinv.job.states import State
+from hpcinv.mesh import Body
 from hpcinv.output.progress import Progress
 from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
@@ -17,6 +22,11 @@ from hpcinv.results.shape_distance import Expected, read_expected
 from hpcinv.results.solution import Solution
 from hpcinv.solver.observer import Observer, is_stop_asked
 from hpcinv.solver.problem_cache import Models, Workspace
+
+_FREE_CUT = (
+    "the region 'cut', where the image ends in the body, has neither a support nor a load: the rest of the body does"
+    " not act on it"
+)
 
 
 @dataclass(frozen=True)
@@ -51,12 +61,26 @@ def _given(job: Job, workspace: Workspace, progress: Progress, timings: Timings,
     with timings("mesh"), progress.phase(verb, job.mesh.file):
         body = workspace.body(job, progress.detail)
         progress.detail(f"{sum(body.partition.cells):,} cells")
+        if job.mesh.is_image and not is_cut_held_or_loaded(job, body):
+            progress.warn(_FREE_CUT)
         expected = read_expected(job, body)
         check_points(job.quantities, body)
     _end_if_asked(comm, stop)
     models = workspace.models(job, body, timings)
     _end_if_asked(comm, stop)
     return Prepared(job, models, expected)
+
+
+def is_cut_held_or_loaded(job: Job, body: Body) -> bool:
+    """Return whether something acts on some facet where the image ends, or it ends nowhere in the body; collective."""
+    if CUT not in body.regions:
+        return True
+    holders: list[Job | State] = [job, *job.states]
+    names = {support.region for holder in holders for support in holder.supports or ()}
+    names |= {name for holder in holders for effect in holder.effects for name in effect.surfaces}
+    cut = body.facets(CUT)
+    acts = any(np.intersect1d(cut, body.regions[name].facets).size for name in names if name in body.regions)
+    return bool(body.mesh.comm.allreduce(acts, op=MPI.LOR))
 
 
 def _end_if_asked(comm: MPI.Intracomm, stop: Observer) -> None:

@@ -53,6 +53,7 @@ class Meshes:
             self.job.regions,
             self.comm,
             resolve=self.job.resolve,
+            degree=self.job.discretisation.displacement,
             given=variant.given,
         )
 

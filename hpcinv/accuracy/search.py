@@ -139,7 +139,7 @@ class Search:
             return False
         corrected = {name: trial.estimate.corrected[name] for name in self.job.accuracy}
         values = {name: trial.quantities[name] for name in self.job.accuracy}
-        mesh = 0 if before is None else self.findings[-1].mesh + (before.body is not body)
+        mesh = 0 if before is None else self.findings[-1].mesh + (before.variant is not variant)
         self.findings.append(Finding(mesh, variant.size, degree, values, corrected))
         previous = self.assessments[-1] if self.assessments else None
         found = assess(self.findings, self.job.accuracy, self.unseen_order, previous)
@@ -195,7 +195,7 @@ class Search:
             return None
         variant, degree = decision
         body = self.last.body if variant is self.last.variant else self._build(variant)
-        return variant, body, degree
+        return variant, body.of_degree(degree), degree
 
     def _build(self, variant: Variant) -> Body:
         with self.timings("mesh"):

@@ -14,6 +14,7 @@ from hpcinv.certificate.estimate import Estimate, estimate
 from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.mesh import Body
+from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.moved import placed
 from hpcinv.mesh.source import Ints
 from hpcinv.methods import Method, method_for
@@ -150,8 +151,8 @@ def begin_with(model: Model, solution: Solution, body: Body) -> None:
     pairs = [(u, solution.displacement)] if p is None else [(u, solution.displacement), (p, solution.pressure)]
     for new, old in pairs:
         assert old is not None
-        if model.body is body:
-            new.interpolate(old)
+        if model.body.source is body.source:
+            interpolate(old, new)
         else:
             layers = model.unknowns.layers if new is p else None
             given = None if layers is None else layers_of_cells(model.job, body)

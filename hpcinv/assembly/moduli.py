@@ -98,7 +98,8 @@ def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
         UnsupportedForm: if quadratures differ, or the regions of the integrals do not cover all cells once.
     """
     integrals = [one for one in form.integrals() if one.integral_type() == "cell"]
-    degree, kind = integrals[0].metadata().get("quadrature_degree"), unknowns.mesh.basix_cell().name
+    kind = unknowns.mesh.basix_cell().name
+    degree = integrals[0].metadata().get("quadrature_degree") if integrals else None
     if not isinstance(degree, int) or any(one.metadata() != quadrature_metadata(kind, degree) for one in integrals):
         raise UnsupportedForm("its volume integrals do not have the quadrature of hpcinv")
     common = [one.integrand() for one in integrals if one.subdomain_id() in ("everywhere", "otherwise")]

@@ -18,7 +18,12 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.model.scene import Scene
 from hpcinv.model.supports import Supports
 from hpcinv.parallel.jit import JIT_OPTIONS
+from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.timings import Timings
+
+_BALANCED = 1e-9
+"""Nodal force, in shear moduli times the body's length squared, that is no obstacle to small load steps. With a larger
+one, obstacles may press so much at the beginning of the path that no step is small enough."""
 
 
 class System:
@@ -109,8 +114,25 @@ class System:
         self.supports.begin_path(self.state.x.array)
         self.set_load(0.0)
 
+    def begin_unloaded(self) -> None:
+        """Let forces that press on the unloaded body at any load factor grow with it, on this path; collective.
+
+        Load steps, however small, would begin far from equilibrium otherwise. A path from another state has them in it.
+        """
+        parameters, state = self.scene.parameters, self.state.x.array
+        if self.is_on_path or not parameters.may_grow:
+            return
+        parameters.grow(growing=False)
+        before = state.copy()
+        state[:] = 0.0
+        self.scene.contacts.locate()
+        largest = float(np.abs(self.forces(0.0)).max(initial=0.0))
+        state[:] = before
+        parameters.grow(growing=self.comm.allreduce(largest, op=MPI.MAX) > _BALANCED)
+
     def end_path(self) -> None:
-        """Let the load factor lead from the unloaded body again."""
+        """Let the load factor lead from the unloaded body again, with forces that act at any load factor."""
+        self.scene.parameters.grow(growing=False)
         if self._path is not None:
             self._path = None
             self.supports.end_path()

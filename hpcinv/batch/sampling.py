@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from hpcinv.quantity.constants import constant
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension, as_float, parse_quantity
+from hpcinv.quantity.units import Dimension, as_float
 
 type Kind = Literal["uniform", "log-uniform", "normal"]
 type Method = Literal["random", "latin_hypercube", "sobol"]
@@ -92,7 +93,7 @@ def _same_dimension(values: Sequence[object]) -> tuple[float, float, Dimension |
     for value in values:
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise ValueError(f"must contain numbers or quantities, not {shown(value)}")
-        read.append(parse_quantity(value) if isinstance(value, str) else (as_float(value), None))
+        read.append(constant(value) if isinstance(value, str) else (as_float(value), None))
     (first, one), (second, other) = read
     if one != other:
         raise ValueError(f"must have two values of the same dimension, not {values[0]} and {values[1]}")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 5
 """lines of each kind"""
-DAMAGED = "record damaged: the next start solves the case again"
+DAMAGED = "record damaged, or a file of the mesh has changed: the next start solves the case again"
 _PAUSE = 2.0  # seconds between two looks
 
 

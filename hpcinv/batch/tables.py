@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,13 +16,30 @@ type Columns = dict[str, list[Any]]
 
 
 def as_csv(columns: Columns, units: Mapping[str, str]) -> str:
-    """Return columns as CSV under headers with their units, such as ``tip [m]``; unknown values are empty."""
+    """Return columns as CSV under headers with their units, such as ``tip [m]``; unknown values are empty.
+
+    Texts that a spreadsheet would take as formulas begin with an apostrophe.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([f"{name} [{units[name]}]" if units.get(name) else name for name in columns])
+    writer.writerow([_as_text(f"{name} [{units[name]}]" if units.get(name) else name) for name in columns])
     for values in zip(*columns.values(), strict=True):
-        writer.writerow(["" if v is None else repr(v) if isinstance(v, float) else v for v in values])
+        writer.writerow([_entry(value) for value in values])
     return text.getvalue()
+
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_QUANTITY = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?( [A-Za-zµ°%][A-Za-z0-9µ°%^*/. -]*)?", re.IGNORECASE)
+
+
+def _entry(value: Any) -> Any:
+    if isinstance(value, float):
+        return repr(value)
+    return _as_text(value) if isinstance(value, str) else "" if value is None else value
+
+
+def _as_text(text: str) -> str:
+    return f"'{text}" if text.startswith(_FORMULA) and not _QUANTITY.fullmatch(text) else text
 
 
 def fill(group: h5py.Group, columns: Columns, units: Mapping[str, str]) -> None:

@@ -12,7 +12,7 @@ from hpcinv.batch.ledger.holder import Holder
 from hpcinv.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST, Claim, Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.task import Batch, BatchTask, Pause, Schedule
-from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError
+from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError, described
 from hpcinv.output.progress import SilentProgress
 from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
 from hpcinv.solver.problem_cache import collect_garbage
@@ -170,4 +170,4 @@ def _given_up(claim: Claim) -> tuple[str, str] | None:
 
 def _unforeseen(error: Exception) -> str:
     where = traceback.extract_tb(error.__traceback__)[-1]
-    return f"internal error: {type(error).__name__}: {error} ({where.name}, line {where.lineno})"
+    return f"internal error: {described(error)} ({where.name}, line {where.lineno})"

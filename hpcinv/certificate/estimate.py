@@ -36,6 +36,7 @@ from dolfinx import fem
 
 from hpcinv.certificate import two_level
 from hpcinv.certificate.extension import extend
+from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import locate, position
 from hpcinv.mesh.moved import placed
@@ -234,8 +235,6 @@ def _finer_body(model: Model, given: Correction | None) -> tuple[Body, str]:
 
 def _of_further_states(model: Model) -> str:
     """Why the error of the geometry is left out in states that are solved from this one; collective."""
-    if not model.is_isoparametric:
-        return "of the rest shape, only the nodes of the mesh are carried (see mesh.geometry_degree)"
     body, unknown = model.body.with_finer_geometry
     return unknown if body is None or body is model.body else "it is known for the given mesh only"
 
@@ -323,7 +322,8 @@ def _by_cell(delta: fem.Function, length: float) -> npt.NDArray[np.float64]:
     constant = fem.functionspace(mesh, ("DG", 0))
     gradient = ufl.grad(delta) / length
     degree = 2 * delta.function_space.ufl_element().degree - 2
-    form = ufl.inner(gradient, gradient) * ufl.TestFunction(constant) * ufl.dx(metadata={"quadrature_degree": degree})
+    dx = ufl.dx(metadata=quadrature_metadata(mesh.basix_cell().name, degree))
+    form = ufl.inner(gradient, gradient) * ufl.TestFunction(constant) * dx
     vector = fem.assemble_vector(fem.form(form, jit_options=JIT_OPTIONS))
     owned = mesh.topology.index_map(3).size_local
     return np.asarray(vector.array[constant.dofmap.list[:owned, 0]])

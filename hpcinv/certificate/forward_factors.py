@@ -1,19 +1,13 @@
 """Factors of the forward tangent at a solution, or multigrid in their place, which stability and round trip share.
 
-An inverse solution on cells whose geometry is of lower degree than the displacement is no equilibrium on the moved
-mesh, of which only the nodes of the geometry have moved. There stability is judged at the state in which the solve
-back ends.
-
 Factors of the solve on up to eight ranks are taken, if they are symmetric and have the inertia of the tangent at the
 end.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -22,8 +16,6 @@ from hpcinv.certificate.inertia import SymmetricFactors, factorize_symmetric
 from hpcinv.certificate.multigrid_solver import MultigridSolver
 
 if TYPE_CHECKING:
-    from dolfinx.fem import Function
-
     from hpcinv.results.solution import Solution
     from hpcinv.solver.equilibrium import Equilibrium
     from hpcinv.solver.problem import Model
@@ -35,23 +27,10 @@ LOW_RANK = 3e10
 
 
 class ForwardFactors:
-    """Factors L D Lᵀ of the symmetric part of the forward tangent at a solution, made when they are first needed.
-
-    Attributes:
-        solution: the solution, with the fields at which the tangent is assembled.
-        moved: distance of these from the solution, relative to the displacement: 0 if that is an equilibrium on the
-            mesh itself, infinite as long as no equilibrium is known.
-    """
+    """Factors L D Lᵀ of the symmetric part of the forward tangent at a solution, made when they are first needed."""
 
     def __init__(self, model: Model, solution: Solution) -> None:
         self._model, self.solution = model, solution
-        self.moved = 0.0 if solution.direction == "forward" or model.is_isoparametric else math.inf
-
-    def move_to_equilibrium(self, u: Function, p: Function | None, distance: float) -> None:
-        """Take displacement (m) and pressure (Pa) from the solve back, unless the solution is an equilibrium itself."""
-        if self.moved:
-            self.destroy()
-            self.solution, self.moved = replace(self.solution, displacement=u, pressure=p), distance
 
     @cached_property
     def factors(self) -> SymmetricFactors | None:

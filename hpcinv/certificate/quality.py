@@ -48,7 +48,7 @@ def worst_cells(body: Body, given: Floats, moved: Floats, quadrature_degree: int
         given, moved: local geometry nodes (n, 3) m of the body that the mesh was made for, and of the one to judge.
         quadrature_degree: of the rule at whose points, and at the nodes, Jacobians are sampled.
     """
-    kind, degree = body.source.kind, body.source.degree
+    kind, degree = body.source.kind, body.degree
     tetrahedra = kind == "tetrahedron"
     name, shape = ("mean ratio", mean_ratio) if tetrahedra else ("scaled Jacobian", scaled_jacobian)
     found = [_worst(name, shape, body, given, moved)]
@@ -94,7 +94,7 @@ def _worst(measure: str, of: Callable[[Floats], Floats], body: Body, given: Floa
     for start in range(0, len(dofmap), CHUNK):
         cells = dofmap[start : start + CHUNK]
         # In a mesh that is left-handed throughout, the mirror images of the cells are judged.
-        middle = jacobians(kind, body.source.degree, given[cells], corners.mean(axis=0, keepdims=True))
+        middle = jacobians(kind, body.degree, given[cells], corners.mean(axis=0, keepdims=True))
         mirror = np.where(det(middle[:, 0]) < 0, -1.0, 1.0)[:, None, None] ** np.array([1, 0, 0])
         values = of(moved[cells] * mirror)
         worst = int(values.argmin())

@@ -10,13 +10,11 @@ converge to is the solution.
 
 Corrections end as soon as what is left of them cannot change the verdict. With a contraction ``θ`` of successive steps
 that is about ``θ/(1-θ)`` times the last one, where ``θ`` is the largest of the last three ratios. Where they do not
-settle, Newton's method takes over; but not on straight cells without factors: the way back does not close there, and
-may take longer than the solution.
+settle, Newton's method takes over.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -46,11 +44,6 @@ if TYPE_CHECKING:
 type Floats = npt.NDArray[np.float64]
 
 ROUND_TRIP = "round trip, relative to the displacement"
-STRAIGHT = (
-    "the cells' geometry is of lower degree than the displacement, so that only their nodes can move: with"
-    " 'mesh: {geometry_degree: 2}' the round trip of quadratic ones closes (for a .msh file, 'gmsh -order 2' also puts"
-    " their nodes on the curved surface)"
-)
 WARN, FAIL = 1e-3, 0.1
 
 _CORRECTIONS = 15  # of one way back, with the same factors
@@ -66,8 +59,7 @@ def round_trip(
 ) -> Iterator[Line]:
     """Solve back from the body that a solution found, and compare the displacements; collective.
 
-    If the cells' geometry has the degree of the displacement, the two directions are exact discrete inverses. Else the
-    distance is that of the geometry too, and no failure of the solution.
+    The two directions are exact discrete inverses, since the cells' geometry has the degree of the displacement.
 
     Args:
         forward: factors of the forward tangent at the solution.
@@ -79,23 +71,20 @@ def round_trip(
     elif start == "near":
         yield solved_back(model, solution, forward, observer)
     else:
-        yield _along_the_path(model, solution, forward, observer)
+        yield _along_the_path(model, solution, observer)
 
 
 def closure_error(model: Model, solution: Solution, back: np.ndarray) -> Line:
     """Compare a solution's displacements with those (m) of the solve back at the same nodes; collective."""
     difference, scale = _difference(model, solution, back), displacement_scale(model, solution)
-    straight = "" if model.is_isoparametric else STRAIGHT
-    note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note, straight]))
-    return at_most(ROUND_TRIP, scale.share(difference), WARN, math.inf if straight else FAIL, note=note)
+    note = "; ".join(filter(None, [f"{difference:.3g} m", scale.note]))
+    return at_most(ROUND_TRIP, scale.share(difference), WARN, FAIL, note=note)
 
 
-def _closed(model: Model, solution: Solution, forward: ForwardFactors) -> Line:
+def _closed(model: Model, solution: Solution) -> Line:
     """Return the line of a way back that ended in the present state of the model."""
-    u, p = model.solution()
-    line = closure_error(model, solution, model.unknowns.at_nodes(u))
-    forward.move_to_equilibrium(u, p, line.value or 0.0)
-    return line
+    u, _ = model.solution()
+    return closure_error(model, solution, model.unknowns.at_nodes(u))
 
 
 def _difference(model: Model, solution: Solution, back: np.ndarray) -> float:
@@ -110,22 +99,18 @@ def way_back(solution: Solution) -> Direction:
 
 def solved_back(model: Model, solution: Solution, forward: ForwardFactors, observer: Observer = SILENT) -> Line:
     """Return the line of a way back that begins with the solution, and is bounded in effort; collective."""
-    seen = model.seen_by_contacts(way_back(solution), solution.displacement)
-    with model.at(solution.other_nodes, *solution.fields), seen:
+    with model.at(solution.other_nodes, *solution.fields):
         solver = forward.factors if forward.affordable else forward.multigrid
         if solver is not None and _WayBack(model, solution, solver).settles(observer):
-            return _closed(model, solution, forward)
+            return _closed(model, solution)
         if not forward.affordable:
-            if not model.is_isoparametric:
-                note = f"corrections did not settle, and more may take longer than the solution: {STRAIGHT}"
-                return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
             forward.destroy()  # the tangent of multigrid is assembled again
         model.set_solution(*solution.fields)
         equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
         last = equilibrium.solve(1.0, max(model.job.solver.tolerance, _ACCURACY), begins_near=True)
         model.release(equilibrium)
         if last.outcome.accepted:
-            return _closed(model, solution, forward)
+            return _closed(model, solution)
     note = (
         f"near the known displacement the solve back did not converge: {last.outcome.text}; 'certificate: {{round_trip:"
         " path}' solves it from the unloaded body"
@@ -133,16 +118,15 @@ def solved_back(model: Model, solution: Solution, forward: ForwardFactors, obser
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 
 
-def _along_the_path(model: Model, solution: Solution, forward: ForwardFactors, observer: Observer) -> Line:
+def _along_the_path(model: Model, solution: Solution, observer: Observer) -> Line:
     """Return the line of a way back that begins with the unloaded body."""
-    seen = model.seen_by_contacts(way_back(solution), solution.displacement)
-    with model.at(solution.other_nodes, *solution.fields), seen:
+    with model.at(solution.other_nodes, *solution.fields):
         equilibrium = model.equilibrium(model.scene(way_back(solution)), observer)
         model.unknowns.state.x.array[:] = 0.0
         last: Solve = list(follow(equilibrium, model.steps, model.job.solver.tolerance))[-1]
         model.release(equilibrium)
         if last.outcome.accepted and last.load == 1.0:
-            return _closed(model, solution, forward)
+            return _closed(model, solution)
     note = f"the solve back from the unloaded body stopped at load factor {last.load:.4g}: {last.outcome.text}"
     return Line(ROUND_TRIP, None, "", "the solve back must converge", Verdict.UNDECIDED, note)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -11,9 +10,8 @@ from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, known_displacement
 from hpcinv.certificate.lowest_eigenvalue import lowest_eigenvalue
 from hpcinv.certificate.multigrid_solver import MultigridSolver
-from hpcinv.certificate.round_trip import STRAIGHT, WARN, solved_back
 from hpcinv.certificate.symmetry import symmetry_planes
-from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
+from hpcinv.solver.observer import SILENT, Observer, freeing
 
 if TYPE_CHECKING:
     from hpcinv.certificate.forward_factors import ForwardFactors
@@ -38,16 +36,7 @@ def stability(model: Model, forward: ForwardFactors, observer: Observer = SILENT
     if not model.job.certificate.stability:
         yield skipped(STABILITY, "switched off: certificate.stability")
         return
-    if forward.moved == math.inf and model.job.certificate.round_trip == "off":
-        solved_back(model, forward.solution, forward, observer)
-        stop_if_asked(model.body.mesh.comm, observer)
-    if forward.moved == math.inf:
-        note = f"no equilibrium of the body that was found is known, since the solve back found none: {STRAIGHT}"
-        yield Line(STABILITY, None, "", _RULE, Verdict.UNDECIDED, note)
-        return
     line = _by_factors(model, forward) if forward.affordable else _by_iteration(model, forward, observer)
-    if forward.moved > WARN and line.verdict is Verdict.FAIL:  # the given shape may be on this side of the limit
-        line = replace(line, verdict=Verdict.UNDECIDED)
     yield replace(line, note="; ".join([line.note, *_left_out(model, forward)]))
 
 
@@ -56,9 +45,6 @@ def _left_out(model: Model, forward: ForwardFactors) -> Iterator[str]:
     nodes = forward.solution.mesh_nodes
     if planes := [f"'{plane.region}'" for plane in symmetry_planes(model.job, model.body, nodes, nodes)]:
         yield f"motions that are not symmetric about {', '.join(planes)} are left out"
-    if forward.moved > WARN:
-        away = f"{forward.moved:.1%} of the displacement away"
-        yield f"this is the stability of the state in which the solve back ends, {away}: {STRAIGHT}"
 
 
 def _by_factors(model: Model, forward: ForwardFactors) -> Line:

@@ -58,7 +58,7 @@ def varying(members: Mapping[str, type[Ingredient]]) -> Iterator[tuple[str, list
 def show() -> None:
     console = Console(highlight=False, markup=False)
     console.print(f"operators: {OPERATORS}")
-    console.print("numbers: SI, or with one unit each, such as 4.25 mm")
+    console.print("numbers: SI, or with a unit each, such as 4.25 mm or 963 kg/m^3")
     console.print(f"constants: {', '.join(f'{name} = {value:.16g}' for name, value in CONSTANTS.items())}")
     console.print()
     functions = Table("function", "values", "meaning", box=None, pad_edge=False, header_style="")

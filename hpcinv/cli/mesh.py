@@ -1,13 +1,14 @@
 """``hpcinv mesh``: meshes of images and of surfaces, pictures of meshes, and partitioned meshes; on one process."""
 
 import argparse
+import shlex
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import JOBS, mesh_spec, on_one_process
+from hpcinv.cli.mesh_input import JOBS, length_unit, mesh_spec, on_one_process
 from hpcinv.cli.options import positive
 from hpcinv.cli.show import add_picture, show
 from hpcinv.errors import JobError, OutputError
@@ -91,9 +92,13 @@ def _add_scans(actions: Any) -> None:
         page="how-to/images.md",
     )
     image.add_argument("input", type=Path, help="image of labels (.nii, .nrrd, .mha, .mhd, .vti, also with .gz; .dcm)")
-    _add_meshing(image)
+    _add_meshing(image, is_image=True)
     image.add_argument(
-        "--label", action="append", required=True, metavar="NAME=NUMBER[,NUMBER…]", help="a region and its voxels"
+        "--label",
+        action="append",
+        default=[],
+        metavar="NAME=NUMBER[,NUMBER…]",
+        help="a region and its voxels; without it the labels of the image are listed",
     )
     image.add_argument("--unit", help="length unit of the image, as mesh.unit of a job; by default mm")
     image.add_argument(
@@ -119,13 +124,14 @@ def _add_scans(actions: Any) -> None:
     surface.set_defaults(command=lambda options: _meshed(options, SURFACES, "surface", {}))
 
 
-def _add_meshing(action: argparse.ArgumentParser) -> None:
-    action.add_argument("output", type=Path, help=_OUTPUT)
-    action.add_argument("--size", required=True, help="largest length of edges, such as '5 mm'")
+def _add_meshing(action: argparse.ArgumentParser, *, is_image: bool = False) -> None:
+    action.add_argument("output", type=Path, nargs="?" if is_image else None, help=_OUTPUT)
+    action.add_argument("--size", required=not is_image, help="largest length of edges, such as '5 mm'")
     action.add_argument(
         "--grade", type=float, help="ratio of --size and the smallest size of cells, as mesh.grade of a job"
     )
     _add_degree(action)
+    add_option(action)
 
 
 def _add_degree(action: argparse.ArgumentParser) -> None:
@@ -133,6 +139,10 @@ def _add_degree(action: argparse.ArgumentParser) -> None:
 
 
 def _from_image(options: argparse.Namespace) -> int:
+    options.label = [text for text in options.label if text]
+    needed = {"the mesh to write": options.output, "--size": options.size, "--label": options.label}
+    if missing := [name for name, value in needed.items() if not value]:
+        raise JobError(_what_to_give(options, missing))
     parsed: Callable[[str], tuple[str, Sequence[int | str]]] = label_of
     if options.input.suffix == ".dcm":
         parsed = _segments_of
@@ -143,10 +153,27 @@ def _from_image(options: argparse.Namespace) -> int:
     return _meshed(options, IMAGES, "image", given)
 
 
+def _what_to_give(options: argparse.Namespace, missing: list[str]) -> str:
+    """Message on arguments that are not there, with the labels of the image among which to choose."""
+    _check_ending(options.input, IMAGES, "image")
+    on_one_process("mesh")
+    from hpcinv.mesh.imaging.label_image import labels_in
+
+    labels = labels_in(options.input, length_unit(options.unit or "mm"))
+    return (
+        f"{options.input}: {' and '.join(missing)} must be given; the labels in the image are {labels}\n"
+        f"  Such as: hpcinv mesh from-image {shlex.quote(str(options.input))} body.msh --label body=1 --size '5 mm'"
+    )
+
+
+def _check_ending(path: Path, endings: tuple[str, ...], kind: str) -> None:
+    if path.suffix not in endings:
+        raise OutputError(f"{path}: is no {kind}; the endings are {', '.join(endings)}")
+
+
 def _meshed(options: argparse.Namespace, endings: tuple[str, ...], kind: str, given: dict[str, Any]) -> int:
     """Mesh an image or a surface, and write the mesh."""
-    if options.input.suffix not in endings:
-        raise OutputError(f"{options.input}: is no {kind}; the endings are {', '.join(endings)}")
+    _check_ending(options.input, endings, kind)
     given |= {name: getattr(options, name) for name in ("size", "unit", "geometry_degree", "grade")}
     spec = mesh_spec(options.input, given)
     on_one_process("mesh")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import re
 import shlex
@@ -17,6 +16,8 @@ from hpcinv.cli.mesh import label_of
 from hpcinv.cli.mesh_input import length, length_unit
 from hpcinv.errors import JobError, OutputError
 from hpcinv.files.atomic import output_errors, replace, write_output
+from hpcinv.files.names import in_one_line, yaml_text
+from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import parse
 from hpcinv.job.sections import IMAGES, SURFACES
 from hpcinv.job.yaml_reader import read_text
@@ -93,6 +94,7 @@ def add_new(commands: Any) -> None:
     new.add_argument("--surface", type=Path, help="closed surface of triangles (.stl, .ply, .obj, .vtp, .vtk)")
     new.add_argument("--unit", help="length unit of the image (by default mm) or of the surface")
     new.add_argument("--size", help="largest length of edges; by default for about 8000 cells")
+    add_option(new)
     new.add_argument("--force", action="store_true", help="replace files that exist")
     new.set_defaults(command=_new)
 
@@ -107,8 +109,8 @@ def _new(options: argparse.Namespace) -> int:
     else:
         source = _example(options)
     values = {
-        "command": " ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))]),
-        "file": shlex.quote(str(output)),
+        "command": in_one_line(" ".join(["hpcinv new", kind, *_typed(options), shlex.quote(str(output))])),
+        "file": in_one_line(shlex.quote(str(output))),
         "name": output.stem,
     }
     text = _job(kind, source, values)
@@ -173,13 +175,10 @@ def _example(options: argparse.Namespace) -> _Source:
 
 def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
     """The labels that are asked for; ``JobError`` with those of the image if there are none."""
-    import numpy as np
-
-    from hpcinv.mesh.imaging.label_image import read_numbers
+    from hpcinv.mesh.imaging.label_image import labels_in
 
     if not options.label:
-        found = np.unique(read_numbers(options.image))
-        known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
+        known = labels_in(options.image, length_unit(options.unit or "mm"))
         raise JobError(f"--label: is needed with --image, such as --label {example}; in {options.image} are {known}")
     return dict(label_of(text) for text in options.label)
 
@@ -229,7 +228,7 @@ def _of_image(options: argparse.Namespace) -> _Source:
     half = np.abs(image.axes) @ image.spacing / 2
     size = _size(options, sum(image.volume(label) for label in range(1, len(labels) + 1)))
     named = ", ".join(
-        f"{_yaml(name)}: {numbers if len(numbers) > 1 else numbers[0]}" for name, numbers in labels.items()
+        f"{yaml_text(name)}: {numbers if len(numbers) > 1 else numbers[0]}" for name, numbers in labels.items()
     )
     entries = [f"image: {_relative(path, options)}", f"labels: {{{named}}}", f"size: {size}", "geometry_degree: 2"]
     entries += [f"unit: {options.unit}"] if options.unit else []
@@ -291,17 +290,13 @@ def _size(options: argparse.Namespace, volume: float) -> str:
     """The size of cells, as it stands in a job."""
     if options.size is not None:
         length("--size", options.size)
-        return str(options.size)
+        return " ".join(str(options.size).split())
     return f"{(volume / (_CELL * _CELLS)) ** (1 / 3) * 1e3:.2g} mm"
 
 
 def _relative(path: Path, options: argparse.Namespace) -> str:
     """A path as it stands in the job, which is relative to the job's directory."""
-    return _yaml(os.path.relpath(path.resolve(), options.output.resolve().parent))
-
-
-def _yaml(text: str) -> str:
-    return text if re.fullmatch(r"[\w./-]+", text) else json.dumps(text)
+    return yaml_text(os.path.relpath(path.resolve(), options.output.resolve().parent))
 
 
 def _typed(options: argparse.Namespace) -> list[str]:

@@ -60,13 +60,12 @@ def _of_run(directory: Path, output: Path | None) -> Path:
 
 
 def _of_sweep(path: Path, output: Path | None, *, each: bool) -> Path:
-    from hpcinv.batch.ledger.ledger import ledger_of
     from hpcinv.sweep.page import write_sweep_report
     from hpcinv.sweep.plan import load_sweep
 
     plan = load_sweep(path)
     page = output or plan.results / "report.html"
-    return write_sweep_report(plan, ledger_of(plan.store), page, each=each)
+    return write_sweep_report(plan, plan.ledger, page, each=each)
 
 
 def _of_study(path: Path, output: Path | None, results: Path | None) -> Path:

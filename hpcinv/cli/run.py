@@ -96,8 +96,7 @@ def _resume(options: argparse.Namespace) -> int:
     def read() -> tuple[Job, RunDirectory]:
         directory = RunDirectory(options.directory)
         job = directory.job(options.job)
-        if options.job is not None:
-            directory.check_same_problem(job)
+        directory.check_same_problem(job)
         return _reported(job, options), directory
 
     return _in_parallel(options, read, resume=True)
@@ -148,4 +147,5 @@ def _in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunD
                 progress=progress,
                 stop_asked=stop,
             )
-    return result.certificate.verdict.exit_code(strict=options.strict)
+    missing = OutputError.exit_code if result.statistics["unwritten"] else 0
+    return result.certificate.verdict.exit_code(strict=options.strict) or missing

@@ -90,7 +90,7 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     Raises:
         MeshError: on all ranks, if the mesh lacks what the job names.
     """
-    body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
+    body = build_body(job.mesh, job.regions, comm, resolve=job.resolve, degree=job.discretisation.displacement)
     job = job.plan[0].job
     model = Model(job, body, Timings())
     model.check_supports()

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.ledger.holder import BEAT
-from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.ledger.liveness import LEASE
 from hpcinv.batch.status import lines
 from hpcinv.cli.help import add_command
@@ -97,7 +96,7 @@ def _plan(options: argparse.Namespace) -> int:
 
     from hpcinv.sweep.outlook import outlook
 
-    for line in outlook(plan, ledger_of(plan.store), options.groups):
+    for line in outlook(plan, plan.ledger, options.groups):
         print(line)
     return 0
 
@@ -116,12 +115,15 @@ def _run(options: argparse.Namespace) -> int:
             groups = f"{world.size} rank{'s' if world.size > 1 else ''}, {options.ranks_per_case} per case"
             print(f"{plan.sweep.sweep}: {len(plan.cases)} cases, {groups}; store {plan.store}", flush=True)
             if damaged := open_damaged(plan):
-                print(f"  {damaged:,} × record damaged: the case is solved again", flush=True)
-            states = ledger_of(plan.store).states(case.key for case in plan.cases)
+                print(
+                    f"  {damaged:,} × record damaged, or a file of the mesh has changed: the case is solved again",
+                    flush=True,
+                )
+            states = plan.ledger.states(case.key for case in plan.cases)
             return any(state.name != "finished" for state in states.values())
 
         def end() -> tuple[int, int]:
-            ledger = ledger_of(plan.store)
+            ledger = plan.ledger
             found = status_of(plan, ledger, results(plan, ledger))
             print("\n".join(lines(found)), flush=True)
             return found.exit_code(strict=options.strict), found.unfinished
@@ -150,7 +152,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _retry(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    ledger = ledger_of(plan.store)
+    ledger = plan.ledger
     records = ledger.records(dict.fromkeys(case.key for case in plan.cases))
     opened = sum(ledger.retry(key) for key, record in records if not record.converged)
     print(f"{opened} failed case{'s are' if opened != 1 else ' is'} open again")

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace as replace_fields
 from pathlib import Path
 
-from hpcinv.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.batch.ledger.ledger import Ledger
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import DAMAGED, Status, show
 from hpcinv.cli.options import file_ending, positive
@@ -66,7 +66,7 @@ def add_results(action: Callable[..., argparse.ArgumentParser]) -> None:
 
 def _status(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    ledger = ledger_of(plan.store)
+    ledger = plan.ledger
     records: dict[str, CaseRecord] = {}
 
     def look() -> Status:
@@ -80,7 +80,7 @@ def _status(options: argparse.Namespace) -> int:
 
 def _table(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    ledger = ledger_of(plan.store)
+    ledger = plan.ledger
     records = _read(plan, ledger)
 
     from hpcinv.batch.tables import as_csv
@@ -99,7 +99,7 @@ def _table(options: argparse.Namespace) -> int:
 
 def _statistics(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    records = _read(plan, ledger_of(plan.store))
+    records = _read(plan, plan.ledger)
 
     from hpcinv.batch.tables import as_csv
     from hpcinv.sweep.table import statistics
@@ -110,7 +110,7 @@ def _statistics(options: argparse.Namespace) -> int:
 
 def _indices(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    ledger = ledger_of(plan.store)
+    ledger = plan.ledger
 
     from hpcinv.sweep import indices
 
@@ -152,7 +152,7 @@ def _plot(options: argparse.Namespace) -> int:
 
     from hpcinv.sweep.plot import plot
 
-    files, left_out = plot(plan, _read(plan, ledger_of(plan.store)), options.quantity, options.over)
+    files, left_out = plot(plan, _read(plan, plan.ledger), options.quantity, options.over)
     for form, content in files.items():
         path = stem.with_name(f"{stem.name}.{form}")
         _write(path, content)

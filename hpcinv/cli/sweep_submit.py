@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from hpcinv.batch.ledger.store import open_store
-from hpcinv.errors import SubmitError
+from hpcinv.errors import OutputError, SubmitError
 from hpcinv.files.atomic import output_errors, replace
 from hpcinv.files.untrusted import VARIABLE, is_asked
 from hpcinv.sweep.plan import SweepPlan, load_sweep
@@ -109,6 +109,9 @@ def _resources(options: argparse.Namespace, place: Path) -> Iterator[str]:
 
 def filled(template: Path, options: Sequence[str], arguments: Sequence[str]) -> str:
     """Return the text of a template with further options, which override its options, and with its arguments."""
+    for option in options:
+        if not option.isprintable():  # a line of its own would be a command of the script
+            raise OutputError(f"--{option!r}: cannot be in a batch script", "Choose a name without such characters.")
     lines = template.read_text("utf-8").splitlines()
     end = 1 + max(i for i, line in enumerate(lines) if line.startswith("#SBATCH"))
     added = [*(f"#SBATCH --{option}" for option in options), "", f"set -- {shlex.join(arguments)}"]

@@ -9,9 +9,13 @@ from typing import Any
 from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError
 from hpcinv.files.untrusted import add_option
-from hpcinv.job.job import json_schema, load
+from hpcinv.job.job import Job, json_schema, load
+from hpcinv.job.plausibility import doubtful_moduli
+from hpcinv.quantity.schema import Spec
 from hpcinv.study.plan import is_study, load_study
+from hpcinv.study.spec import Study
 from hpcinv.sweep.plan import is_sweep, load_sweep
+from hpcinv.sweep.spec import Sweep
 
 
 def add_validate(commands: Any) -> None:
@@ -29,10 +33,11 @@ def add_validate(commands: Any) -> None:
     schema = add_command(
         commands,
         "schema",
-        "Print the JSON Schema of job files, for editors.",
-        examples="hpcinv schema > job.schema.json",
+        "Print the JSON Schema of job, study or sweep files, for editors.",
+        examples="hpcinv schema > job.schema.json\nhpcinv schema sweep > sweep.schema.json",
         page="reference/job-keys.md",
     )
+    schema.add_argument("kind", choices=list(_KINDS), nargs="?", default="job", help="kind of file, by default a job")
     schema.set_defaults(command=_schema)
 
 
@@ -40,15 +45,21 @@ def _validate(options: argparse.Namespace) -> int:
     failed = 0
     for path in options.jobs:
         try:
-            (load_study if is_study(path) else load_sweep if is_sweep(path) else load)(path)
+            found = (load_study if is_study(path) else load_sweep if is_sweep(path) else load)(path)
         except HpcinvError as error:
             print(error, file=sys.stderr)
             failed = error.exit_code
         else:
+            if isinstance(found, Job) and found.output.unit_warnings:
+                for text in doubtful_moduli(found):
+                    print(f"warning: {path}: {text}", file=sys.stderr)
             print(f"{path}: valid")
     return failed
 
 
-def _schema(_options: argparse.Namespace) -> int:
-    print(json.dumps(json_schema(), indent=2))
+_KINDS: dict[str, type[Spec]] = {"job": Job, "study": Study, "sweep": Sweep}
+
+
+def _schema(options: argparse.Namespace) -> int:
+    print(json.dumps(json_schema(_KINDS[options.kind]), indent=2))
     return 0

@@ -46,6 +46,14 @@ class Effect(Ingredient):
         """Body on which `inelastic_strain` is given; the scene pulls ``F_g`` of the current body back, ``F⁻¹F_g F``."""
         return "reference"
 
+    @property
+    def presses_at_any_load(self) -> bool:
+        """True if its forces act on the undeformed body whatever the load factor is, as of an elastic layer in its way.
+
+        ``par.growing`` is 1 on forward paths on which they grow with the load factor instead, else 0.
+        """
+        return False
+
     def is_attached(self, name: str) -> bool:
         return not self.is_load or name in self.attached
 

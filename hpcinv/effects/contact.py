@@ -34,7 +34,7 @@ class Contact(Effect):
     does not determine ``p``.
 
     Elastic layer, with ``stiffness``: ``p = max(0, stiffness (stand_off - g))``, which a given deformed shape
-    determines.
+    determines. If it presses on the undeformed body in a forward solve, it grows with the load factor.
 
     Known contact pressure, with ``pressure``, on a given deformed shape: ``p = max(0, pressure - penalty g)``.
 
@@ -83,6 +83,10 @@ class Contact(Effect):
         return self.stiffness is None and self.pressure is None
 
     @property
+    def presses_at_any_load(self) -> bool:
+        return self.stiffness is not None
+
+    @property
     def assumption(self) -> str:
         """Assumption that determines the contact pressure."""
         if self.stiffness is not None:
@@ -119,13 +123,11 @@ class Contact(Effect):
         found = {f"obstacle_{name}": value for name, value in self.obstacle.functions(degree).items()}
         if not self.is_augmented:
             return found
-        found |= {"multiplier": (1, 1), "offset": (3, degree)}
-        return found if self.penalty is not None else found | {"penalty": (1, 1)}
+        return found | {"multiplier": (1, 1)} | ({"penalty": (1, 1)} if self.penalty is None else {})
 
     def position(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the current position relative to the obstacle where 'obstacle' places it."""
-        x = k.x + par.offset if self.is_augmented else k.x
-        return x if self.travel is None else x - k.at_load(load)[1] * par.travel
+        return k.x if self.travel is None else k.x - k.at_load(load)[1] * par.travel
 
     def gap(self, k: Kinematics, load: Any, par: Any) -> tuple[Any, Any]:
         """Return the gap and the direction away from the obstacle."""
@@ -138,10 +140,14 @@ class Contact(Effect):
 
     def contact_pressure(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the pressure per current area."""
-        share, pressing, slope = k.at_load(load)[0], self._pressing(k, load, par), self._slope(par)
+        share, pressing, slope = self._share(k, load, par), self._pressing(k, load, par), self._slope(par)
         if slope is None:
             return share * positive_part(pressing)
         return share * rounded_positive_part(pressing, slope * self.tolerance(par) / 4)
+
+    def _share(self, k: Kinematics, load: Any, par: Any) -> Any:
+        """Return the share of the pressure at full load that acts."""
+        return k.at_load(load, par.growing if self.presses_at_any_load else 0)[0]
 
     def _pressing(self, k: Kinematics, load: Any, par: Any) -> Any:
         """Return the scalar that is positive where there is contact: there it is the pressure at full load."""

@@ -1,12 +1,38 @@
 """Checks of file names from users, without errors for names that no file can have."""
 
 import os.path
+import re
 from pathlib import Path
 
 from hpcinv.errors import OutputError
 
 exists, is_file = os.path.exists, os.path.isfile
 """False, and no error as from methods of a path, for names that are too long or have a null character"""
+
+
+def in_one_line(text: str) -> str:
+    """Return a text from a user with escapes for what ends a line or is not printable, for comments in files."""
+    return "".join(c if c.isprintable() else _escape(c) for c in text)
+
+
+def yaml_text(text: str) -> str:
+    """Return a text from a user as a scalar of YAML that is read as this text again, whatever is in it."""
+    if re.fullmatch(_PLAIN, text, re.ASCII) and text.lower() not in _WORDS:
+        return text
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{in_one_line(escaped)}"'
+
+
+_PLAIN = r"[A-Za-z_/][\w./-]*|\.{1,2}/[\w./-]*"
+_WORDS = ("true", "false", "yes", "no", "on", "off", "null", "y", "n")
+"""words that YAML does not read as text"""
+
+
+def _escape(character: str) -> str:
+    code = ord(character)
+    if code < 0x100:
+        return f"\\x{code:02x}"
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 def check_output(path: Path) -> None:

@@ -10,6 +10,7 @@ import os
 import re
 import sys
 import xml.etree.ElementTree as ET
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +19,11 @@ from typing import Annotated
 from pydantic import AfterValidator, ValidationInfo
 
 from hpcinv.errors import JobError
+from hpcinv.reading.fault import Fault
+from hpcinv.reading.image_headers import METAIMAGE, NRRD, source_of
 
+_IMAGES = METAIMAGE + NRRD
+"""suffixes of images whose headers can name other files"""
 VARIABLE = "HPCINV_UNTRUSTED"
 REFUSED = "refused with --untrusted"
 
@@ -57,7 +62,7 @@ def applies(info: ValidationInfo) -> bool:
 
 
 def _stays_beside(path: str, info: ValidationInfo) -> str:
-    if applies(info) and (fault := _path_fault((info.context or {}).get("directory", Path()), path)):
+    if applies(info) and (fault := path_fault((info.context or {}).get("directory", Path()), path)):
         raise ValueError(f"'{path}' {fault}")
     return path
 
@@ -101,7 +106,7 @@ def _check_working_directory(files: list[Path]) -> None:
         raise JobError(f"{text}, where the file is; start as 'hpcinv …', or from another directory")
 
 
-def _path_fault(directory: Path, path: str) -> str:
+def path_fault(directory: Path, path: str) -> str:
     """Fault of a path in an untrusted file in ``directory``; empty text if there is none."""
     if (directory / path).resolve().is_relative_to(directory.resolve()):
         return ""
@@ -119,12 +124,28 @@ def mesh_fault(directory: Path, file: str) -> str:
                 f"is read by ADIOS2, which can load libraries that a file names, and is {REFUSED}; ask for a mesh in "
                 "one file (.msh, .vtu), as 'hpcinv mesh gather' makes it"
             )
-    if fault := _path_fault(directory, file):
+    if fault := path_fault(directory, file):
         return fault
+    if path.is_file() and path.suffix in (*_IMAGES, ".gz"):
+        return _image_fault(path)
     if path.suffix == ".xdmf" and path.is_file():
         for data in _heavy_data(path):
-            if fault := _path_fault(path.parent, data):
+            if fault := path_fault(path.parent, data):
                 return f"has data in '{data}', which {fault}"
+    return ""
+
+
+def _image_fault(path: Path) -> str:
+    """Fault of an image with a header that names other files; a file that cannot be read is refused by its reader."""
+    try:
+        source = source_of(path)
+    except (Fault, OSError, ValueError, EOFError, zlib.error):
+        return ""
+    if source.how in ("a pattern of names", "a list of names"):
+        return f"names its files by {source.how}, which is {REFUSED}; ask for it as one file"
+    for name in source.names:
+        if fault := path_fault(path.parent, name):
+            return f"has its voxels in '{name}', which {fault}"
     return ""
 
 

@@ -57,7 +57,8 @@ class Linearised:
     def combinations(self) -> list[Combination]:
         """Combinations that have independent errors, the best determined one first."""
         scales = self.scales if self.scales is not None else 1 / np.where(self.lengths > 0, self.lengths, 1.0)
-        _, singular, rows = np.linalg.svd(self.jacobian * scales, full_matrices=True)
+        triangle = np.linalg.qr(self.jacobian * scales, mode="r")  # memory linear in the number of data
+        _, singular, rows = np.linalg.svd(triangle, full_matrices=True)
         values = np.zeros(len(rows))
         values[: len(singular)] = singular
         least = self.dependent * values.max(initial=0.0)

@@ -4,7 +4,6 @@ Lines ``# mode: planar``, ``# area: 25 mm^2`` and ``# length: 20 mm`` ahead of t
 whole file; other lines that begin with ``#`` are comments.
 """
 
-import csv
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -20,7 +19,8 @@ from hpcinv.quantity.arrays import Floats
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import NUMBER, Dimension, as_float, parse_quantity, parse_unit
+from hpcinv.quantity.tables import Row, rows_of, text_of
+from hpcinv.quantity.units import Dimension, as_float, parse_quantity, parse_unit
 
 _PURE, _STRESS = Dimension(), parse_unit("Pa")[1]
 _LARGEST_FILE = 50_000_000  # bytes
@@ -148,7 +148,7 @@ class _Reader:
         rows = list(self._rows())
         if not rows:
             self._fail("has no columns; the first line names them, such as: stretch [-], nominal stress [MPa]")
-        columns = self._columns(*rows[0])
+        columns = self._columns(rows[0])
         if not rows[1:]:
             self._fail("has no data below the names of its columns")
         sorted_rows = self._by_mode(columns, rows[1:])
@@ -170,23 +170,16 @@ class _Reader:
         if self._problems:
             raise JobError(*self._problems)
 
-    def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        """Yield line number and entries of each row that is not empty; statements are kept."""
+    def _rows(self) -> Iterator[Row]:
+        """Yield each row that is not empty; statements are kept."""
         try:
-            if self._path.stat().st_size > _LARGEST_FILE:
-                self._fail(f"is larger than {_LARGEST_FILE // 10**6} MB")
-            text = self._path.read_text(encoding="utf-8-sig")
-        except UnicodeDecodeError:
-            self._fail("is not a text file in UTF-8")
-        except (OSError, ValueError) as error:
-            self._fail(f"cannot be read: {getattr(error, 'strerror', None) or error}")
-        delimiter = None
-        for number, line in enumerate(text.splitlines(), start=1):
-            if line.lstrip().startswith("#"):
-                self._statement(line.lstrip("# \t"), number)
-            elif line.strip(" \t,;"):
-                delimiter = delimiter or next((d for d in "\t;" if d in line), ",")
-                yield number, [entry.strip() for entry in next(csv.reader([line], delimiter=delimiter))]
+            for row in rows_of(text_of(self._path, _LARGEST_FILE)):
+                if isinstance(row, Row):
+                    yield row
+                else:
+                    self._statement(row[1], row[0])
+        except ValueError as error:
+            self._fail(str(error))
 
     def _statement(self, text: str, line: int) -> None:
         key, colon, value = (part.strip() for part in text.partition(":"))
@@ -198,10 +191,11 @@ class _Reader:
         except ValueError as error:
             self._problem(f"{key}: {error}", line)
 
-    def _columns(self, line: int, titles: list[str]) -> dict[int, tuple[str, float]]:
+    def _columns(self, titles: Row) -> dict[int, tuple[str, float]]:
         """Return name and SI factor of each column by its index."""
         found: dict[int, tuple[str, float]] = {}
-        for i, title in enumerate(titles):
+        line = titles.line
+        for i, title in enumerate(titles.entries):
             try:
                 name, factor = _column(title)
                 if name in [other for other, _ in found.values()]:
@@ -224,12 +218,11 @@ class _Reader:
         self._end()
         return found
 
-    def _by_mode(
-        self, columns: dict[int, tuple[str, float]], rows: list[tuple[int, list[str]]]
-    ) -> dict[Mode, list[dict[str, float]]]:
+    def _by_mode(self, columns: dict[int, tuple[str, float]], rows: list[Row]) -> dict[Mode, list[dict[str, float]]]:
         """Return the values (SI) of all rows by column, sorted by mode."""
         found: dict[Mode, list[dict[str, float]]] = {}
-        for line, entries in rows:
+        for row in rows:
+            line, entries = row.line, row.entries
             if len(entries) != len(columns):
                 self._problem(f"has {len(entries)} entries, but there are {len(columns)} columns", line)
                 continue
@@ -240,7 +233,7 @@ class _Reader:
                     if COLUMNS[name].role == "mode":
                         mode = mode_named(entries[i])
                     else:
-                        values[name] = factor * _number(entries[i])
+                        values[name] = factor * _finite(row.number(i), entries[i])
                 except ValueError as error:
                     self._problem(f"column '{name}': {error}", line)
             try:
@@ -326,14 +319,7 @@ def _column(title: str) -> tuple[str, float]:
     return name, as_float(factor)
 
 
-def _number(text: str) -> float:
-    """Return a number; ``ValueError`` with the reason if it is none."""
-    if re.fullmatch(NUMBER, text) is None:
-        if not text:
-            raise ValueError("is empty")
-        comma = "; a decimal comma is written as a point" if re.fullmatch(r"[+-]?\d*,\d+", text) else ""
-        raise ValueError(f"{shown(text)} is not a number{comma}")
-    number = float(text)
+def _finite(number: float, text: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{shown(text)} is too large")
     return number

@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 import yaml
 
+from hpcinv.files.names import in_one_line
 from hpcinv.fitting.candidate import quantity, short
 from hpcinv.fitting.least_squares import Fit
 from hpcinv.fitting.linearised import correlations
@@ -123,7 +124,7 @@ def commented(sections: dict[str, Any], origin: str, correlation: str, warnings:
     comments = [origin]
     if correlation:
         comments += [correlation, "(sensitivities take the standard deviations as independent of each other)"]
-    lines = [f"# {comment}\n" for comment in (*comments, *warnings)]
+    lines = [f"# {in_one_line(comment)}\n" for comment in (*comments, *warnings)]
     body = yaml.safe_dump(sections, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     return "".join([*lines, body])
 

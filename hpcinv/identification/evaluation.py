@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -135,7 +135,9 @@ class Evaluations:
         self._workspace, self._share, self._stop = workspace, share, stop
         self._directory = directory and directory / _FOLDER
         first = on_root(workspace.comm, lambda: comm.rank == 0)  # whether rank 0 is in this team
-        self.observed: list[Observed] = observations_of(job, workspace.body(job))
+        body = workspace.body(job)
+        self._inputs = dict(body.source.inputs)
+        self.observed: list[Observed] = observations_of(job, body)
         self._own = [one for one in self.observed if share.has(one.spec, first=first)]
         self._guesses: tuple[Guess, ...] = ()
         self._digest = cache(file_digest)
@@ -227,6 +229,9 @@ class Evaluations:
         files = (one.file for one in self.section.observations)
         return [self._digest(self.job.resolve(file)) for file in files if file is not None]
 
+    def _circumstances(self) -> dict[str, Any]:
+        return {"files": self._files(), "inputs": self._inputs, "version": __version__}
+
     def _content(self) -> str:
         """Return a hash of all that the estimate depends on."""
         data = self.section.model_dump(mode="json", exclude={"maximum_evaluations"})
@@ -234,14 +239,14 @@ class Evaluations:
             for kind in ("mesh", "surface", "landmarks"):
                 if isinstance(one[kind], str):
                     one[kind] = ""
-        return content_key(self._base, self._digest, identify=data, files=self._files(), version=__version__)
+        return content_key(self._base, self._digest, identify=data, **self._circumstances())
 
     def _path(self, job: Job) -> Path | None:
         if self._directory is None:
             return None
         data = [one.model_dump(mode="json", exclude={"sd", "name"}) for one in self.section.observations]
-        observed = hashlib.sha256(json.dumps([data, self._files()], sort_keys=True).encode()).hexdigest()
-        key = content_key(job, self._digest, observed=observed, version=__version__)
+        observed = hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+        key = content_key(job, self._digest, observed=observed, **self._circumstances())
         return self._directory / f"{key}.npz"
 
 

@@ -5,7 +5,7 @@ from the computed surface along the normal there, whose derivative is that of th
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,16 @@ from hpcinv.mesh.location import Location, locate, position
 from hpcinv.mesh.regions import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import gather_surface
-from hpcinv.model.surface_distance import barycentric, read_points
+from hpcinv.model.surface_distance import barycentric
 from hpcinv.output.result import Result
 from hpcinv.parallel.runtime import on_root
 from hpcinv.quantity.quantity import Measured
+from hpcinv.quantity.tables import Row, rows_of, text_of
 from hpcinv.results.shape_distance import read_same_cells
 
 _REMEDY = "What is observed is on the surface of the body: name a region of the boundary."
+_LARGEST_TABLE = 50_000_000
+"""bytes of a table of points; a larger one is refused, since reading it takes minutes"""
 _SIZE = 5.0  # factor by which the size of what was observed may differ from that of the body
 _DIVISIONS = (1, 2, 4, 8, 16)  # of each side of a curved facet into triangles
 _FLAT = 0.02  # distance of these from the facet that is allowed, in standard deviations
@@ -142,9 +145,12 @@ class ObservedSurface(Observed):
     def __init__(self, spec: Observation, deviation: float, job: Job, body: Body) -> None:
         super().__init__(spec, deviation)
         path = job.resolve(str(spec.surface))
-        read: Callable[[], Floats] = (
-            (lambda: read_table(path, 3)) if path.suffix == ".csv" else lambda: read_points(path)
-        )
+
+        def read() -> Floats:
+            from hpcinv.mesh.io.surface_files import read_points  # loads VTK
+
+            return read_table(path, 3) if path.suffix == ".csv" else read_points(path)
+
         self._points = on_root(body.mesh.comm, read) * spec.unit
         self._facets = None if spec.on is None else body.boundary_facets(spec.on, _REMEDY)
         self.count = len(self._points)
@@ -233,24 +239,22 @@ def read_table(path: Path, columns: int) -> Floats:
     """
     wanted = "x, y, z of the point in the given mesh, and as observed" if columns == 6 else "x, y, z"
     advice = f"Each line has {columns} numbers, {wanted}; give their length unit as 'unit'."
+    found: list[list[float]] = []
     try:
-        lines = [line.strip() for line in path.read_text().splitlines()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise MeshError(f"{path}: cannot be read: {error}") from None
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines, start=1):
-        if not line or line.startswith("#"):
-            continue
-        cells = line.replace(";", ",").split(",")
+        rows = [row for row in rows_of(text_of(path, _LARGEST_TABLE)) if isinstance(row, Row)]
+    except ValueError as error:
+        raise MeshError(f"{path}: {error}", advice) from None
+    if rows and not rows[0].has_numbers:
+        del rows[0]  # titles
+    for row in rows:
+        if len(row.entries) != columns:
+            raise MeshError(f"{path}: line {row.line}: has {len(row.entries)} entries, not {columns}", advice)
         try:
-            row = [float(cell) for cell in cells]
-        except ValueError:
-            if not rows and number == 1:
-                continue  # titles
-            raise MeshError(f"{path}: line {number}: '{line[:60]}' has something that is no number", advice) from None
-        if len(row) != columns or not np.isfinite(row).all():
-            raise MeshError(f"{path}: line {number}: has not {columns} finite numbers", advice)
-        rows.append(row)
-    if not rows:
+            found.append([row.number(i) for i in range(columns)])
+        except ValueError as error:
+            raise MeshError(f"{path}: line {row.line}: {error}", advice) from None
+        if not np.isfinite(found[-1]).all():
+            raise MeshError(f"{path}: line {row.line}: has a number that is too large", advice)
+    if not found:
         raise MeshError(f"{path}: has no points", advice)
-    return np.array(rows)
+    return np.array(found)

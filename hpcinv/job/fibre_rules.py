@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo
+from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
 from hpcinv.quantity.quantity import Quantity
 from hpcinv.quantity.schema import Faults, OneOf, Spec, Triple
@@ -12,7 +12,9 @@ Angle = Annotated[float, Quantity("", at_least=-1.5707963267948968, at_most=1.57
 
 
 _PAIR = BeforeValidator(lambda given: given if isinstance(given, list | tuple) else (given, given))
-Angles = Annotated[tuple[Angle, Angle], Field(strict=False), _PAIR]
+_ANGLE = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+_ANGLES = {"anyOf": [_ANGLE, {"type": "array", "items": _ANGLE, "minItems": 2, "maxItems": 2}]}
+Angles = Annotated[tuple[Angle, Angle], Field(strict=False), _PAIR, WithJsonSchema(_ANGLES)]
 """Angles at the inner and at the outer surface of a wall; one angle stands for both."""
 Share = Literal["fibre", "sheet", "normal"]
 

@@ -23,6 +23,7 @@ class FibreFamily(Ingredient):
     pulled back, ``a0 = F⁻¹a / |F⁻¹a|``, inside the residual. A rule is evaluated on the mesh of the job.
     """
 
+    alternatives: ClassVar[tuple[str, ...]] = ("direction", "data", "rule")
     example: ClassVar = {"direction": ["-Y", "X", 0], "given_on": "reference"}
 
     direction: Triple[Expression] | None = None

@@ -13,6 +13,7 @@ from hpcinv.errors import CheckpointError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_header import SUFFIX, read_header
 from hpcinv.quantity.expressions import LET
+from hpcinv.quantity.plugins import inputs_of
 from hpcinv.quantity.schema import Location, at
 
 _PHYSICS = {"analysis", "regions", "fibres", "material", "load_cases", "effects", "supports"}
@@ -95,13 +96,19 @@ def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[s
     }
     if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
         discretisation["layers"] = [one.as_data() for one in layerings]
+    if job.discretisation.displacement > 1 and any(solve.mesh is not None for solve in job.plan):
+        # Later solves are on the recovered body, of which earlier versions moved the nodes of the given cells only.
+        discretisation["recovered_geometry"] = job.discretisation.displacement
     physics = job.model_dump(mode="json", include=_PHYSICS, exclude_none=True, context=WITH_DEFINITIONS)
     if job.states:
         physics |= job.model_dump(mode="json", include={"states"}, exclude_none=True, context=WITH_DEFINITIONS)
     if job.plugins:
-        physics["plugins"] = [digest(job.resolve(plugin)) for plugin in job.plugins]
+        plugins = [job.resolve(plugin) for plugin in job.plugins]
+        physics["plugins"] = [digest(path) for path in plugins]
+        if any(inputs := [inputs_of(path) for path in plugins]):
+            physics["inputs_of_plugins"] = inputs
     effects = [*job.effects, *(effect for state in job.states for effect in state.effects)]
-    if files := [job.resolve(file) for effect in effects for file in effect.files]:
+    if files := [job.resolve(file) for file in (*job.files, *(file for effect in effects for file in effect.files))]:
         physics["files"] = [digest(file) for file in files]
     return physics | {"directions": list(job.directions), "mesh": mesh, "discretisation": discretisation}
 

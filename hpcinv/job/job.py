@@ -13,7 +13,8 @@ from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_
 from hpcinv.effects import AnyEffect, Direction, Effect
 from hpcinv.effects.contact import Contact
 from hpcinv.errors import JobError
-from hpcinv.files.untrusted import REFUSED, applies, is_asked
+from hpcinv.files.names import is_file
+from hpcinv.files.untrusted import REFUSED, applies, is_asked, path_fault
 from hpcinv.job.definitions import RESERVED, resolve
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
@@ -104,6 +105,9 @@ class Job(Spec):
     """parts of the given body by conditions on x, y, z, the outer normal nx, ny, nz, and the number of the cavity"""
     plugins: ListOf[str] = ()
     """Python files, by paths relative to the job file, that define further laws and effects"""
+    files: ListOf[str] = ()
+    """further files that generators and plugins read, by paths relative to the job file: with another content
+    of one it is another job. Files that they read in Python, or by gmsh from a name in the text, need no entry"""
     fibres: Mapping[Name, FibreFamily] = {}
     """families of fibres by name, for laws and effects that refer to them"""
     material: Material
@@ -367,6 +371,16 @@ class Job(Spec):
                 load_file(directory_of(info) / plugin)
         raise_if_any(problems)
         return plugins
+
+    @field_validator("files")
+    @classmethod
+    def _check_files(cls, files: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        for i, file in enumerate(files):
+            if applies(info) and (fault := path_fault(directory_of(info), file)):
+                raise Problems(((i,), f"{shown(file)} {fault}"))
+            if not is_file(directory_of(info) / file):
+                raise Problems(((i,), f"there is no file '{directory_of(info) / file}'. Paths start from the job file"))
+        return files
 
     @field_validator("material")
     @classmethod
@@ -777,6 +791,6 @@ def _in_values(value: object, where: Location) -> Iterator[tuple[Location, str]]
             yield (*where, name), name
 
 
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of a job file, for editors."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Job.model_json_schema()}
+def json_schema(kind: type[Spec] = Job) -> dict[str, Any]:
+    """JSON Schema of a job file, or of another ``kind`` of file, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **kind.model_json_schema()}

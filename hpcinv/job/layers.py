@@ -49,8 +49,8 @@ def layerings_of(
     owners: list[tuple[int | None, str, Ingredient]] = [(of_laws[where], where, law) for where, law in laws.items()]
     owners += [(None, where, effect) for where, effect in effects.items() if not effect.is_load]
     for law, where, owner in owners:
-        for name, field in _by_region(owner):
-            own = {region for place in free if place[:2] == (where, name) for region in place[2:]}
+        own = {part for place in free if place[0] == where for part in place[1:]}
+        for field in _by_region(owner):
             numbers = [(number, region if region in own else "") for region, number in field.values.items()]
             values.setdefault((law, tuple(field.values)), []).append(numbers)
     found = [Layering({where.removeprefix("material."): number for where, number in of_laws.items()})]
@@ -67,10 +67,10 @@ def _text(law: MaterialLaw, where: str, free: set[tuple[Any, ...]]) -> str:
     return json.dumps([law.model_dump(mode="json", context={LET: True}), of_law], sort_keys=True)
 
 
-def _by_region(part: Ingredient) -> Iterator[tuple[str, ByRegion]]:
-    """Yield the quantities, and entries of vectors and tensors, that have a value for each region, with their names."""
-    for name, (value, _) in part.quantities().items():
-        yield from ((name, entry) for entry in entries(value) if isinstance(entry, ByRegion))
+def _by_region(part: Ingredient) -> Iterator[ByRegion]:
+    """Yield the quantities, and the entries of vectors and tensors, that have a value for each region."""
+    for value, _ in part.quantities().values():
+        yield from (entry for entry in entries(value) if isinstance(entry, ByRegion))
 
 
 def _classes(values: Mapping[str, Any]) -> dict[str, int]:

@@ -10,12 +10,17 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from hpcinv.quantity.constants import constant, is_pure
 from hpcinv.quantity.quantity import QUANTITIES
 from hpcinv.quantity.schema import Location, collected, shown
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension, parse_quantity
+from hpcinv.quantity.units import Dimension
 
 type Value = float | int | bool | str
+
+MOST_DIVISIONS = 1_000_000
+"""cells along one edge; more would be a mistake, and numbers beyond the integers of gmsh end it with a traceback"""
+_LARGEST = 2**31 - 1  # of the integers of gmsh
 
 
 @dataclass(frozen=True)
@@ -43,8 +48,8 @@ class GeneratorParameter:
         """
         if self.kind not in _OF_ANY_DIMENSION or (self.kind and unit == 1.0) or not isinstance(value, str):
             return
-        dimension = parse_quantity(value)[1]
-        if dimension == Dimension():
+        dimension = constant(value)[1]
+        if is_pure(dimension):
             return
         fitting = [kind for kind, quantity in QUANTITIES.items() if quantity.dimension == dimension and kind != "Size"]
         kinds = " or ".join([*fitting, *(["Size"] if "Length" in fitting else [])])
@@ -64,10 +69,20 @@ def _expect[V: Value](kind: type[V], name: str) -> Callable[[object], V]:
     return read
 
 
+def _whole(value: object) -> int:
+    if isinstance(value, str):
+        number, dimension = constant(value)
+        value = int(number) if is_pure(dimension) and number.is_integer() else value
+    whole = _expect(int, "a whole number")(value)
+    if abs(whole) > _LARGEST:
+        raise ValueError(f"must be at most {_LARGEST:,}, not {whole:,}")
+    return whole
+
+
 def _divisions(value: object) -> int:
-    number = _expect(int, "a whole number")(value)
-    if number < 1:
-        raise ValueError(f"must be at least 1, not {number}")
+    number = _whole(value)
+    if not 1 <= number <= MOST_DIVISIONS:
+        raise ValueError(f"must be at least 1 and at most {MOST_DIVISIONS:,}, not {number:,}")
     return number
 
 
@@ -75,7 +90,7 @@ _READERS: Mapping[str, Callable[[object], Value]] = {
     **{name: quantity.parse for name, quantity in QUANTITIES.items()},
     "Divisions": _divisions,
     "float": QUANTITIES["AnyQuantity"].parse,
-    "int": _expect(int, "a whole number"),
+    "int": _whole,
     "bool": _expect(bool, "true or false"),
     "str": _expect(str, "text"),
 }

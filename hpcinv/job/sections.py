@@ -8,10 +8,14 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
+    GetJsonSchemaHandler,
     ValidationInfo,
+    WithJsonSchema,
     field_validator,
     model_validator,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import core_schema
 
 from hpcinv.files.names import exists, is_file
 from hpcinv.files.untrusted import applies, mesh_fault
@@ -45,8 +49,15 @@ FIELDS: dict[str, Dimension | None] = {
 }
 
 Label = Annotated[int, Field(ge=1)] | Annotated[str, Field(min_length=1)]
-Labels = Annotated[ListOf[Label], BeforeValidator(lambda v: [v] if isinstance(v, int | str) else v)]
-RESERVED = ("boundary", "outside", "cut", "cavity")
+_LABEL = {"anyOf": [{"type": "integer", "minimum": 1}, {"type": "string", "minLength": 1}]}
+Labels = Annotated[
+    ListOf[Label],
+    BeforeValidator(lambda v: [v] if isinstance(v, int | str) else v),
+    WithJsonSchema({"anyOf": [*_LABEL["anyOf"], {"type": "array", "items": _LABEL}]}),
+]
+CUT = "cut"
+"""region of an image's mesh where a label ends with the image"""
+RESERVED = ("boundary", "outside", CUT, "cavity")
 """names that regions of images and surfaces have by themselves"""
 
 
@@ -61,7 +72,11 @@ def _right_handed(orientation: str) -> str:
 
 
 Orientation = Annotated[str, AfterValidator(_right_handed)]
-Files = Annotated[ListOf[str], BeforeValidator(lambda v: [v] if isinstance(v, str) else v)]
+Files = Annotated[
+    ListOf[str],
+    BeforeValidator(lambda v: [v] if isinstance(v, str) else v),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}),
+]
 CONTACTS = {"contact_force": "N", "contact_area": "m^2", "contact_penetration": "m"}
 REACTIONS = {"reaction": "N", "reaction_moment": "N m", **CONTACTS}
 FORMATS = (".py", ".geo", ".msh", ".xdmf", ".vtu", SUFFIX)
@@ -84,6 +99,13 @@ def _msh_fault(path: Path) -> str:
         return f"cannot be read: {error.strerror}"
 
 
+def _not_true(value: object) -> object:
+    """Return a value unless it is true or false, which Python takes for 1 and 0."""
+    if isinstance(value, bool):
+        raise ValueError(f"must be a number, not {shown(value)}")
+    return value
+
+
 class MeshFile(Spec):
     """A mesh: a file, or a generator that is run when the mesh is needed."""
 
@@ -93,10 +115,31 @@ class MeshFile(Spec):
     unit: LengthUnit = 1.0
     """length unit of the coordinates in a mesh file, or of a Python generator, such as mm: lengths are passed to it in
     that unit, for bodies too small or too large for gmsh's absolute tolerances in metres"""
-    parameters: Mapping[str, Value] = {}
+    parameters: Annotated[
+        Mapping[str, Value],
+        WithJsonSchema({"type": "object", "additionalProperties": {"type": ["number", "string", "boolean"]}}),
+    ] = {}
     """parameters of the generator, as numbers in SI or quantities"""
 
     formats: ClassVar[tuple[str, ...]] = FORMATS
+    sources: ClassVar[Mapping[str, tuple[str, ...]]] = {"file": ()}
+    """keys that name where the mesh comes from, of which one is given, with the further keys that it needs"""
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """JSON schema with the keys that stand for ``file``."""
+        found = super().__get_pydantic_json_schema__(schema, handler)
+        content = handler.resolve_ref_schema(found)
+        kinds = {"image": "a segmented image, in place of 'file'", "surface": "a closed surface, in place of 'file'"}
+        content["properties"] |= {
+            key: {"type": "string", "description": kinds[key]} for key in cls.sources if key in kinds
+        }
+        content["required"] = [key for key in content.get("required", ()) if key != "file"]
+        content["oneOf"] = [{"required": [key]} for key in cls.sources]
+        content["dependentRequired"] = {key: list(needed) for key, needed in cls.sources.items() if needed}
+        return found
 
     @property
     def is_partitioned(self) -> bool:
@@ -187,6 +230,7 @@ class ExpectedShape(MeshFile):
     """whether the body that was found is moved rigidly to a surface or image before it is compared"""
 
     formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES
+    sources: ClassVar[Mapping[str, tuple[str, ...]]] = {"file": (), "image": (), "surface": ("unit",)}
 
     @property
     def has_nodes(self) -> bool:
@@ -215,8 +259,9 @@ class SurfaceError(Spec):
 class MeshSpec(MeshFile):
     """The mesh on which the job is solved: of the reference body in a forward analysis, else of the current body."""
 
-    geometry_degree: Literal[1, 2] | None = None
-    """degree of the geometry of cells; by default that of the file, and 1 for generators"""
+    geometry_degree: Annotated[Literal[1, 2] | None, BeforeValidator(_not_true)] = None
+    """degree of the geometry of the given cells; by default that of the file, and 1 for generators. The recovered body
+    has the degree of the displacement in any case"""
     maximum_cells: Annotated[int, Field(ge=1)] = 10_000_000
     """largest number of cells of a generated mesh; if more are expected, meshing stops early"""
     partition: Literal["metis", "scotch"] = "metis"
@@ -243,6 +288,12 @@ class MeshSpec(MeshFile):
     {sd: 0.12 voxels, correlation: a voxel or half of 'size'}"""
 
     formats: ClassVar[tuple[str, ...]] = FORMATS + IMAGES + SURFACES
+    sources: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "file": (),
+        "image": ("labels", "size"),
+        "surface": ("unit", "size"),
+        "surfaces": ("unit", "size"),
+    }
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -315,6 +366,8 @@ class MeshSpec(MeshFile):
 class Support(Spec):
     """Prescribed displacement on a region: zero for the components in ``fix``, or by formulas."""
 
+    alternatives: ClassVar[tuple[str, ...]] = ("fix", "displacement")
+
     region: str
     """physical group of the mesh, a name from 'regions', or 'boundary' for the whole of it"""
     fix: ListOf[Literal["x", "y", "z"]] | None = None
@@ -365,6 +418,8 @@ class QuantityOfInterest(Spec):
     body; with prestrain its stress-free stretch F0xx, F0xy, … F0zz, and the stress that it causes alone in the
     reference shape, prestrain_sxx, …, prestrain_p, prestrain_von_mises.
     """
+
+    alternatives: ClassVar[tuple[str, ...]] = ("at", "on")
 
     name: Name
     """its name in the summary"""

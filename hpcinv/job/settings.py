@@ -89,6 +89,8 @@ class Solver(Spec):
     """largest number of steps along the path (strategy: arc-length)"""
     rescue: ListOf[Rescue] = ("bulk-modulus", "arc-length", "line-search", "anderson")
     """fallbacks, in this order, if the strategy (adaptive or arc-length) fails; [] for none"""
+    patience: Annotated[int, Field(ge=1)] = 400
+    """factorizations in solves that fail, those of fallbacks included, after which a direction is given up"""
     maximum_iterations: Annotated[int, Field(ge=1)] = 25
     """largest number of Newton iterations in a step"""
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-12
@@ -98,8 +100,8 @@ class Solver(Spec):
     reuse_tangent: bool = True
     """keep a factorized tangent as long as it converges well"""
     linear: Literal["auto", "direct", "iterative"] = "auto"
-    """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto decides by size, shape and memory, and takes the
-    other one if that fails"""
+    """direct factorizes (MUMPS), iterative is FGMRES with multigrid; auto decides by size, shape and memory, and takes
+    the other one if that fails"""
     nested_iteration: Annotated[
         Literal["auto", "on", "off"], Field(exclude_if=lambda nested_iteration: nested_iteration == "auto")
     ] = "auto"
@@ -187,10 +189,19 @@ class CertificateSettings(Spec):
         return {"anyOf": [{"enum": list(LEVELS)}, super().__get_pydantic_json_schema__(schema, handler)]}
 
 
+CountOrNone = Annotated[
+    int,
+    Field(ge=0),
+    BeforeValidator(lambda value: 0 if value is False else value),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 0}, {"const": False}]}),
+]
+"""A number, or false in place of 0."""
+
+
 class Checkpoint(Spec):
     """Saving of converged states for a resume."""
 
-    every: Annotated[int, Field(ge=0), BeforeValidator(lambda value: 0 if value is False else value)] = 1
+    every: CountOrNone = 1
     """accepted steps between checkpoints; 0 for none"""
     seconds: Annotated[float, Field(ge=0)] = 0.0
     """smallest time between checkpoints, for steps that are faster than writing one"""
@@ -211,7 +222,7 @@ class Output(Spec):
     """formats of the summary; json must be among them"""
     surface: bool | None = Field(default=None, exclude_if=lambda surface: surface is None)
     """the boundary with results, for pictures and reports; by default as 'fields'"""
-    snapshots: Annotated[int, Field(ge=0), BeforeValidator(lambda value: 0 if value is False else value)] = 20
+    snapshots: CountOrNone = 20
     """largest number of accepted steps of a solution at which the boundary is kept, for reports; 0 for none"""
     report: bool = False
     """report.html, to look at in a browser"""

@@ -240,14 +240,17 @@ class Kinematics(ABC):
         """Return the value of the reference and the value of the current body."""
         return (mesh, other) if self.sign > 0 else (other, mesh)
 
-    def at_load(self, load: Any) -> tuple[Any, Any]:
+    def at_load(self, load: Any, growing: Any = 0) -> tuple[Any, Any]:
         """Return two factors at a load factor: of forces given by the current position, and of motions in space.
 
         In forward problems such forces, of an obstacle say, act at every load, on a body that reaches its position
         while the obstacle moves. In inverse ones the current position is known, and so are these forces: they grow with
         the load, and motions are complete.
+
+        Args:
+            growing: 1 if such forces grow with the load in forward problems too, else 0.
         """
-        return (1, load) if self.sign > 0 else (load, 1)
+        return (1 + growing * (load - 1), load) if self.sign > 0 else (load, 1)
 
     @cached_property
     def X(self) -> Any:

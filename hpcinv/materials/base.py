@@ -46,7 +46,11 @@ def _with_moduli(schema: dict[str, Any], law: type[Any]) -> None:
     """Add elastic moduli to the JSON schema of a law, as alternatives to the parameters that they determine."""
     if law.replaceable is not None:
         schema["properties"] |= moduli_schema()
+        needed = [key for key in schema.get("required", ()) if key in law.replaceable]
         schema["required"] = [key for key in schema.get("required", ()) if key not in law.replaceable]
+        if needed:
+            others = [[name] for name in NAMES if name not in needed]
+            schema["anyOf"] = [{"required": keys} for keys in (needed, *others)]
 
 
 class MaterialLaw(Ingredient):

@@ -1,5 +1,6 @@
 """A law whose energy is a formula in the job."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, ClassVar, Literal
@@ -21,6 +22,7 @@ from hpcinv.quantity.quantity import AnyMeasured, Measured
 from hpcinv.quantity.units import Dimension, parse_unit
 
 _NUMBER, _STRESS = Dimension(), parse_unit("Pa")[1]
+_STRETCH = re.compile(r"lambda_?[123](_bar)?")
 _SMALL = 1e-6  # strain of the differences for small-strain moduli
 
 
@@ -66,6 +68,11 @@ class Formula(IsochoricLaw):
             raise ValueError(
                 f"'{twice[0]}' is a parameter of this law and a formula (let.{twice[0]}); rename one of them"
             )
+        if stretches := sorted(name for name in energy.names - parameters.keys() if _STRETCH.fullmatch(name)):
+            raise ValueError(
+                f"'{stretches[0]}' is a principal stretch, which is not an invariant of formulas: take 'law: ogden' for"
+                f" sums of their powers, or an energy of {', '.join(ISOTROPIC)}"
+            )
         known: dict[str, Dimension | None] = {name: p.dimension for name, p in parameters.items()}
         known |= {name: _NUMBER for name in (*ISOTROPIC, *energy.names) if families_in(name) is not None}
         try:
@@ -86,7 +93,7 @@ class Formula(IsochoricLaw):
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         yield from super()._contradictions(info)
-        for name in sorted(self.parameters.keys() - self.energy.names):
+        for name in sorted(self.parameters.keys() - self.energy.names - self.energy.further_units):
             yield ("parameters", name), "does not occur in the energy"
         if self.kappa is None and self.volumetric != type(self).model_fields["volumetric"].default:
             yield ("volumetric",), "is not valid without kappa"

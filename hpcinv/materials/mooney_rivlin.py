@@ -32,7 +32,7 @@ class MooneyRivlin(MaterialLaw):
     c2: StressField
     """coefficient of I2_bar - 3"""
     d1: BulkModulusField
-    """half the bulk modulus, the coefficient of (J - 1)², or 'incompressible'"""
+    """half the bulk modulus, the coefficient of (J - 1)² (Abaqus's D1 is 1/d1), or 'incompressible'"""
     volumetric: Volumetric = "quadratic"
     """volumetric energy U"""
 

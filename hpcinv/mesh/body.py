@@ -12,7 +12,7 @@ import dolfinx
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 
 from hpcinv.errors import MeshError
 from hpcinv.files.names import exists
@@ -22,8 +22,8 @@ from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body_length import body_length
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cell_count import MeshingMonitor, no_report
-from hpcinv.mesh.cells import coordinate_element
-from hpcinv.mesh.checks import check, check_nodes
+from hpcinv.mesh.cells import coordinate_element, kind_and_degree, scalar_element
+from hpcinv.mesh.checks import CHUNK, check, check_nodes
 from hpcinv.mesh.distributed.partition import Partition, partition_of, partitioner
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
@@ -32,7 +32,7 @@ from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.refine.degree import of_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, of_file, of_surface
 from hpcinv.mesh.regions import LocalIndices, Mesh, Region, build_regions, find
-from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.quantity.expressions import Expression
 from hpcinv.quantity.nondimensional import power_of_two
@@ -40,13 +40,22 @@ from hpcinv.quantity.nondimensional import power_of_two
 
 @dataclass(frozen=True)
 class Body:
-    """A distributed body; the coordinates of ``mesh`` are divided by ``length_scale`` (m), a power of two."""
+    """A distributed body; the coordinates of ``mesh`` are divided by ``length_scale`` (m), a power of two.
+
+    Straight cells have the nodes of curved ones if the displacement has a higher degree: so they can become the cells
+    of the other body.
+
+    Attributes:
+        source: the mesh as it was read, whose cells may have fewer nodes than those of ``mesh``.
+        source_geometry: nodes of the source's cells in the partition of ``mesh``, where they were read.
+    """
 
     mesh: Mesh
     length_scale: float
     regions: Mapping[str, Region]
     partition: Partition
     source: MeshSource
+    source_geometry: dolfinx.mesh.Geometry
     read_finer_geometry: Callable[[], FinerGeometry] | None = None  # to be called on rank 0
 
     @cached_property
@@ -70,10 +79,19 @@ class Body:
         assert source is not None
         return with_geometry(self, source), ""
 
+    @property
+    def degree(self) -> int:
+        """Degree of the geometry of ``mesh``."""
+        return kind_and_degree(self.mesh)[1]
+
+    def of_degree(self, degree: int) -> Body:
+        """The body with cells of at least this geometry degree, whose nodes are on the given cells; collective."""
+        return self if self.degree >= degree else replace(self, mesh=_raised(self.mesh, degree))
+
     @cached_property
     def length(self) -> float:
         """Length of the body as its mesh lies at the first access, in scaled units; collective then."""
-        return body_length(self.mesh, self.source.kind, self.source.degree)
+        return body_length(self.mesh, self.source.kind, self.degree)
 
     @cached_property
     def computed(self) -> dict[str, Any]:
@@ -168,6 +186,7 @@ def build_body(
     comm: MPI.Intracomm,
     *,
     resolve: Callable[[str], Path] = Path,
+    degree: int = 1,
     given: MeshSource | None = None,
     report: Callable[[str], None] = no_report,
 ) -> Body:
@@ -177,6 +196,7 @@ def build_body(
 
     Args:
         resolve: makes the path in the job one that can be opened.
+        degree: of the displacement; cells of a lower degree get the nodes of that degree, at places of the given cells.
         given: on rank 0, a mesh to use in place of the file's, such as a refined one.
         report: called on rank 0 with the expected number of cells before a generator makes them.
 
@@ -197,7 +217,47 @@ def build_body(
     )
     named = build_regions(mesh, source, regions, length_scale)
     finer = None if source.is_partitioned else lambda: read_finer_geometry(spec, resolve(spec.file), source)
-    return Body(mesh, length_scale, named, partition_of(mesh, method), source, finer)
+    body = Body(mesh, length_scale, named, partition_of(mesh, method), source, mesh.geometry, finer)
+    return body.of_degree(degree)
+
+
+def _raised(mesh: Mesh, degree: int) -> Mesh:
+    """The same distributed cells with a geometry of a higher degree, whose nodes are on those cells; collective."""
+    kind = mesh.basix_cell().name
+    element = coordinate_element(kind, degree)
+    space = fem.functionspace(mesh, element)
+    nodes = la.vector(space.dofmap.index_map, 3)
+    _transfer(kind, mesh.geometry.x, mesh.geometry, space.dofmap.list, degree, nodes.array.reshape(-1, 3))
+    nodes.scatter_forward()  # so that ranks agree to the last digit
+    numbers = space.dofmap.index_map.local_to_global(np.arange(len(nodes.array) // 3, dtype=np.int32))
+    return _with_nodes(mesh, space.dofmap, element, nodes.array.reshape(-1, 3), numbers)
+
+
+def _with_nodes(mesh: Mesh, dofmap: fem.DofMap, element: Any, nodes: Floats, numbers: Ints) -> Mesh:
+    """A mesh with the topology of another one, and numbered nodes at the degrees of freedom of a space on that."""
+    cells = fem.coordinate_element(element.basix_element)
+    geometry = dolfinx.mesh.create_geometry(dofmap.index_map, dofmap.list, cells, nodes, numbers)
+    whole = dolfinx.cpp.mesh.Mesh_float64(mesh.comm, mesh.topology._cpp_object, geometry._cpp_object)
+    return dolfinx.mesh.Mesh(whole, ufl.Mesh(element))
+
+
+def _transfer(
+    kind: str, values: Floats, given: dolfinx.mesh.Geometry, nodes: Ints, degree: int, result: Floats
+) -> None:
+    """Set ``result`` at the ``nodes`` (cells, k) of cells of a degree, from values at the nodes of the same cells.
+
+    If all nodes of a cell that matter at a place have one value, that place has exactly this value.
+    """
+    shapes: Floats = scalar_element(kind, given.cmaps[0].degree).tabulate(0, scalar_element(kind, degree).points)[
+        0, :, :, 0
+    ]
+    shapes = np.where(np.abs(shapes - np.rint(shapes)) < 1e-13, np.rint(shapes), shapes)
+    main = np.abs(shapes).argmax(axis=1)
+    for start in range(0, len(nodes), CHUNK):
+        nodal = values[given.dofmaps[0][start : start + CHUNK]]
+        first = nodal[:, main]
+        steps = np.einsum("pn,cpni->cpi", shapes, nodal[:, None] - first[:, :, None])
+        result[nodes[start : start + CHUNK]] = first + steps
 
 
 def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> FinerGeometry:
@@ -239,16 +299,38 @@ def in_source_order(body: Body, values: npt.NDArray[np.float64]) -> Floats:
 
     Rank 0 gets all of them, or each rank some of them if the mesh is a partitioned one.
     """
-    geometry = body.mesh.geometry
+    geometry = body.source_geometry
     owned = geometry.index_map().size_local
     rows = Rows.of(body.mesh.comm, len(body.source.points))
-    return rows.deliver(values[:owned], geometry.input_global_indices[:owned])
+    return rows.deliver(at_source_nodes(body, values)[:owned], geometry.input_global_indices[:owned])
+
+
+def at_source_nodes(body: Body, values: Floats) -> Floats:
+    """Values at the local nodes of the source's cells, from values at the local geometry nodes."""
+    if body.degree == body.source.degree:
+        return values
+    geometry = body.source_geometry
+    result = np.empty((len(geometry.x), values.shape[1]))
+    _transfer(body.source.kind, values, body.mesh.geometry, geometry.dofmaps[0], body.source.degree, result)
+    return result
+
+
+def source_values(body: Body, values: Floats) -> Floats:
+    """Values at the local nodes of the source's cells, from values (n, c) at this rank's rows of them; collective."""
+    rows = Rows.of(body.mesh.comm, len(body.source.points))
+    return rows.fetch(values, body.source_geometry.input_global_indices)
 
 
 def at_local_nodes(body: Body, values: Floats) -> Floats:
     """Values at the local geometry nodes, from values (n, c) at the nodes of this rank's source; collective."""
-    rows = Rows.of(body.mesh.comm, len(body.source.points))
-    return rows.fetch(values, body.mesh.geometry.input_global_indices)
+    here = source_values(body, values)
+    if body.degree == body.source.degree:
+        return here
+    nodes = la.vector(body.mesh.geometry.index_map(), values.shape[1])
+    there = nodes.array.reshape(-1, values.shape[1])
+    _transfer(body.source.kind, here, body.source_geometry, body.mesh.geometry.dofmaps[0], body.degree, there)
+    nodes.scatter_forward()
+    return np.array(there)
 
 
 def with_geometry(body: Body, source: MeshSource) -> Body:
@@ -263,9 +345,5 @@ def with_geometry(body: Body, source: MeshSource) -> Body:
     here = np.asarray(mesh.topology.original_cell_index)
     nodes[dofmap.list] = Rows.of(comm, len(source.cells)).fetch(source.cells, here)
     points = Rows.of(comm, len(source.points)).fetch(source.points, nodes)
-    geometry = dolfinx.mesh.create_geometry(
-        dofmap.index_map, dofmap.list, fem.coordinate_element(element.basix_element), points / body.length_scale, nodes
-    )
-    topology = mesh.topology._cpp_object
-    curved = dolfinx.cpp.mesh.Mesh_float64(comm, topology, geometry._cpp_object)
-    return replace(body, mesh=dolfinx.mesh.Mesh(curved, ufl.Mesh(element)), source=source, read_finer_geometry=None)
+    curved = _with_nodes(mesh, dofmap, element, points / body.length_scale, nodes)
+    return replace(body, mesh=curved, source=source, source_geometry=curved.geometry, read_finer_geometry=None)

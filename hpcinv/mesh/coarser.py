@@ -40,4 +40,5 @@ def coarser_body(
         found.append(source)
 
     on_root(comm, on_rank_0)
-    return build_body(spec, regions, comm, resolve=resolve, given=found[0] if found else None)
+    given = found[0] if found else None
+    return build_body(spec, regions, comm, resolve=resolve, degree=body.degree, given=given)

@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.body import Body
+from hpcinv.mesh.body import Body, at_local_nodes
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.source import DataArray, Floats
 from hpcinv.quantity.suggestions import did_you_mean
@@ -24,8 +24,9 @@ def distribute(body: Body, name: str) -> DataArray:
     array, mesh = _find(body, name), body.mesh
     rows = Rows.of(mesh.comm, len(array.values))
     _check(body, array, rows)
-    mine = mesh.geometry.input_global_indices if array.on == "nodes" else mesh.topology.original_cell_index
-    return dataclasses.replace(array, values=rows.fetch(array.values, np.asarray(mine)))
+    if array.on == "nodes":
+        return dataclasses.replace(array, values=at_local_nodes(body, array.values))
+    return dataclasses.replace(array, values=rows.fetch(array.values, np.asarray(mesh.topology.original_cell_index)))
 
 
 def as_function(body: Body, array: DataArray) -> fem.Function:
@@ -37,7 +38,7 @@ def as_function(body: Body, array: DataArray) -> fem.Function:
     components = array.values.shape[1]
     shape = SHAPES[components]
     if array.on == "nodes":
-        element = basix.ufl.element("Lagrange", mesh.basix_cell(), body.source.degree, shape=shape)
+        element = basix.ufl.element("Lagrange", mesh.basix_cell(), body.degree, shape=shape)
     else:
         element = basix.ufl.element("DG", mesh.basix_cell(), 0, shape=shape)
     function = fem.Function(fem.functionspace(mesh, element), name=array.name)
@@ -48,7 +49,7 @@ def as_function(body: Body, array: DataArray) -> fem.Function:
 
 def at_geometry_nodes(body: Body, function: fem.Function) -> Floats:
     """Values (local nodes, 1) of a continuous scalar function at the geometry nodes of its mesh; collective."""
-    mesh, degree = body.mesh, body.source.degree
+    mesh, degree = body.mesh, body.degree
     element = basix.ufl.element("Lagrange", mesh.basix_cell(), degree)
     nodal = fem.Function(fem.functionspace(mesh, element))
     nodal.interpolate(function)

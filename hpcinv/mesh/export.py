@@ -28,7 +28,7 @@ def write_mesh(path: Path, body: Body, coordinates: Floats, more: Mapping[str, F
         more: further data arrays (n, components) at the local geometry nodes, by name.
 
     Raises:
-        OutputError: on every rank, if it cannot be written.
+        OutputError: on every rank, if it cannot be written; an `UnstorableMesh` if its format cannot hold the mesh.
     """
     points, comm = in_source_order(body, coordinates), body.mesh.comm
     arrays = {name: DataArray(name, "nodes", in_source_order(body, values)) for name, values in more.items()}
@@ -46,12 +46,19 @@ def save(path: Path, source: MeshSource, points: Floats) -> None:
     The coordinates in the file are in ``source.unit``, which the file states.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: it cannot be written; an `UnstorableMesh` if its format cannot hold the mesh.
     """
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
         SAVERS[path.suffix](partial, source, points / (source.unit or 1.0))
         partial.replace(path)
-    except Exception as exc:  # gmsh and VTK raise nothing narrower
+    except OSError as exc:
         partial.unlink(missing_ok=True)
         raise OutputError(f"{path}: cannot be written: {exc}", "Does the directory exist, and is there space?") from exc
+    except Exception as exc:  # gmsh and VTK raise nothing narrower
+        partial.unlink(missing_ok=True)
+        raise UnstorableMesh(f"{path}: cannot be written: {exc}", "Choose other formats by output.mesh.") from exc
+
+
+class UnstorableMesh(OutputError):
+    """A format cannot hold a mesh, such as the names of its regions; other files can still be written."""

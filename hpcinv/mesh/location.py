@@ -48,7 +48,7 @@ def position(body: Body, place: Location, nodes: Floats) -> Floats:
     """Return the position (3,) of a material point of the body with its geometry nodes at ``nodes``; collective."""
     found = None
     if body.mesh.comm.rank == place.rank:
-        shapes = scalar_element(body.source.kind, body.source.degree).tabulate(0, place.xi[None])[0, 0, :, 0]
+        shapes = scalar_element(body.source.kind, body.degree).tabulate(0, place.xi[None])[0, 0, :, 0]
         found = shapes @ nodes[body.mesh.geometry.dofmaps[0][place.cell]]
     return np.asarray(body.mesh.comm.bcast(found, root=place.rank))
 

@@ -9,13 +9,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.errors import HpcinvError, MeshError, described
+from hpcinv.files.inputs import recorded_inputs
 from hpcinv.job.mesh_generators import Value
 from hpcinv.job.msh_format import fault_of
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.parts import by_tags
 from hpcinv.mesh.io.cad_surface import cad_surface
+from hpcinv.mesh.io.generator_files import note_script, noted_files
 from hpcinv.mesh.io.gmsh_model import extract, read_views, session
 from hpcinv.mesh.io.isolated import check_readable_by_gmsh
 from hpcinv.mesh.io.length_unit import stored_unit
@@ -28,10 +30,14 @@ from hpcinv.parallel.runtime import MPI
 def build_python(
     path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor, size_factor: float = 1.0
 ) -> MeshSource:
-    """Mesh a generator: a Python file whose ``build(gmsh, *, size: Size = 0.002, …)`` meshes the model, in metres."""
-    with session(path.stem, size_factor) as gmsh:
+    """Mesh a generator: a Python file whose ``build(gmsh, *, size: Size = 0.002, …)`` meshes the model, in metres.
+
+    Relative paths in it start from its directory.
+    """
+    file = str(path.absolute())
+    with session(path.stem, size_factor) as gmsh, recorded_inputs(path, anew=True) as inputs, noted_files(gmsh):
         try:
-            build = runpy.run_path(str(path)).get("build")
+            build = runpy.run_path(file).get("build")
             if not callable(build):
                 raise MeshError(
                     f"{path}: no function 'build'",
@@ -42,24 +48,25 @@ def build_python(
         except HpcinvError:
             raise
         except BaseException as exc:  # user code may raise anything, KeyboardInterrupt and GeneratorExit too
-            lines = [f.lineno for f in traceback.extract_tb(exc.__traceback__) if f.filename == str(path)]
+            lines = [f.lineno for f in traceback.extract_tb(exc.__traceback__) if f.filename == file]
             line = f", line {lines[-1]}" if lines else ""
-            raise MeshError(
-                f"{path}{line}: {type(exc).__name__}: {exc}", "Correct the generator or its parameters."
-            ) from exc
+            raise MeshError(f"{path}{line}: {described(exc)}", "Correct the generator or its parameters.") from exc
         if not gmsh.isInitialized():
             raise MeshError(f"{path}: build() finalised gmsh", "Leave gmsh running: its mesh is read after build().")
-        return _of_degree(gmsh, path, degree)
+        source = _of_degree(gmsh, path, degree)
+    return dataclasses.replace(source, inputs=inputs)
 
 
 def build_geo(
     path: Path, parameters: Mapping[str, Value], degree: int | None, monitor: MeshingMonitor, size_factor: float = 1.0
 ) -> MeshSource:
     """Mesh a gmsh script (metres) whose ``DefineConstant`` values are the parameters."""
-    with session(path.stem, size_factor) as gmsh:
+    file = path.absolute()
+    with session(path.stem, size_factor) as gmsh, recorded_inputs(path) as inputs:
+        note_script(file)
         for name, value in parameters.items():
             gmsh.parser.setNumber(name, [value])
-        _merge(gmsh, path)  # not open, which would discard the numbers set above
+        _merge(gmsh, file, path)  # not open, which would discard the numbers set above
         try:
             with monitored(gmsh, path, monitor):
                 if not len(gmsh.model.mesh.getElementTypes(3)):
@@ -68,7 +75,8 @@ def build_geo(
             raise
         except Exception as exc:  # gmsh raises nothing narrower
             raise MeshError(f"{path}: gmsh could not mesh it: {exc}", "Check the geometry and the parameters.") from exc
-        return _of_degree(gmsh, path, degree)
+        source = _of_degree(gmsh, path, degree)
+    return dataclasses.replace(source, inputs=inputs)
 
 
 def read_msh(path: Path) -> MeshSource:

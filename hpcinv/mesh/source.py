@@ -1,7 +1,8 @@
 """A mesh as it was read: plain arrays, in the order and with the tags of its file."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Self
@@ -94,6 +95,7 @@ class MeshSource:
     parts: tuple[int, ...] = ()
     unit: float | None = None
     voxel: float = 0.0  # size (m) of the voxels of the image from which it was made, 0 without one
+    inputs: Mapping[str, str] = field(default_factory=dict)  # files that its generator read, see `files.inputs`
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
 
     @property
@@ -155,6 +157,22 @@ class MeshSource:
             name: dataclasses.replace(a, values=change(a.values)) if a.on == "nodes" else a
             for name, a in self.data.items()
         }
+
+
+def with_distinct_tags(groups: Sequence[Group]) -> tuple[Group, ...]:
+    """Return groups whose tags differ within a dimension and are valid in all formats: from 1 to 2³¹ - 1.
+
+    Tags that are valid and not taken by an earlier group are kept.
+    """
+    kept: list[Group] = []
+    for group in groups:
+        taken = {other.tag for other in kept if other.dim == group.dim}
+        if not 0 < group.tag < 2**31 or group.tag in taken:
+            later = {other.tag for other in groups if other.dim == group.dim}
+            tag = next(number for number in itertools.count(1) if number not in taken | later)
+            group = dataclasses.replace(group, tag=tag)
+        kept.append(group)
+    return tuple(kept)
 
 
 def _positions(rows: Ints, count: int) -> Ints:

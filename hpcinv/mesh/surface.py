@@ -137,7 +137,7 @@ def surface_of(source: MeshSource, cells: Ints | None = None) -> Surface:
 
 def gather_surface(body: Body, nodes: Floats, evaluate: Evaluation | None = None) -> Surface | None:
     """Gather on rank 0 the boundary of a body with its local geometry nodes at ``nodes`` (n, 3) m; collective."""
-    mesh, kind, degree = body.mesh, body.source.kind, body.source.degree
+    mesh, kind, degree = body.mesh, body.source.kind, body.degree
     topology, geometry = mesh.topology, mesh.geometry
     topology.create_connectivity(2, 3)
     topology.create_connectivity(3, 2)

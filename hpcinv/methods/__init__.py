@@ -6,8 +6,13 @@ from hpcinv.methods.fixed_point import FixedPointMethod
 from hpcinv.methods.method import Method, Start
 from hpcinv.methods.updates import UPDATES
 from hpcinv.model.outcome import Outcome
+from hpcinv.solver.failing_motion import failing_motion
+from hpcinv.solver.newton import is_given_up
 from hpcinv.solver.observer import SILENT, Observer, SolvedDirection, SolveEvent, is_stop_asked
 from hpcinv.solver.problem import Model
+
+_FAILURES = 4
+"""Failed solves after which it is said what moves. Fewer would say it of jobs that only halve a first step."""
 
 
 def method_for(model: Model, direction: Direction, observer: Observer = SILENT) -> Method:
@@ -27,6 +32,7 @@ def solve_direction(model: Model, direction: Direction, start: Start, observer: 
     observer.begun(direction, method.equilibrium.linear.used)
     solves, stopped = list(start.solves), False
     can_restart = start.load > 0 or any(map(method.can_restart_after, start.solves))
+    failures = 0
     for solve in method.solves(start):
         interrupted = solve.outcome is Outcome.INTERRUPTED
         if not interrupted:  # the resumed run repeats an interrupted one
@@ -39,6 +45,14 @@ def solve_direction(model: Model, direction: Direction, start: Start, observer: 
         observer.solved(event)
         stopped = is_stop_asked(comm, observer) or interrupted
         if stopped:
+            break
+        failures += not solve.outcome.accepted
+        ends = not solve.outcome.accepted and is_given_up(solves, model.job.solver.patience)
+        is_time = failures == _FAILURES and not solve.outcome.accepted
+        if (is_time or (ends and failures < _FAILURES)) and isinstance(method, DirectMethod):
+            lines = failing_motion(model.job, model.body, method.equilibrium, method.reached, failures)
+            observer.failing(lines)
+        if ends:
             break
     equilibrium = method.equilibrium
     # If nothing was solved, PETSc has used no options.

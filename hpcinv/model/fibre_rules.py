@@ -227,7 +227,7 @@ def _frames(
     """
     kind, geometry = body.source.kind, body.mesh.geometry
     nodes = geometry.x[geometry.dofmaps[0][cells]]
-    inverse = np.linalg.inv(jacobians(kind, body.source.degree, nodes, at))
+    inverse = np.linalg.inv(jacobians(kind, body.degree, nodes, at))
     size = np.linalg.norm(nodes.max(axis=1) - nodes.min(axis=1), axis=1)[:, None]
 
     values, slopes = dict[str, Floats](), dict[str, Floats]()

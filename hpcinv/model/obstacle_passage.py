@@ -64,7 +64,7 @@ class SurfacePoints:
         cells = np.array([of_facet.links(facet)[0] for facet in facets], dtype=np.int64)
         sides = np.array([of_cell.links(c).tolist().index(f) for c, f in zip(cells, facets, strict=True)], dtype=int)
         corners, places = sub_entities(kind, 2), basix.geometry(basix.CellType[kind])
-        geometry = scalar_element(kind, body.source.degree)
+        geometry = scalar_element(kind, body.degree)
         shape = unknowns.scalar_elements[0]
         at_corners = geometry.tabulate(0, places)[0, :, :, 0]
         self._parts = []

@@ -56,6 +56,7 @@ class Parameters:
     Args:
         ingredients: laws, effects and families of fibres, with their names in messages.
         kin: positions for their formulas.
+        may_grow: whether forces that act at any load factor can be made to grow with it (see `growing`).
 
     Attributes:
         constant: the one constant of the forms, whose first entries are the load factors.
@@ -71,12 +72,15 @@ class Parameters:
         fields: BodyFields,
         scales: Scales,
         cases: int,
+        *,
+        may_grow: bool = False,
     ) -> None:
         self.fields, self._scales, self._cases = fields, scales, cases
         self._values = [0.0] * cases
         self._metre: int | None = None
         self._functions: dict[str, tuple[fem.Function, Dimension]] = {}
         self._places = [self._places_of(where, ingredient) for where, ingredient in ingredients]
+        self._growing = self._append(0.0) if may_grow else None
         self._numbers = {where: number for number, (where, _) in enumerate(ingredients)}
         self.constant = fem.Constant(fields.body.mesh, self._values)
         self._namespaces = [
@@ -92,6 +96,21 @@ class Parameters:
         """Set the load factors of all cases, which are applied in turn, for the share ``value`` of the whole load."""
         self.constant.value[: self._cases] = [load_factor(value, case, self._cases) for case in range(self._cases)]
 
+    @property
+    def growing(self) -> Any:
+        """1 while forces that act at any load factor grow with it, else 0."""
+        return 0 if self._growing is None else self.constant[self._growing]
+
+    @property
+    def may_grow(self) -> bool:
+        """True if there are such forces."""
+        return self._growing is not None
+
+    def grow(self, *, growing: bool) -> None:
+        """Let forces that act at any load factor grow with it, or act in full again."""
+        if self._growing is not None:
+            self._values[self._growing] = self.constant.value[self._growing] = float(growing)
+
     def of(self, index: int) -> Any:
         """Return the quantities of the ``index``-th ingredient by name, vectors as UFL vectors."""
         return self._namespaces[index]
@@ -104,6 +123,8 @@ class Parameters:
         self._values, self._metre = [0.0] * self._cases, None
         for where, ingredient in ingredients:
             self._places_of(where, ingredient)
+        if self._growing is not None:
+            self._append(0.0)
         assert len(self._values) == count
         self.constant.value[:] = self._values
 

@@ -115,13 +115,16 @@ class Scene:
         self.kinematics = kin = kinematics(unknowns.u, integration)
         if known is not None:
             kin.given = OtherState(kin, known)
-        self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count)
+        may_grow = kin.sign > 0 and any(effect.presses_at_any_load for effect in job.effects)
+        self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count, may_grow=may_grow)
         count = len(job.laws)
         of_effects = [
             (effect, par.load(job.case_of(effect)), par.of(count + i)) for i, effect in enumerate(job.effects)
         ]
         degree = job.discretisation.displacement
         for (where, _), (effect, _, p) in zip(job.named_effects, of_effects, strict=True):
+            if effect.presses_at_any_load:
+                p.growing = par.growing
             for name, (components, of_degree) in effect.functions(degree).items():
                 setattr(p, name, fields.updated(f"{where}.{name}", components, of_degree))
         named = tuple(zip((where for where, _ in job.named_effects), of_effects, strict=True))

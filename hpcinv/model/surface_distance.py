@@ -64,17 +64,6 @@ class SurfaceDistance:
         return np.asarray(signed, dtype=np.float64), normals
 
 
-def read_points(path: Path) -> Floats:
-    """Read the distinct points (n, 3) of a surface or of a cloud of points, on this process.
-
-    Raises:
-        MeshError: the file cannot be read, or has no points.
-    """
-    from hpcinv.mesh.io.surface_files import read_dataset  # loads VTK
-
-    return np.unique(np.asarray(read_dataset(path).points, dtype=np.float64), axis=0)
-
-
 def barycentric(corners: Floats, points: Floats) -> Floats:
     """Return barycentric coordinates (n, 3) of points in their triangles (n, 3, 3)."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

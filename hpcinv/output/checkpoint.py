@@ -21,6 +21,7 @@ import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import adios4dolfinx
+import numpy as np
 from dolfinx.fem import Function
 
 from hpcinv.errors import CheckpointError, OutputError
@@ -34,7 +35,7 @@ from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.newton import NewtonIteration, Solve
 from hpcinv.solver.problem import Model
 
-_FORMAT = 4
+_FORMAT = 5
 _NAME = re.compile(r"\d{4,}")
 _WITH_ITS_VERSION = "Resume with the version that wrote it."
 
@@ -197,6 +198,24 @@ def cells_digest(body: Body) -> str:
     """Return a checksum of the cells of a body's mesh, in whose order functions are saved; collective."""
     cells = body.source.cells
     return Rows.of(body.mesh.comm, len(cells)).checksum(cells)
+
+
+def nodes_digest(body: Body) -> str:
+    """Return sums of the positions of a body's nodes with irregular weights, rounded, so that other nodes differ.
+
+    Unlike a checksum it is the same where a generator rounds differently, as on another processor; collective.
+    """
+    points, comm = body.source.points, body.mesh.comm
+    first = comm.exscan(len(points)) or 0
+    weights = np.cos(_IRREGULAR * (1 + first + np.arange(len(points)))) if len(points) else np.zeros(0)
+    sums = comm.allreduce(weights @ points) / body.length_scale
+    return " ".join(f"{value + 0.0:.{_DIGITS}f}" for value in sums)
+
+
+_IRREGULAR = 1.6180339887
+"""radians between the weights of successive nodes: any number that has no simple ratio to a turn"""
+_DIGITS = 8
+"""digits in lengths of the body; with more, rounding errors count as other nodes"""
 
 
 class _Damaged(Exception):

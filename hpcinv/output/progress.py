@@ -6,7 +6,7 @@ import math
 import socket
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -256,6 +256,10 @@ class Progress(Observer):
             self.note(f"  load {solve.load:.4g} not reached: {solve.outcome.text}; {effort}, {seconds:.1f} s")
         if self._bar is not None and solve.outcome.accepted:
             self._bar.update(self._bar.task_ids[0], completed=solve.load)
+
+    def failing(self, lines: Sequence[str]) -> None:
+        for line in lines:
+            self.note(f"  {line}")
 
     def finish(self, statistics: Mapping[str, Any]) -> None:
         self.close()

@@ -15,6 +15,7 @@ from hpcinv.errors import CheckpointError, JobError, OutputError
 from hpcinv.files.atomic import create, output_errors, replace
 from hpcinv.files.directory_lock import NAME as LOCK
 from hpcinv.files.directory_lock import DirectoryLock, check_unlocked
+from hpcinv.files.inputs import changed_inputs, digest_of
 from hpcinv.files.json_data import json_data
 from hpcinv.files.names import check_output
 from hpcinv.job.fingerprint import check_same_problem, fingerprint
@@ -90,7 +91,14 @@ class RunDirectory:
                 found = fingerprint(self.job(None))
             except (OutputError, JobError):  # no job is left to compare with
                 return
-        check_same_problem(self.path / _SUMMARY, json_data(found), json_data(fingerprint(job)))
+        inputs = (summary.get("mesh") or {}).get("inputs") or {}
+        home = job.resolve(job.mesh.file).absolute().parent
+        present = inputs | {name: digest_of(home / name) for name in changed_inputs(inputs, home)}
+        check_same_problem(
+            self.path / _SUMMARY,
+            json_data(found | {"inputs": inputs}),
+            json_data(fingerprint(job) | {"inputs": present}),
+        )
 
     def check_keeps_checkpoints(self, job: Job) -> None:
         """Raise ``CheckpointError`` if a resume with a job would remove the checkpoints here.

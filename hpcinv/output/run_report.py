@@ -9,6 +9,7 @@ from typing import NoReturn
 
 from hpcinv.accuracy import AccuracyRecord
 from hpcinv.certificate import Certificate, Line, Verdict
+from hpcinv.effects import Direction
 from hpcinv.errors import HpcinvError, Interrupted, OutputError, SolveError
 from hpcinv.job.job import Job
 from hpcinv.output.progress import Progress
@@ -23,6 +24,8 @@ from hpcinv.results.quantities_of_interest import NOT_FINITE, Value, fault_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.solver.diagnosis import diagnose
+from hpcinv.solver.linear.selection import Used
+from hpcinv.solver.newton import is_given_up
 from hpcinv.solver.observer import Observer, SolvedDirection
 from hpcinv.solver.problem import Model
 
@@ -33,6 +36,7 @@ class RunReport(Observer):
 
     Args:
         unused_options: PETSc options of the job that were not used so far.
+        hints: explanation why load steps keep failing; two lines where the supports are the reason.
     """
 
     job: Job
@@ -42,6 +46,13 @@ class RunReport(Observer):
     totals: Totals
     record: AccuracyRecord | None
     unused_options: Sequence[str]
+    hints: Sequence[str] = ()
+
+    def begun(self, direction: Direction, linear: Used) -> None:
+        self.hints = ()
+
+    def failing(self, lines: Sequence[str]) -> None:
+        self.hints = lines
 
     def ended(self, found: SolvedDirection) -> None:
         if found.unused_options is not None:
@@ -81,8 +92,12 @@ class RunReport(Observer):
             line = Line("load factor", solution.load, "", "must reach 1", Verdict.FAIL, why.text)
         if solution.state:
             where, line = f"state '{solution.state}': {where}", replace(line, state=solution.state)
-        self._finish(self._unfinished(solutions, line), why.text, why.advice)
-        raise SolveError(f"{where}: {why.text}", why.advice)
+        patience = self.job.solver.patience
+        advice = "\n  ".join(self.hints) if len(self.hints) > 1 else why.advice
+        if is_given_up(solution.solves, patience):
+            advice = f"Given up after {patience} factorizations in failed solves (solver.patience). {advice}"
+        self._finish(self._unfinished(solutions, line), why.text, advice)
+        raise SolveError(f"{where}: {why.text}", advice)
 
     def check_not_stopped(self, before: Sequence[Solution], found: SolvedDirection, state: str) -> None:
         """Raise ``Interrupted`` if a request to stop ended the run before its last solve.
@@ -139,6 +154,7 @@ class RunReport(Observer):
         result = replace(result, directory=store.path, accuracy=self.record, totals=self.totals)
         size = model.unknowns.size
         found = statistics(result, status, size, self.unused_options, model.timings, store.comm, advice=advice)
+        found["unwritten"] = [error.message for error in store.unwritten]
         if (path := store.path) is not None:
             store.check_in_place()
             if status == "converged" and self.job.output.fields:

@@ -1,5 +1,6 @@
 """Store of a run: its directory, locked during the run, and checked before each writing."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
 
@@ -9,7 +10,8 @@ from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import write_mesh
 from hpcinv.mesh.data import at_geometry_nodes
-from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest
+from hpcinv.mesh.export import UnstorableMesh
+from hpcinv.output.checkpoint import Checkpoints, Restart, cells_digest, nodes_digest
 from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import versions
@@ -27,6 +29,9 @@ class RunStore:
     Args:
         directory: ``None`` writes nothing.
 
+    Attributes:
+        unwritten: why files of shapes are missing, although all else is written.
+
     Raises:
         OutputError: from every method, on all ranks, if another process has locked the directory, or it was removed.
     """
@@ -36,6 +41,7 @@ class RunStore:
         self.comm = comm
         self._lock: DirectoryLock | None = None  # on rank 0
         self._is_new = False  # on rank 0
+        self.unwritten: list[UnstorableMesh] = []
 
     def __enter__(self) -> Self:
         return self
@@ -76,8 +82,10 @@ class RunStore:
         """
         if (directory := self.directory) is None:
             return None, None
-        # Functions are saved cell by cell, so that a generator must make the same cells again.
-        problem = on_root(self.comm, lambda: fingerprint(job)) | {"cells": cells_digest(model.body)}
+        # Functions are saved cell by cell, so that a generator must make the same cells again, at the same nodes.
+        body = model.body
+        problem = on_root(self.comm, lambda: fingerprint(job) | {"inputs": dict(body.source.inputs)})
+        problem |= {"cells": cells_digest(body), "nodes": nodes_digest(body)}
         checkpoints = None
         if not job.accuracy:
             checkpoints = Checkpoints(directory.checkpoints, self.comm, problem, job.checkpoint.keep)
@@ -111,7 +119,9 @@ class RunStore:
         with progress.phase("writing"):
             if self.directory is not None:
                 self.check_in_place()
-                _write_shape(self.directory.path, job, model, solution, progress)
+                for error in _write_shape(self.directory.path, job, model, solution, progress):
+                    self.unwritten.append(error)
+                    progress.warn(error.message)
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -119,7 +129,10 @@ class RunStore:
             self._lock = None
 
 
-def _write_shape(path: Path, job: Job, model: Model, solution: Solution, progress: Progress) -> None:
+def _write_shape(
+    path: Path, job: Job, model: Model, solution: Solution, progress: Progress
+) -> Iterator[UnstorableMesh]:
+    """Write the files of a shape; yield the errors of those whose format cannot hold it."""
     shape = "shape"
     if solution.state:  # the inverse solve finds the rest shape
         shape += f"-{job.rest if solution.direction == 'inverse' else solution.state}"
@@ -128,4 +141,7 @@ def _write_shape(path: Path, job: Job, model: Model, solution: Solution, progres
         arrays = {name: at_geometry_nodes(model.body, pressure) for name, pressure in pressures.items()}
         for suffix in job.shape_formats:
             progress.detail(f"{shape}.{suffix}")
-            write_mesh(path / f"{shape}.{suffix}", model.body, solution.other_nodes, arrays)
+            try:
+                write_mesh(path / f"{shape}.{suffix}", model.body, solution.other_nodes, arrays)
+            except UnstorableMesh as error:  # the solution and its other files are kept
+                yield error

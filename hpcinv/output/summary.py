@@ -54,7 +54,7 @@ def statistics(
         "fingerprint": on_root(comm, lambda: fingerprint(job)),  # other ranks may not see the mesh file
         "versions": versions(),
         "machine": {"ranks": comm.size, "omp_threads": int(os.environ.get("OMP_NUM_THREADS", "1"))},
-        "mesh": _mesh(body) | {"file": job.mesh.file, "unknowns": unknowns},
+        "mesh": comm.bcast(_mesh(body)) | {"file": job.mesh.file, "unknowns": unknowns},
         "body": result.totals and result.totals.as_data(),
         "partition": asdict(body.partition) | {"imbalance": body.partition.imbalance},
         **({"states": _states(job)} if job.states else {}),
@@ -94,9 +94,10 @@ def _version_of(package: str) -> str | None:
 def _mesh(body: Body) -> dict[str, Any]:
     return {
         "cells": body.mesh.topology.index_map(3).size_global,
-        "nodes": body.mesh.geometry.index_map().size_global,
+        "nodes": body.source_geometry.index_map().size_global,
         "kind": body.source.kind,
         "geometry_degree": body.source.degree,
+        "inputs": dict(body.source.inputs),
     }
 
 

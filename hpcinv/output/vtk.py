@@ -116,7 +116,7 @@ class _Fields:
     def __init__(self, body: Body, solution: Solution) -> None:
         self._body, self._solution = body, solution
         mesh = body.mesh
-        self._degree = max(solution.displacement.function_space.ufl_element().degree, body.source.degree)
+        self._degree = max(solution.displacement.function_space.ufl_element().degree, body.degree)
         self._spaces = {shape: self._space(shape) for shape in ((), (3,))}
         self._owned = self._spaces[()].dofmap.index_map.size_local
         self.cells = np.arange(mesh.topology.index_map(3).size_local)

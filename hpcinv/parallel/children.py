@@ -8,7 +8,9 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from typing import IO
 
 from hpcinv.parallel.signals import ASK_TO_STOP, signals_blocked
 
@@ -46,13 +48,21 @@ def ending_with_this(
     return [sys.executable, "-I", "-S", "-c", _LAUNCH, str(os.getpid()), *lists, *command]
 
 
-def run_child(command: Sequence[str], *, keeps_output: bool = True) -> subprocess.CompletedProcess[bytes]:
+def run_child(
+    command: Sequence[str],
+    *,
+    keeps_output: bool = True,
+    receive: Callable[[IO[bytes]], None] | None = None,
+    seconds: float | None = None,
+) -> subprocess.CompletedProcess[bytes]:
     """Run a command to its end, with no input and captured errors; requests to stop do not reach it.
 
     It stays in the group of this process, so that Ctrl-C and the end of a job reach what it starts itself as well.
 
     Args:
         keeps_output: whether its output is captured too.
+        receive: called with its output instead, to read it without a second copy in memory.
+        seconds: on the clock after which it is killed.
 
     Raises:
         OSError: no process can be started.
@@ -65,10 +75,33 @@ def run_child(command: Sequence[str], *, keeps_output: bool = True) -> subproces
             stdout=subprocess.PIPE if keeps_output else subprocess.DEVNULL,
             stderr=subprocess.PIPE,
         )
+    killer = threading.Timer(seconds, child.kill) if seconds is not None else None
     with child:
         try:
-            output, errors = child.communicate()
+            if killer is not None:
+                killer.start()
+            output, errors = _received(child, receive) if receive is not None else child.communicate()
         except BaseException:
             child.kill()
             raise
+        finally:
+            if killer is not None:
+                killer.cancel()
     return subprocess.CompletedProcess(command, child.returncode, output, errors)
+
+
+def _received(child: subprocess.Popen[bytes], receive: Callable[[IO[bytes]], None]) -> tuple[None, bytes]:
+    """Hand over the output of a process to its end, and return what it writes as errors."""
+    assert child.stdout is not None
+    assert child.stderr is not None
+    errors = list[bytes]()
+    # At the same time, since a pipe that nobody reads stops the process.
+    other = threading.Thread(target=lambda stream: errors.append(stream.read()), args=(child.stderr,))
+    other.start()
+    try:
+        receive(child.stdout)
+    finally:
+        child.stdout.close()  # a process that writes more ends
+        other.join()
+    child.wait()
+    return None, b"".join(errors)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
-from hpcinv.errors import HpcinvError, OutputError
+from hpcinv.errors import HpcinvError, OutOfMemory, OutputError
 from hpcinv.parallel.home import provide_home
 from hpcinv.parallel.imports import imports_explained
 from hpcinv.parallel.launchers import adapt_to_launcher, check_size
@@ -75,6 +75,8 @@ def on_root[T](comm: MPI.Intracomm, function: Callable[[], T]) -> T:
                 result = function()
         except (HpcinvError, BrokenPipeError) as exc:
             error = exc
+        except MemoryError as exc:
+            error = OutOfMemory.of(exc)
         except BaseException as exc:  # also SystemExit: the other ranks wait below
             _print_traceback(comm, exc)
             error = RootFailure(f"rank 0: {type(exc).__name__}: {exc}")
@@ -128,6 +130,10 @@ def failing_together(comm: MPI.Intracomm) -> Iterator[None]:
     except BrokenPipeError:  # the output of this rank is not read any more
         discard_output()
         abort(comm, CLOSED_OUTPUT)
+    except MemoryError as exc:
+        shortage = OutOfMemory.of(exc)
+        print(f"[rank {comm.rank}] {shortage}", file=sys.stderr, flush=True)
+        abort(comm, shortage.exit_code)
     except BaseException as exc:  # also SystemExit: otherwise MPI_Finalize would wait for ranks that wait for this one
         if not isinstance(exc, RootFailure):
             _print_traceback(comm, exc)

@@ -112,6 +112,6 @@ def error_in(body: Body, solution: Solution, estimate: Estimate, cells: LocalInd
     """
     kind, nodes = body.source.kind, solution.mesh_nodes / body.length_scale
     middle = scalar_element(kind, 1).points.mean(axis=0)[None]
-    matrices = jacobians(kind, body.source.degree, nodes[body.mesh.geometry.dofmaps[0][cells]], middle)[:, 0]
+    matrices = jacobians(kind, body.degree, nodes[body.mesh.geometry.dofmaps[0][cells]], middle)[:, 0]
     volumes = np.abs(np.linalg.det(matrices)) / (6.0 if kind == "tetrahedron" else 1.0)
     return np.asarray(np.sqrt(estimate.cells[cells] / volumes))

@@ -15,7 +15,10 @@ from typing import Any
 
 @cache
 def meanings(kind: type) -> Mapping[str, str]:
-    """Docstrings of the fields by name, with those of base classes; empty if the source is not available."""
+    """Docstrings of the fields by name, with those of base classes; empty if the source is not available.
+
+    Those of class variables, which a job cannot have, are left out.
+    """
     inherited = {name: text for base in reversed(kind.__bases__) for name, text in meanings(base).items()}
     return inherited if kind.__module__ in _LIBRARIES else inherited | dict(_own(kind))
 
@@ -38,6 +41,8 @@ def _own(kind: type) -> Iterator[tuple[str, str]]:
     assert isinstance(tree, ast.ClassDef)
     for field, following in pairwise(tree.body):
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+            if "ClassVar" in ast.unparse(field.annotation):
+                continue
             match following:
                 case ast.Expr(value=ast.Constant(value=str(text))):
                     yield field.target.id, inspect.cleandoc(text)

@@ -18,14 +18,14 @@ from pydantic_core import core_schema
 from hpcinv.quantity.dimensional_analysis import RELATIONS, Condition, Measure
 from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS, numpy_functions
 from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension, as_float, parse_quantity
+from hpcinv.quantity.units import Dimension, as_float, parse_quantity, parse_unit
 
 if TYPE_CHECKING:
     import numpy as np
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo, ValidationInfo
     from pydantic.json_schema import JsonSchemaValue
 
-    from hpcinv.quantity.schema import Location
+    from hpcinv.quantity.locations import Location
 
 LET = "let"
 """Section of a job with names for parts of its formulas, and its key in the validation context."""
@@ -33,10 +33,17 @@ _LONGEST = 20_000  # characters: fitted formulas have thousands, and the parser 
 _DEEPEST = 200  # nested operations: evaluation is recursive
 _MANY = 32  # terms of a sum, above which they are added in pairs
 _SHOWN = 200  # characters of a formula in a message
+_SYMBOL = r"(?!(?:and|or|not)\b)[^\W\d_]\w*"
 _NUMBER_AND_UNIT = re.compile(
     r"(?<![\w.])((?>(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?))\s*"
-    r"((?!(?:and|or|not)\b)[^\W\d_]\w*|%|°)(?!\w*\s*\()(\s*(?:\^|\*\*))?"
+    rf"({_SYMBOL}|%|°)(?!\w*\s*\()(\s*(?:\^|\*\*))?"
 )
+_FURTHER_UNIT = re.compile(
+    r"(\s*[/·]\s*|\s+)((?!(?:and|or|not)\b)(?:cmH2O|[A-Za-zµμ][A-Za-zµμ_]*))(?![A-Za-z0-9_]|\s*\()"
+    r"((?:\^|\*\*)-?\d+\b|⁻?[¹²³])?"
+)
+_SUPERSCRIPTS = str.maketrans("⁻¹²³", "-123")
+_FURTHER = "_of_"  # begins the names of further units in a syntax tree
 _ARITHMETIC: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -61,7 +68,8 @@ _LOGIC: dict[type[ast.AST], str] = {
 class Expression:
     """A formula of numbers, units, named variables and the functions in ``FUNCTIONS``; compared as text.
 
-    A number may have one unit (``4.25 mm``); without one it is SI. Conditions are built with ``< <= > >= and or not``.
+    A number may have a unit (``4.25 mm``, ``963 kg/m^3``); without one it is SI. A variable with the name of a further
+    unit (``m``) prevails. Conditions are built with ``< <= > >= and or not``.
 
     Args:
         definitions: names in the formula that are defined by other formulas, with these: each after the names that it
@@ -85,7 +93,7 @@ class Expression:
     def using(cls, source: str, known: Mapping[str, Expression]) -> Expression:
         """A formula that may use the names of ``known`` formulas, with their definitions."""
         definitions: dict[str, str] = {}
-        for name in sorted(_names(source) & known.keys()):
+        for name in sorted((_names(source) | _further_units(source)) & known.keys()):
             definitions |= dict(known[name].definitions)
             definitions[name] = known[name].source
         return cls(source, tuple(definitions.items()))
@@ -105,11 +113,22 @@ class Expression:
         texts = (self.source, *(text for _, text in self.definitions))
         return frozenset().union(*map(_names, texts)) - {name for name, _ in self.definitions}
 
-    def check(self, known: dict[str, Dimension | None]) -> Dimension | bool | None:
+    @property
+    def further_units(self) -> frozenset[str]:
+        """Symbols of compound units, such as ``m`` in ``963 kg/m^3``, which are variables where there are such."""
+        texts = (self.source, *(text for _, text in self.definitions))
+        return frozenset().union(*map(_further_units, texts))
+
+    @property
+    def has_units(self) -> bool:
+        return any(_parse(text)[1] for text in (self.source, *(text for _, text in self.definitions)))
+
+    def check(self, known: dict[str, Dimension | None], plain: Dimension | None = None) -> Dimension | bool | None:
         """Dimension of the value, True for a condition, None if plain numbers leave it undetermined.
 
         Args:
             known: variables and their dimension, None for any dimension.
+            plain: dimension of plain numbers, None for any dimension.
 
         Raises:
             ValueError: the formula has an unknown variable, or adds or compares quantities of different dimensions.
@@ -127,8 +146,10 @@ class Expression:
             tree, literals = _parse(text)
             place = f" ('{name}' of 'let')" if name else ""
             own = measures | {literal: Measure(dimension) for literal, (_, dimension) in literals.items()}
+            own |= {n: measures.get(unit, own[n]) for n, unit in _further(literals)}
+            _refuse_ambiguous(text, measures)
             try:
-                measures[name] = _walk(tree, own, functions, lambda number: Measure(None, number))
+                measures[name] = _walk(tree, own, functions, lambda number: Measure(plain, number))
             except TypeError:  # a condition in place of a number, or the reverse
                 raise ValueError(f"{_quoted(text)}{place} mixes up conditions and numbers") from None
             except ValueError as error:
@@ -159,6 +180,8 @@ class Expression:
         for name, text in (*self.definitions, ("", self.source)):
             tree, literals = _parse(text)
             own = found | {literal: number(si) for literal, (si, _) in literals.items()} if literals else found
+            if literals:
+                own |= {n: found[unit] for n, unit in _further(literals) if unit in found}
             found[name] = _walk(tree, own, functions, number)
         return found[""]
 
@@ -247,24 +270,44 @@ def _names(source: str) -> frozenset[str]:
 
 
 @cache
+def _further_units(source: str) -> frozenset[str]:
+    return frozenset(unit for _, unit in _further(_parse(source)[1]))
+
+
+def _further(literals: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Names of further units in a syntax tree, with their symbols."""
+    return ((name, name.removeprefix(_FURTHER)) for name in literals if name.startswith(_FURTHER))
+
+
+def _refuse_ambiguous(source: str, variables: Mapping[str, Any]) -> None:
+    """Raise ``ValueError`` for a division by a number with a compound unit: ``1/2 kg/m`` may mean two things."""
+    for match in _DIVISOR.finditer(source):
+        further = _FURTHER_UNIT.match(source, match.end())
+        if further and further[2] not in variables and _is_unit(further[2]):
+            raise ValueError(f"divides by a number with a compound unit: write /({match[1]} {match[2]}{further[0]}…)")
+
+
+_DIVISOR = re.compile(r"/\s*" + _NUMBER_AND_UNIT.pattern)
+
+
+@cache
+def _is_unit(symbol: str) -> bool:
+    if symbol in FUNCTIONS or symbol == "J":  # the volume ratio
+        return False
+    try:
+        parse_unit(symbol)
+    except ValueError:
+        return False
+    return True
+
+
+@cache
 def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
     """Syntax tree, and value and dimension of the numbers with units, which the tree contains as names."""
     if len(source) > _LONGEST:
         raise ValueError(f"a formula may have {_LONGEST} characters, not {len(source)}")
-    literals: dict[str, tuple[float, Dimension]] = {}
-
-    def take_out(match: re.Match[str]) -> str:
-        number, unit, power = match.groups()
-        if power:
-            raise ValueError(f"'{match[0].strip()}…' is ambiguous in {_quoted(source)}: write ({number} {unit})**…")
-        name = f"_{len(literals)}"
-        try:
-            literals[name] = parse_quantity(f"{number} {unit}")
-        except ValueError as error:
-            raise ValueError(f"in {_quoted(source)}: {error} A product is written {number}*{unit}.") from None
-        return f"({name})"
-
-    text = _NUMBER_AND_UNIT.sub(take_out, source).replace("^", "**").strip()
+    text, literals = _with_literals(source)
+    text = text.replace("^", "**").strip()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)  # such as 1and 2
@@ -276,6 +319,32 @@ def _parse(source: str) -> tuple[ast.expr, dict[str, tuple[float, Dimension]]]:
     for node in ast.walk(tree):
         _refuse_unless_known(node, source, literals)
     return tree, literals
+
+
+def _with_literals(source: str) -> tuple[str, dict[str, tuple[float, Dimension]]]:
+    """The formula with a name for each number with a unit and for each further unit; their values and dimensions."""
+    literals: dict[str, tuple[float, Dimension]] = {}
+    parts: list[str] = []
+    position = 0
+    for match in _NUMBER_AND_UNIT.finditer(source):
+        number, unit, power = match.groups()
+        if power:
+            raise ValueError(f"'{match[0].strip()}…' is ambiguous in {_quoted(source)}: write ({number} {unit})**…")
+        name = f"_{len(literals)}"
+        try:
+            literals[name] = parse_quantity(f"{number} {unit}")
+        except ValueError as error:
+            raise ValueError(f"in {_quoted(source)}: {error} A product is written {number}*{unit}.") from None
+        parts += [source[position : match.start()], f"({name})"]
+        position = match.end()
+        while (further := _FURTHER_UNIT.match(source, position)) and _is_unit(further[2]):
+            operation, symbol, exponent = further.groups()
+            name = f"{_FURTHER}{symbol}"
+            literals[name] = parse_quantity(f"1 {symbol}")
+            power = re.sub(r"[\^*]", "", exponent or "1").translate(_SUPERSCRIPTS)
+            parts.append(f"{'/' if operation.strip() == '/' else '*'}{name}**({power})")
+            position = further.end()
+    return "".join([*parts, source[position:]]), literals
 
 
 def _depth(tree: ast.expr, of_names: Mapping[str, int] = MappingProxyType({})) -> int:

@@ -8,11 +8,15 @@ from hashlib import sha256
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from hpcinv.errors import JobError
+from hpcinv.errors import JobError, described
+from hpcinv.files.inputs import changed_inputs, digest_of, recorded_inputs
 from hpcinv.files.names import is_file
 
 GROUP = "hpcinv.plugins"
 _PREFIX = "hpcinv_plugin_"  # of module names of files named by a job
+_DIGEST = "__digest_at_import__"
+_inputs: dict[str, dict[str, str]] = {}
+"""files that plugins have read, by the names of their modules"""
 
 
 @cache
@@ -27,34 +31,53 @@ def load_installed() -> None:
             entry.load()
         except BaseException as error:  # KeyboardInterrupt and GeneratorExit too
             package = f" of the package '{entry.dist.name}'" if entry.dist else ""
-            text = f"the installed plugin '{entry.name}'{package} cannot be imported: {type(error).__name__}: {error}"
+            text = f"the installed plugin '{entry.name}'{package} cannot be imported: {described(error)}"
             raise JobError(text) from error
 
 
 def load_file(path: Path) -> None:
     """Import a Python file, which registers its laws and effects; a file is imported only once.
 
+    Relative paths in it start from its directory.
+
     Raises:
-        ValueError: the import failed; with the reason and the line.
+        ValueError: the import failed; with the reason and the line. Or the file has changed since it was imported.
     """
     if not is_file(path):
         raise ValueError(f"there is no file '{path}'. Paths start from the directory of the job file")
     path = path.resolve()
-    name = f"{_PREFIX}{sha256(str(path).encode()).hexdigest()[:16]}"
+    name = _name_of(path)
     if name in sys.modules:
+        is_changed = digest_of(path) != sys.modules[name].__dict__[_DIGEST]
+        if files := [path.name] * is_changed or changed_inputs(_inputs[name], path.parent):
+            raise ValueError(
+                f"'{path.parent / files[0]}' has changed since this process imported it; start Python again to use it"
+            )
         return
     spec = importlib.util.spec_from_file_location(name, path)
     if path.suffix != ".py" or spec is None or spec.loader is None:
         raise ValueError(f"'{path.name}' is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
+    module.__dict__[_DIGEST] = digest_of(path)
     try:
-        spec.loader.exec_module(module)
+        with recorded_inputs(path) as inputs:
+            spec.loader.exec_module(module)
+        _inputs[name] = inputs
     except BaseException as error:  # user code may raise anything, KeyboardInterrupt and GeneratorExit too
         del sys.modules[name]
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
         where = f" (line {lines[-1]})" if lines else ""  # a syntax error contains its line
-        raise ValueError(f"'{path}' cannot be imported: {type(error).__name__}: {error}{where}") from error
+        raise ValueError(f"'{path}' cannot be imported: {described(error)}{where}") from error
+
+
+def inputs_of(path: Path) -> dict[str, str]:
+    """Return the digests of the files that a plugin read when this process imported it, by their paths."""
+    return _inputs.get(_name_of(path.resolve()), {})
+
+
+def _name_of(path: Path) -> str:
+    return f"{_PREFIX}{sha256(str(path).encode()).hexdigest()[:16]}"
 
 
 def fault_of_plugin(error: BaseException) -> str | None:
@@ -65,4 +88,4 @@ def fault_of_plugin(error: BaseException) -> str | None:
         if frame.f_globals.get("__name__", "").startswith(_PREFIX)
     )
     *_, last = (None, *frames)
-    return f"{last[0]}, line {last[1]}: {type(error).__name__}: {error}" if last else None
+    return f"{last[0]}, line {last[1]}: {described(error)}" if last else None

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import BaseModel, BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler, WithJsonSchema
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
+from hpcinv.quantity.constants import constant
 from hpcinv.quantity.schema import metadata_in
-from hpcinv.quantity.units import BASE, NUMBER, Dimension, as_float, parse_quantity, parse_unit
+from hpcinv.quantity.units import BASE, NUMBER, Dimension, as_float, parse_unit
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,8 @@ class Quantity:
         if self.infinite and value == self.infinite:
             return math.inf
         if isinstance(value, str):
-            number, dimension = parse_quantity(value)
-            if self.dimension is not None and dimension != self.dimension:
+            number, dimension = constant(value)
+            if self.dimension is not None and dimension not in (None, self.dimension):
                 raise ValueError(f"must be {self._wanted}, but '{value}' is {dimension}")
         elif isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"must be {self._wanted}, not {value!r}")
@@ -85,7 +86,7 @@ class Quantity:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        text: dict[str, Any] = {"type": "string", "pattern": rf"^\s*{NUMBER}\s*\S*"}
+        text: dict[str, Any] = {"type": "string", "pattern": rf"^[\s(+-]*{NUMBER}\s*\S*"}
         choices = [{"type": "number"}, text] + ([{"const": self.infinite}] if self.infinite else [])
         return {"anyOf": choices, "examples": [f"1 {self.unit}"] if self.unit else [1]}
 
@@ -113,8 +114,8 @@ class MeasuredQuantity(Quantity):
         """Value and dimension; ``ValueError`` if ``value`` is neither a number nor text with a unit."""
         if isinstance(value, Measured):
             return value
-        dimension = parse_quantity(value)[1] if isinstance(value, str) else Dimension()
-        return Measured(self.parse(value), dimension)
+        dimension = constant(value)[1] if isinstance(value, str) else None
+        return Measured(self.parse(value), dimension or Dimension())
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         plain = core_schema.plain_serializer_function_ser_schema(Measured.plain, when_used="json")
@@ -146,7 +147,11 @@ QUANTITIES: dict[str, Quantity] = {
 }
 """Quantity types by their names in annotations of mesh generators."""
 
-LengthUnit = Annotated[Size, BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v)]
+LengthUnit = Annotated[
+    Size,
+    BeforeValidator(lambda v: f"1 {v}" if isinstance(v, str) and v[:1].isalpha() else v),
+    WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}], "examples": ["mm"]}),
+]
 """A unit such as mm; not for mesh generators."""
 
 AnyMeasured = Annotated[Measured, MeasuredQuantity()]  # not for mesh generators
@@ -177,6 +182,6 @@ def positive(value: object, dimension: Dimension | None, owner: str) -> float:
         ValueError: the value is not positive, or of another dimension.
     """
     number = Quantity(None, above=0.0).parse(value)
-    if isinstance(value, str) and dimension is not None and (found := parse_quantity(value)[1]) != dimension:
+    if isinstance(value, str) and dimension is not None and (found := constant(value)[1]) not in (None, dimension):
         raise ValueError(f"must be {dimension}, as {owner} is, but '{value}' is {found}")
     return number

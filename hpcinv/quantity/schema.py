@@ -5,9 +5,11 @@ import pkgutil
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar, get_args
+from types import NoneType, UnionType
+from typing import Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -21,14 +23,17 @@ from pydantic import (
     ValidationInfo,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
 from hpcinv.errors import JobError
+from hpcinv.quantity.constants import constant, is_pure
 from hpcinv.quantity.docstrings import describe, meanings
+from hpcinv.quantity.locations import Location as Location
 from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import NUMBER
 
-type Location = tuple[int | str, ...]
 type Faults = Iterator[tuple[Location, str]]
 """faults of a part of a job, with their places in it"""
 
@@ -88,6 +93,9 @@ def repeated(names: Sequence[str]) -> Iterator[int]:
 class Spec(BaseModel):
     """A part of a job: immutable, without unknown keys, and with strict types (text and true are not numbers)."""
 
+    alternatives: ClassVar[tuple[str, ...]] = ()
+    """keys of which a part has exactly one, for its JSON schema; `_contradictions` reports it otherwise"""
+
     model_config = ConfigDict(
         frozen=True,
         extra="forbid",
@@ -105,9 +113,14 @@ class Spec(BaseModel):
     def __get_pydantic_json_schema__(
         cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """JSON schema with the descriptions of the keys."""
+        """JSON schema with the descriptions of the keys, and arithmetic in place of numbers."""
         found = handler(schema)
-        describe(handler.resolve_ref_schema(found), cls)
+        content = handler.resolve_ref_schema(found)
+        describe(content, cls)
+        for key in plain_numbers(cls).keys() & content.get("properties", {}).keys():
+            _also_arithmetic(content["properties"][key])
+        if cls.alternatives:
+            content["oneOf"] = [{"required": [key]} for key in cls.alternatives]
         return found
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
@@ -119,7 +132,7 @@ class Spec(BaseModel):
     def _validate(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
         """Reword errors here, where the keys of the part and their descriptions are known; find contradictions."""
         try:
-            found = handler(data)
+            found = handler(_with_constants(cls, data))
         except ValidationError as error:
             lines: list[InitErrorDetails] = [
                 {"type": PydanticCustomError(_PLAIN, "{text}", {"text": text}), "loc": location, "input": None}
@@ -128,6 +141,58 @@ class Spec(BaseModel):
             raise ValidationError.from_exception_data(cls.__name__, lines) from None
         raise_if_any(found._contradictions(info))
         return found
+
+
+@cache
+def plain_numbers(kind: type[Spec]) -> Mapping[str, type[float | int]]:
+    """Fields of a part of a job that are numbers without dimension (`float` or `int`), with their type."""
+    found: dict[str, type[float | int]] = {}
+    for name, field in kind.model_fields.items():
+        own = {part for part in _union(field.annotation) if part is not NoneType}
+        if own in ({float}, {int}) and all(
+            type(mark).__module__.startswith("annotated_types") for mark in field.metadata
+        ):
+            found[name] = own.pop()
+    return found
+
+
+def _union(annotation: Any) -> Iterator[Any]:
+    """The types of a union, without their annotations."""
+    if get_origin(annotation) in (Union, UnionType):
+        for part in get_args(annotation):
+            yield from _union(part)
+    elif get_origin(annotation) is Annotated:
+        first, *marks = get_args(annotation)
+        is_plain = all(isinstance(mark, FieldInfo) for mark in marks)
+        yield from _union(first) if is_plain else (annotation,)
+    else:
+        yield annotation
+
+
+def _with_constants(kind: type[Spec], data: Any) -> Any:
+    """Data of a part of a job with the values of arithmetic, such as ``1/3``, in its plain numbers."""
+    if not isinstance(data, Mapping):
+        return data
+    texts = {name: number for name, number in plain_numbers(kind).items() if isinstance(data.get(name), str)}
+    if not texts:
+        return data
+    changed = dict(data)
+    for name, number in texts.items():
+        with suppress(ValueError):  # the message about a text in place of a number is better
+            value, dimension = constant(data[name])
+            if is_pure(dimension) and (number is float or value.is_integer()):
+                changed[name] = number(value)
+    return changed
+
+
+def _also_arithmetic(schema: dict[str, Any]) -> None:
+    """Let the JSON schema of a number accept a text, too."""
+    choices = schema.get("anyOf", [schema])
+    if any(choice.get("type") == "string" for choice in choices):
+        return
+    number = {key: schema.pop(key) for key in [*schema] if key not in ("title", "default", "description")}
+    text = {"type": "string", "format": ARITHMETIC, "pattern": rf"^[\s(+-]*{NUMBER}.*[*/^+-]"}
+    schema["anyOf"] = [*number.get("anyOf", [number]), text]
 
 
 class OneOf:
@@ -164,7 +229,7 @@ class OneOf:
         for member in members_of(self.family, self.tag).values():
             choice = handler.resolve_ref_schema(handler(member.__pydantic_core_schema__))
             describe(choice, member)
-            choice["required"] = [self.tag, *choice.get("required", ())]
+            choice["required"] = [*dict.fromkeys([self.tag, *choice.get("required", ())])]
             choices.append(choice)
         return {"oneOf": choices}
 
@@ -218,6 +283,9 @@ def shown(value: object) -> str:
     text = "nothing" if value is None else repr(value) if isinstance(value, str) else str(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
+
+ARITHMETIC = "arithmetic"
+"""format, in the JSON schema, of a text in place of a number, such as 1/3"""
 
 _PLAIN = "plain"  # the type of errors that have been reworded
 

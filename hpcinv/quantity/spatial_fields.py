@@ -104,7 +104,9 @@ class VaryingQuantity(Quantity):
                 raise
             if not _LIKE_A_FORMULA.search(value) and definitions.keys().isdisjoint(_WORD.findall(value)):
                 raise
-        formula = Expression.using(value, definitions)
+            formula = Expression.using(value, definitions)
+            if not formula.names and not formula.definitions:
+                raise
         formula.expect(POSITIONS, self.dimension)
         if not formula.names:
             return self.parse(float(formula.evaluate()))

@@ -26,7 +26,7 @@ def deformation_gradients(body: Body, solution: Solution, cells: Cells) -> Float
     values = solution.displacement.x.array.reshape(-1, 3)[space.dofmap.list[cells]]
     slopes = space.element.basix_element.tabulate(1, middle)[1:, 0, :, 0]  # (3, shape functions)
     of_reference = np.einsum("cni,kn->cik", values, slopes)
-    h = of_reference @ np.linalg.inv(jacobians(kind, body.source.degree, nodes, middle)[:, 0])
+    h = of_reference @ np.linalg.inv(jacobians(kind, body.degree, nodes, middle)[:, 0])
     if solution.direction == "forward":
         return np.asarray(np.eye(3) + h)
     return np.asarray(np.linalg.inv(np.eye(3) - h))
@@ -69,7 +69,7 @@ def _given(body: Body, name: str, family: FibreFamily, solution: Solution, cells
     if isinstance(value, ByRule):
         return in_middles(rule_directions(body, value.rule, f"fibres.{name}").function, cells)
     dofs = body.mesh.geometry.dofmaps[0]
-    shapes = scalar_element(body.source.kind, body.source.degree).tabulate(0, _middle(body.source.kind))[0, 0, :, 0]
+    shapes = scalar_element(body.source.kind, body.degree).tabulate(0, _middle(body.source.kind))[0, 0, :, 0]
     if isinstance(value, ByData):
         array = distribute(body, value.array)
         if array.on == "cells":

@@ -21,7 +21,7 @@ def projected(body: Body, values: Floats, space: fem.FunctionSpace) -> Floats:
     linear = fem.functionspace(mesh, ("Lagrange", 1))
     owned = mesh.topology.index_map(3).size_local
     corners = linear.dofmap.list[:owned]
-    kind, degree = body.source.kind, body.source.degree
+    kind, degree = body.source.kind, body.degree
     middle = scalar_element(kind, 1).points.mean(axis=0)[None]
     volumes = np.abs(np.linalg.det(jacobians(kind, degree, mesh.geometry.x[mesh.geometry.dofmaps[0][:owned]], middle)))
 

@@ -92,7 +92,7 @@ class SceneFields:
     def quadrature_degree(self) -> int:
         """Quadrature degree of the scene, or the degree that integrates both volumes exactly, if that is higher."""
         element, kind = self._scene.unknowns.displacement_space.ufl_element(), self._body.source.kind
-        degree = max(self._body.source.degree, int(element.degree))
+        degree = max(self._body.degree, int(element.degree))
         exact = 3 * degree - 1 if kind == "hexahedron" else 3 * (degree - 1)
         return max(exact, self._scene.quadrature_degree)
 

@@ -12,15 +12,15 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from dolfinx.mesh import Geometry
 
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import ExpectedShape, MeshSpec
 from hpcinv.mesh import Body
-from hpcinv.mesh.body import at_local_nodes, read_anywhere
+from hpcinv.mesh.body import at_source_nodes, read_anywhere, source_values
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.distributed.rows import Rows
-from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.surface import gather_surface
 from hpcinv.parallel.runtime import MPI, on_root
@@ -51,7 +51,7 @@ def read_expected(job: Job, body: Body) -> Expected | None:
     # Straight or curved as the body is, whatever the file is; it was checked to exist when the job was read.
     values = {name: value for name, value in dict(expected).items() if name in MeshSpec.model_fields}
     spec = MeshSpec.model_construct(**(values | {"labels": {}, "geometry_degree": body.source.degree}))
-    nodes = at_local_nodes(body, read_same_cells(spec, job, body, "expected_shape").points)
+    nodes = source_values(body, read_same_cells(spec, job, body, "expected_shape").points)
     return partial(distance, expected=nodes)
 
 
@@ -105,8 +105,9 @@ def differences(body: Body, solutions: Sequence[Solution], expected: Expected | 
 
 
 def distance(body: Body, solution: Solution, expected: Floats) -> dict[str, float]:
-    """Return the distance of the computed shape from ``expected`` local nodes (n, 3) m; collective."""
-    return _size(body.mesh, solution.other_nodes - expected, expected)
+    """Return the distance of the computed shape from ``expected`` local nodes (n, 3) m of the source; collective."""
+    found = at_source_nodes(body, solution.other_nodes)
+    return _size(body.mesh.comm, body.source_geometry, found - expected, expected)
 
 
 def _surface_distance(
@@ -140,12 +141,13 @@ def _surface_distance(
 
 def closure(there: Solution, back: Solution) -> dict[str, float]:
     """Return the difference ``u₁ - u₀`` of the displacements ``u = x - X`` of a round trip's solutions; collective."""
-    return _size(there.displacement.function_space.mesh, back.u - there.u, there.mesh_nodes)
+    mesh = there.displacement.function_space.mesh
+    return _size(mesh.comm, mesh.geometry, back.u - there.u, there.mesh_nodes)
 
 
-def _size(mesh: Mesh, difference: Floats, nodes: Floats) -> dict[str, float]:
+def _size(comm: MPI.Intracomm, geometry: Geometry, difference: Floats, nodes: Floats) -> dict[str, float]:
     """Norms of differences over the owned nodes of all ranks."""
-    comm, owned = mesh.comm, mesh.geometry.index_map()
+    owned = geometry.index_map()
     squares = (difference[: owned.size_local] ** 2).sum(axis=1)
     largest = float(comm.allreduce(float(squares.max(initial=0.0)), op=MPI.MAX)) ** 0.5
     mean = float(comm.allreduce(float(squares.sum()))) / owned.size_global

@@ -14,6 +14,7 @@ from dolfinx import fem
 
 from hpcinv.effects import Direction, Effect
 from hpcinv.job.job import Job
+from hpcinv.job.plausibility import convention, doubtful_moduli, largest_bulk_modulus
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import jacobians, quadrature
@@ -30,6 +31,8 @@ DENSITIES = 10.0, 25_000.0
 """Plausible densities (kg/m³), from aerogels to osmium; numbers in g/cm³ or t/mm³ are below."""
 SELF_WEIGHT = 3.0
 """Plausible pressure of the weight over Young's modulus: the softest tissues and gels reach 1 at a size of 0.1 m."""
+COMPRESSION = 3.0
+"""Plausible load per area over the bulk modulus: at 1 the volume changes by its own size."""
 LEAST_STRAIN = 1e-6
 """Largest displacement over the body's size: below, a shape differs by less than any scan resolves.
 
@@ -108,8 +111,11 @@ def totals_of(model: Model, direction: Direction) -> Totals:
         found = replace(found, weight_strain=pressure / softest)
     if not job.output.unit_warnings:
         return found
-    seen = _warnings(found, job.mesh.unit, masses, pressure, stiffest)
-    return replace(found, warnings=(*_vanishing(scaled), *seen, *_regions_without_bounds(job, body)))
+    seen = list(_warnings(found, job.mesh.unit, masses, pressure, stiffest))
+    moduli = list(doubtful_moduli(job))
+    if not seen and not moduli:
+        moduli += _compressions(job, found.size, scaled * model.scales.stress * model.scales.length**2)
+    return replace(found, warnings=(*_vanishing(scaled), *seen, *moduli, *_regions_without_bounds(job, body)))
 
 
 def _vanishing(load: float) -> Iterator[str]:
@@ -138,6 +144,18 @@ def _warnings(
         yield (
             f"a column as high as the body weighs {readable(pressure, 'Pa')}, which is {pressure / stiffest:.2g} times"
             " Young's modulus of the stiffest part: are mesh.unit, density and moduli in the units that are meant?"
+        )
+
+
+def _compressions(job: Job, size: tuple[float, float, float], load: float) -> Iterator[str]:
+    """Yield a warning if loads (N, whatever their signs) per area of the body are far above its bulk modulus."""
+    bulk = largest_bulk_modulus(job)
+    stress = load / (math.prod(size) / min(size))  # on the largest side of the bounding box
+    if bulk is not None and math.isfinite(stress) and stress > COMPRESSION * bulk:
+        what = "; ".join(dict.fromkeys(text[2:] for law in job.laws.values() if (text := convention(law))))
+        yield (
+            f"nodal forces of {readable(stress, 'Pa')} per area of the largest side are {stress / bulk:.2g} times the"
+            f" bulk modulus of the stiffest part, so that volumes collapse{what and f': {what}'}"
         )
 
 
@@ -178,7 +196,7 @@ def _mass(model: Model, where: str, effect: Any, volumes: Floats) -> float:
 
 def _cell_volumes(body: Body) -> Floats:
     """Return the volumes (m³) of the owned cells, exact for straight and curved ones."""
-    kind, degree = body.source.kind, body.source.degree
+    kind, degree = body.source.kind, body.degree
     points, weights = quadrature(kind, 3 * degree)
     cells = body.mesh.geometry.dofmaps[0][: body.mesh.topology.index_map(3).size_local]
     found: Floats = np.zeros(len(cells))

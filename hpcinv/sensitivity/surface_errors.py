@@ -23,7 +23,7 @@ from hpcinv.certificate.check import Line, Verdict, skipped
 from hpcinv.certificate.symmetry import symmetry_planes
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES
+from hpcinv.job.sections import AXES, CUT
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
@@ -35,7 +35,7 @@ from hpcinv.sensitivity.analysis import Sensitivities, of_all_shapes, sensitivit
 from hpcinv.solver.problem import Model
 
 SPREAD = "standard deviation of the shape by errors of the given surface"
-CUT = "cut"  # region where an image ends, which is no surface of the organ
+
 _OF_VOXEL = 0.12  # standard deviation that meshes of labels without errors have, in voxels
 _OF_SD = 10.0  # correlation length by default, in standard deviations
 _SAMPLES = 16

@@ -115,7 +115,7 @@ class LinearSolver:
         self.configuration.prepare(self.ksp, self.system.matrix)
         self.ksp.setUp()
         if self.configuration.must_refactorize(self.ksp):
-            self.ksp.setUp()
+            self.ksp.pc.setUp()  # the KSP takes itself for set up
         self.factorizations += 1
 
     def factorize_if_needed(self) -> None:

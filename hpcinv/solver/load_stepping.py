@@ -106,6 +106,7 @@ def follow(
         passed: number of limit points between the unloaded body and the present state.
         stop_early: stop where a limit point is likely, before the smallest step is reached.
     """
+    equilibrium.system.begin_unloaded()
     equilibrium.depart(load)
     if isinstance(steps, ArcLengthSteps):
         yield from trace(equilibrium, steps, tolerance, load=load, passed=passed)

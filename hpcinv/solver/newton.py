@@ -8,7 +8,7 @@ doi:10.1007/978-3-642-23899-4).
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -49,6 +49,11 @@ class Solve:
     linear_iterations: int = 0
     strategy: str = "load steps"
     limit_point: bool = False
+
+
+def is_given_up(solves: Sequence[Solve], patience: int) -> bool:
+    """Return whether failed solves have taken more factorizations than ``solver.patience`` allows."""
+    return sum(solve.factorizations for solve in solves if not solve.outcome.accepted) > patience
 
 
 class Floor:

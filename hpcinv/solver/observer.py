@@ -1,6 +1,6 @@
 """Observers of the solves of a run: the interface of progress, checkpoints, reports and requests to stop."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -64,6 +64,9 @@ class Observer:
 
     def solved(self, event: SolveEvent) -> None:
         """Called after each solve, when the model's state is that of the last accepted one; collective."""
+
+    def failing(self, lines: Sequence[str]) -> None:
+        """Called with an explanation when load steps keep failing."""
 
     def ended(self, found: SolvedDirection) -> None:
         """Called when the solution in one direction has ended; collective."""
@@ -139,6 +142,10 @@ class Observers(Observer):
     def solved(self, event: SolveEvent) -> None:
         for observer in self._observers:
             observer.solved(event)
+
+    def failing(self, lines: Sequence[str]) -> None:
+        for observer in self._observers:
+            observer.failing(lines)
 
     def ended(self, found: SolvedDirection) -> None:
         for observer in self._observers:

@@ -16,6 +16,7 @@ from dolfinx.fem import Function
 from petsc4py import PETSc
 
 from hpcinv.errors import HpcinvError
+from hpcinv.files.inputs import changed_inputs
 from hpcinv.job.fingerprint import file_digest
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.reuse_key import reuse_group_of, structure_of
@@ -65,13 +66,22 @@ class Workspace:
         Raises:
             MeshError, SystemPartMissing: the same on every rank.
         """
-        key = on_root(self.comm, lambda: _mesh_of(job))  # other ranks may not see the file
-        if self._body is not None and self._body[0] == key:
+        key, is_kept = on_root(self.comm, lambda: self._key(job))  # other ranks may not see the file
+        if self._body is not None and is_kept:
             return self._body[1]
         self.clear()
-        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, report=report)
+        degree = job.discretisation.displacement
+        body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, degree=degree, report=report)
         self._body = key, body
         return body
+
+    def _key(self, job: Job) -> tuple[str, bool]:
+        """Return the key of a job's body, and whether it is the kept one, made of files as they are now; on rank 0."""
+        key = _mesh_of(job)
+        if self._body is None or self._body[0] != key:
+            return key, False
+        home = job.resolve(job.mesh.file).absolute().parent
+        return key, not changed_inputs(self._body[1].source.inputs, home)
 
     def models(self, job: Job, body: Body, timings: Timings) -> Models:
         """Return the models of the solves of a job on its body.
@@ -124,4 +134,5 @@ def _mesh_of(job: Job) -> str:
     """Return everything that a body depends on, as text."""
     digests = [file_digest(job.resolve(file)) for file in job.mesh.files]
     spec = job.mesh.model_dump(mode="json") | {"metres": job.mesh.metres, "digest": digests}
-    return json.dumps([spec, {name: formula.whole for name, formula in job.regions.items()}], sort_keys=True)
+    regions = {name: formula.whole for name, formula in job.regions.items()}
+    return json.dumps([spec, regions, job.discretisation.displacement], sort_keys=True)

@@ -37,9 +37,11 @@ class Executions:
     def read(self) -> None:
         """Read the records of all executions that any process has finished since the last call."""
         requested: set[str] = set()
+        self._register_homes()
         while new := [key for key in self._keys() if key not in self._records and key not in requested]:
             self._records |= dict(self.ledger.records(new))  # with these records further runs may be ready
             requested.update(new)
+            self._register_homes()
 
     def is_ready(self, run: int) -> bool:
         """Return whether all values that a run takes from other runs are known."""
@@ -127,6 +129,13 @@ class Executions:
         opened = [key for key in failed if self.ledger.retry(key)]
         self._records = {key: record for key, record in self._records.items() if key not in opened}
         return len(opened)
+
+    def _register_homes(self) -> None:
+        """Let the ledger know where the generators of the meshes of the ready runs are."""
+        for run in range(len(self.plan.runs)):
+            if self.is_ready(run) and not isinstance(found := self._prepared(run), CaseRecord):
+                home = found[0].resolve(found[0].mesh.file).absolute().parent
+                self.ledger.homes |= {self.execution_key(run, n): home for n in range(self.repetitions(run) + 1)}
 
     def _keys(self) -> dict[str, None]:
         ready = (i for i in range(len(self.plan.runs)) if self.is_ready(i) and self.key(i))

@@ -1,11 +1,12 @@
 """Reference values of a study: a closed form, the finest run, or Richardson's extrapolation."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hpcinv.study.convergence import richardson
 from hpcinv.study.rows import StudyRow
-from hpcinv.study.spec import Reference
+from hpcinv.study.spec import LEAST_MESHES, Reference
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,9 @@ def find_reference(reference: Reference, rows: Sequence[StudyRow], name: str) ->
     if reference.value is not None:
         return ReferenceValue(reference.value, reference.kind)
     known = [row for row in rows if row.values[name] is not None and reference.series in (None, row.place.series)]
+    if reference.kind == "richardson" and reference.series is None:  # of the series that refine the mesh
+        counts = Counter(row.place.series for row in known if row.size is not None)
+        known = [row for row in known if counts[row.place.series] >= LEAST_MESHES] or known
     if not known:
         raise ValueError("no run has a value that can be the reference")
     # Of equally fine runs the last one is taken, since a series of tolerances ends with the strictest.
@@ -49,7 +53,7 @@ def _extrapolated(rows: Sequence[StudyRow], name: str) -> ReferenceValue:
     if len(by_size) == 0:
         raise ValueError(f"richardson needs a series along which nothing but the mesh varies, not '{series}'{instead}")
     three = [by_size[size] for size in sorted(by_size, reverse=True)[-3:]]
-    if len(three) < 3:
+    if len(three) < LEAST_MESHES:
         raise ValueError(f"richardson needs three meshes, and series '{series}' has {len(three)}{instead}")
     values = [row.values[name] or 0.0 for row in three]
     try:

@@ -12,6 +12,7 @@ from hpcinv.parallel.timings import SOLVER
 from hpcinv.quantity.keys import look_up
 from hpcinv.study.executions import Executions
 from hpcinv.study.plan import Place, Run, StudyPlan
+from hpcinv.study.spec import refines
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
     costs |= {name: look_up(found, cost) for name, cost in study.costs.items()}
     values = {name: look_up(found, k) if converged else None for name, k in plan.measured.items()}
     estimates = {name: look_up(found, f"certificate.estimate.{k}") for name, k in plan.measured.items()}
-    size = _size(run, costs["cells"], parameter) if _refines(run) else None
+    size = _size(run, costs["cells"], parameter) if refines(run.place.varied) else None
     geometry = str(records[0].estimate.get("geometry", ""))
     times = tuple(seconds[study.time])
     return StudyRow(
@@ -95,13 +96,6 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
 def _phases(found: Mapping[str, Any], names: Sequence[str]) -> float:
     phases = found["timings"]["phases"]
     return float(sum(phases[name]["max"] for name in names if name in phases))
-
-
-def _refines(run: Run) -> bool:
-    """Return whether only the mesh varies along the series."""
-    keys = run.place.varied.keys()
-    of_meshes = ("mesh.parameters", "expected_shape")
-    return bool(keys) and all(key in ("mesh", "mesh.file") or key.startswith(of_meshes) for key in keys)
 
 
 def _proportional(plan: StudyPlan, series: str) -> str | None:

@@ -1,9 +1,19 @@
 """Study file: refinement series of runs, measured quantities, references, and published numbers."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import core_schema
 
 from hpcinv.batch import axes
 from hpcinv.batch.axes import Axis
@@ -25,6 +35,8 @@ MOST = 100_000
 """runs of one study"""
 
 _KINDS = ("finest", "richardson")
+LEAST_MESHES = 3
+"""meshes from which an order and a limit can be found: two give one of them"""
 
 
 Title = Annotated[str, Field(pattern=r"^\S(.*\S)?$", max_length=60)]
@@ -103,12 +115,36 @@ def _by_name(data: Any) -> Any:
     return data if isinstance(data, Mapping) and not (len(data) == 1 and {*data} & {*_KINDS}) else {"all": data}
 
 
+_OF_SERIES = {kind: {"type": "string"} for kind in _KINDS}
+_REFERENCE: dict[str, Any] = {
+    "anyOf": [
+        {"enum": list(_KINDS)},
+        {"type": "number"},
+        {"type": "string", "pattern": r"^\s*[-+.0-9]"},
+        {
+            "type": "object",
+            "properties": _OF_SERIES,
+            "additionalProperties": False,
+            "minProperties": 1,
+            "maxProperties": 1,
+        },
+    ]
+}
+_REFERENCES = {"anyOf": [*_REFERENCE["anyOf"], {"type": "object", "additionalProperties": _REFERENCE}]}
+
+
 class Reference(Spec):
     """Reference of a quantity: a number, the finest run, or Richardson's extrapolation."""
 
     kind: Literal["closed form", "finest", "richardson"]
     value: float | None = None
     series: Title | None = None
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return _REFERENCE
 
     @model_validator(mode="before")
     @classmethod
@@ -120,7 +156,7 @@ class Reference(Spec):
         if isinstance(data, Mapping):
             if len(data) == 1 and (kind := next(iter(data))) in _KINDS:
                 return {"kind": kind, "series": data[kind]}
-        elif not isinstance(data, str) or data[:1].isdigit() or data[:1] in "+-.":
+        elif not isinstance(data, str) or data[:1].isdigit() or data[:1] in "+-.(":
             return {"kind": "closed form", "value": Quantity(None).parse(data)}
         raise ValueError(
             f"must be a value (closed form), finest, richardson, or one of these of a series, such as "
@@ -154,7 +190,7 @@ class Study(Spec):
     """axes of parameters that every series runs over, for statistics: each combination of their points is a case"""
     measure: ListOf[SummaryKey]
     """quantities of interest of the job by name, and keys of its summary such as errors.round_trip.max"""
-    reference: Annotated[Mapping[SummaryKey, Reference], BeforeValidator(_by_name)] = {
+    reference: Annotated[Mapping[SummaryKey, Reference], BeforeValidator(_by_name), WithJsonSchema(_REFERENCES)] = {
         "all": Reference.model_validate("finest")
     }
     """reference value: one for all measured quantities, or by name, with 'all' for the rest"""
@@ -209,6 +245,13 @@ class Study(Spec):
             for key, r in reference.items()
             if r.series is not None and names and r.series not in names
         ]
+        problems += [
+            ((key,), fault)
+            for key, r in reference.items()
+            if (r.series is None or r.series in names)
+            and "series" in info.data
+            and (fault := _without_extrapolation(r, info.data["series"]))
+        ]
         if measure is not None:
             problems += _not_measured({key: r for key, r in reference.items() if key != "all"}, measure)
             if "all" not in reference:
@@ -241,6 +284,25 @@ class Study(Spec):
                 problems += [((*where, c), f"is no statistic.{did_you_mean(c, columns)}") for c in unknown]
         raise_if_any(problems)
         return beside
+
+
+def refines(varied: Iterable[str]) -> bool:
+    """Return whether keys that vary along a series change nothing but the mesh."""
+    keys = list(varied)
+    of_meshes = ("mesh.parameters", "expected_shape")
+    whole = ("mesh", "mesh.file", "mesh.image", "mesh.surface", "mesh.surfaces", "mesh.size")
+    return bool(keys) and all(key in whole or key.startswith(of_meshes) for key in keys)
+
+
+def _without_extrapolation(reference: Reference, listed: Iterable[RefinementSeries]) -> str:
+    """Return why no run of the series can be extrapolated from; empty if one has three meshes."""
+    series = [one for one in listed if reference.series in (None, one.name)]
+    if reference.kind != "richardson" or any(refines(one.vary) and one.steps >= LEAST_MESHES for one in series):
+        return ""
+    remedy = "take finest or a value instead, or another series: {richardson: NAME}"
+    if not any(refines(one.vary) for one in series):
+        return f"richardson needs a series along which nothing but the mesh varies; {remedy}"
+    return f"richardson needs a series with {LEAST_MESHES} meshes; {remedy}"
 
 
 def _names(info: ValidationInfo) -> list[str]:

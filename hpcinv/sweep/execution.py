@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.batch.task import Batch
 from hpcinv.sweep.plan import SweepPlan
 from hpcinv.sweep.results import RETRY
@@ -25,7 +24,7 @@ def sweep_batch(plan: SweepPlan) -> Batch:
 
 def open_damaged(plan: SweepPlan) -> int:
     """Open the cases with damaged records again, before the start of a sweep; return their number."""
-    return ledger_of(plan.store).reopen_damaged(dict.fromkeys(case.key for case in plan.cases))
+    return plan.ledger.reopen_damaged(dict.fromkeys(case.key for case in plan.cases))
 
 
 def _queue(plan: SweepPlan, ledger: Ledger, begin: float, _ranks: int) -> Queue:

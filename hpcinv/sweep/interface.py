@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.conduct import conduct
-from hpcinv.batch.ledger.ledger import ledger_of
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.sweep.execution import open_damaged, sweep_batch
 from hpcinv.sweep.plan import load_sweep
@@ -57,7 +56,7 @@ def sweep(
     conduct(sweep_batch(plan), comm, ranks_per_case=ranks_per_case, note=note)
 
     def table() -> Table:
-        records = results(plan, ledger_of(plan.store))
+        records = results(plan, plan.ledger)
         return Table(columns(plan, records), units(plan, records))
 
     return on_root(comm, table)

@@ -6,7 +6,8 @@ from typing import Any
 
 from hpcinv.batch.axes import Axis
 from hpcinv.batch.specification import text_of
-from hpcinv.quantity.units import Dimension, as_float, parse_quantity
+from hpcinv.quantity.constants import constant
+from hpcinv.quantity.units import Dimension, as_float
 from hpcinv.sweep.plan import SweepPlan
 
 
@@ -60,7 +61,7 @@ def _parsed(value: Any) -> tuple[float | None, Dimension | None]:
     """Return the number (SI) of a value, ``None`` if it is none, and its dimension if it has a unit."""
     if isinstance(value, str):
         try:
-            number, dimension = parse_quantity(value)
+            number, dimension = constant(value)
         except ValueError:
             return None, None
         return number, dimension

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.batch.axes import combined, sections_first
+from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.specification import Faults, read_base, read_spec, texts_of, with_settings
 from hpcinv.errors import JobError
 from hpcinv.files.untrusted import is_asked
@@ -34,6 +35,7 @@ class Case:
         numbers: the numbers in which cases of one reuse group differ (SI).
         parameters: values by key as in the file, sampled ones in SI, and labels of branches by the name of their axis.
         settings: values by key that are set in the job of the sweep.
+        home: directory of the file of its mesh.
     """
 
     number: int
@@ -42,6 +44,7 @@ class Case:
     numbers: tuple[float, ...]
     parameters: Mapping[str, Any]
     settings: Mapping[str, Any]
+    home: Path
 
     @property
     def title(self) -> str:
@@ -67,6 +70,11 @@ class SweepPlan:
     def store(self) -> Path:
         """Directory of the store, which sweeps may share."""
         return _STORE if self.sweep.store is None else self.path.parent / self.sweep.store
+
+    @property
+    def ledger(self) -> Ledger:
+        """The ledger of the store, for reading."""
+        return ledger_of(self.store, {case.key: case.home for case in self.cases})
 
     @property
     def results(self) -> Path:
@@ -123,7 +131,8 @@ def _cases(sweep: Sweep, base: Path, data: Mapping[str, Any], faults: Faults, un
         with faults.of(_title(number, parameters), base):
             job = parse(_content(data, settings), base, untrusted=untrusted)
             key, reuse_group = content_key(job, digest), reuse_group_of(job, digest)
-            yield Case(number, key, reuse_group, numbers_of(job), parameters, settings)
+            home = job.resolve(job.mesh.file).absolute().parent
+            yield Case(number, key, reuse_group, numbers_of(job), parameters, settings, home)
 
 
 def _content(data: Mapping[str, Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:

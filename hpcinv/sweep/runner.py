@@ -13,6 +13,7 @@ from hpcinv.batch.task import Runner
 from hpcinv.certificate import Verdict
 from hpcinv.driver import run
 from hpcinv.errors import CheckpointError
+from hpcinv.files.inputs import changed_inputs
 from hpcinv.methods.method import Guess
 from hpcinv.output.progress import SilentProgress
 from hpcinv.output.result import Result
@@ -50,7 +51,11 @@ class SweepRunner(Runner[SweepTask]):
 
     def run(self, task: SweepTask, progress: SilentProgress, stop_asked: Callable[[], bool]) -> dict[str, Any]:
         known = on_root(self.comm, task.directory.summary)
-        if known is not None and known["status"] == "converged":
+        if (
+            known is not None
+            and known["status"] == "converged"
+            and not on_root(self.comm, lambda: _has_changed(task, known))
+        ):
             progress.statistics = known  # an earlier attempt was killed just before its commit
             return {}
         start, guess = self._guess(task)
@@ -102,6 +107,12 @@ class SweepRunner(Runner[SweepTask]):
             shutil.rmtree(directory.checkpoints, ignore_errors=True)
         else:
             super().remove_run(task, record)
+
+
+def _has_changed(task: SweepTask, summary: Mapping[str, Any]) -> bool:
+    """Return whether the mesh of a finished run was made from files that have changed since."""
+    home = task.job.resolve(task.job.mesh.file).absolute().parent
+    return bool(changed_inputs(summary["mesh"].get("inputs", {}), home))
 
 
 def _clear(path: Path) -> None:

@@ -45,7 +45,8 @@ class Solved:
 
     def __init__(self, job: Job, comm: MPI.Intracomm) -> None:
         self.job = job
-        self.body: Body = build_body(job.mesh, job.regions, comm, resolve=job.resolve)
+        degree = job.discretisation.displacement
+        self.body: Body = build_body(job.mesh, job.regions, comm, resolve=job.resolve, degree=degree)
         self.model = Model(job, self.body, Timings())
         self.solves = self._solve(0)
         self.kinematics = self.scene.kinematics

@@ -14,12 +14,14 @@ import pytest
 from helpers.mesh_cases import conditions, spec
 
 from hpcinv.errors import OutputError
+from hpcinv.job.job import load
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import Body, MeshSource, build_body, in_source_order, read_source, write_mesh
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.io.gmsh_model import metis
 from hpcinv.parallel.runtime import MPI, on_root
+from hpcinv.preparation import is_cut_held_or_loaded
 
 TWO_BLOCKS = """
 def build(gmsh, *, size=0.5):
@@ -211,3 +213,32 @@ def test_a_hundred_thousand_cells_are_checked_in_seconds(comm: MPI.Intracomm, me
     check(source)
     assert len(source.cells) > 100_000
     assert time.perf_counter() - started < 10
+
+
+@pytest.mark.parallel([1, 2])
+def test_a_cut_on_which_nothing_acts_is_seen(comm: MPI.Intracomm, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Half of a ball at the border of an image: its flat side is the region 'cut'."""
+    SimpleITK = pytest.importorskip("SimpleITK")
+
+    def write() -> str:
+        x, y, z = np.indices((8, 16, 16)) - 7.5
+        path = tmp_path_factory.mktemp("cut") / "half.mha"
+        half = ((x + 7.5) ** 2 + y**2 + z**2 < 49).astype(np.uint8)
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(half.transpose()), str(path))
+        return str(path)
+
+    file = on_root(comm, write)
+    sections = {
+        "mesh": {"image": file, "labels": {"half": 1}, "size": "4 mm"},
+        "material": {"law": "neo-hookean", "young": "5 kPa", "poisson": 0.4},
+        "regions": {"side": "x > 4 mm", "flat": "x < 1 mm"},
+    }
+    held = {"side": False, "flat": True, "cut": True, "boundary": True}
+    body: Body | None = None
+    for region, acts in held.items():
+        job = load(sections | {"supports": [{"region": region, "fix": ["x", "y", "z"]}]})
+        body = body or build_body(job.mesh, job.regions, comm, resolve=job.resolve)
+        assert is_cut_held_or_loaded(job, body) == acts, region
+    push = {"effect": "pressure", "region": "flat", "pressure": "1 Pa"}
+    job = load(sections | {"supports": [{"region": "side", "fix": ["x", "y", "z"]}], "effects": [push]})
+    assert is_cut_held_or_loaded(job, body)

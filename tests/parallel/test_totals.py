@@ -85,11 +85,37 @@ def test_loads_that_cancel_have_no_resultant() -> None:
             block(0.1, regions={"foot": "z < 5"}, supports=[{"region": "foot", "fix": ["x", "y", "z"]}]),
             "region 'foot' is the whole boundary: 'z < 5' holds all over it (numbers without a unit are in m)",
         ),
+        (
+            block(0.1, material={"law": "isochoric-neo-hookean", "mu": "100 kPa", "kappa": "10 kPa"}),
+            "material: Poisson's ratio is -0.65, as the bulk modulus (1e+04 Pa) is below 2/3 of the shear modulus "
+            "(1e+05 Pa); kappa: bulk modulus",
+        ),
+        (
+            block(0.1, material={"law": "mooney-rivlin", "c1": "0.9 MPa", "c2": 0, "d1": 2e-10}),
+            "material: Poisson's ratio is -1, as the bulk modulus (4e-10 Pa) is below 2/3 of the shear modulus "
+            "(1.8e+06 Pa); d1: half the bulk modulus, the coefficient of (J - 1)² (Abaqus's D1 is 1/d1)",
+        ),
+        (
+            block(0.1, effects=[{"effect": "pressure", "region": "boundary", "pressure": "1 MPa"}]),
+            "times the bulk modulus of the stiffest part, so that volumes collapse: lam: Lamé's",
+        ),
     ],
 )
 def test_what_looks_like_a_mistake_in_a_unit_is_told_unless_it_is_meant(job: dict[str, Any], text: str) -> None:
     assert any(text in warning for warning in totals(MPI.COMM_SELF, **job).warnings)
     assert totals(MPI.COMM_SELF, **job, output={"unit_warnings": False}).warnings == ()
+
+
+@pytest.mark.parametrize(
+    "material",
+    [
+        {"law": "neo-hookean", "young": "3 kPa", "poisson": -0.3},
+        {"law": "isochoric-neo-hookean", "mu": "3 kPa", "kappa": "2 kPa"},
+        {"law": "isochoric-neo-hookean", "mu": "3 kPa", "kappa": "incompressible"},
+    ],
+)
+def test_moduli_that_are_meant_are_not_told(material: dict[str, Any]) -> None:
+    assert totals(MPI.COMM_SELF, **block(0.01, material=material)).warnings == ()
 
 
 @pytest.mark.parallel([2])

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import BLOCK, CUBE, PATIENCE, ROOT, Started, environment, hpcinv, write_job
+from helpers.command_line import BLOCK, CUBE, MPIRUN, PATIENCE, ROOT, Started, environment, hpcinv, write_job
 from helpers.mesh_cases import spec
 from helpers.sweeps import records_of, write_sweep
 
@@ -112,7 +112,7 @@ if "pytest" not in sys.modules:  # the test reads the job, too
 def with_slow_reader(directory: Path, suffix: str) -> tuple[dict[str, Any], Path]:
     """A job with a mesh in a file and a slow reader of it, and the file that the reader makes when it begins."""
     slow, mark = directory / "slow_reader.py", directory / "reading"
-    reader = ROOT / "hpcinv" / "mesh" / "io" / "isolated_reader.py"
+    reader = ROOT / "hpcinv" / "reading" / "isolated_reader.py"
     slow.write_text(SLOW_READER.format(mark=str(mark), reader=str(reader)))
     plugin = directory / "plugin.py"
     plugin.write_text(STARTING_SLOW_READER.format(slow=str(slow)))
@@ -245,6 +245,27 @@ def test_exit_code_0_from_code_of_a_job_is_no_success(where: str, ranks: int, tm
     if where != "generator in a thread":
         assert "ends.py, line" in ended.stderr
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("program", [[sys.executable, "-m", "hpcinv"], [str(MPIRUN.with_name("hpcinv"))]])
+def test_exit_code_0_from_a_plugin_is_no_success_of_validate(program: list[str], tmp_path: Path) -> None:
+    (tmp_path / "ends.py").write_text("import os\nos._exit(0)\n")
+    job = write_job(tmp_path / "job.yaml", CUBE, plugins=["ends.py"])
+    ended = subprocess.run([*program, "validate", job], env=environment(), capture_output=True, text=True)
+    assert ended.returncode == 1, ended.stdout
+    assert "os._exit(0) has ended the process before the command was done" in ended.stderr
+
+
+@pytest.mark.parametrize(("command", "ranks"), [("run", 1), ("run", 2), ("validate", 1)])
+def test_a_lack_of_memory_is_told_without_a_traceback(command: str, ranks: int, tmp_path: Path) -> None:
+    """Of NumPy, in code of a job."""
+    text = "import numpy as np\n\ndef build(gmsh):\n    raise MemoryError\n"
+    (tmp_path / "large.py").write_text(text if command == "run" else "raise MemoryError\n")
+    changes = {"mesh": {"file": "large.py"}} if command == "run" else {"plugins": ["large.py"]}
+    ended = hpcinv(ranks, command, write_job(tmp_path / "job.yaml", CUBE, **changes), cwd=tmp_path)
+    assert ended.returncode == 2, ended.stderr
+    assert ended.stderr.count("MemoryError: there is not enough memory") == 1
+    assert "Traceback" not in ended.stderr
 
 
 def test_processes_that_code_of_a_job_forks_end_as_they_like(tmp_path: Path) -> None:

@@ -394,17 +394,19 @@ def test_errors_against_the_finest_run_and_richardsons_limit(begin: Begin, tmp_p
     assert found.orders == pytest.approx((None, 2, 2, None, 2))
     assert found.fitted == pytest.approx({"P2": 2, "P3": 2})
 
-    _, found = rows_and_accuracy(begin, plan(tmp_path, repeat=1, reference={"richardson": "P3"}), tmp_path, [])
-    assert "richardson needs three meshes, and series 'P3' has 2; take finest or a value instead" in found.refusal
-    assert found.errors == (None,) * 5
+    with pytest.raises(JobError, match=r"reference\.all: richardson needs a series with 3 meshes; take finest or a"):
+        plan(tmp_path, repeat=1, reference={"richardson": "P3"})
 
 
 def test_there_is_no_order_where_more_than_the_mesh_varies(begin: Begin, tmp_path: Path) -> None:
     vary = {"mesh.parameters.nz": [1, 2, 4], "discretisation.displacement": [1, 2, 3]}
-    study = plan(tmp_path, repeat=1, series=[{"name": "all", "vary": vary}], reference="richardson")
-    rows, found = rows_and_accuracy(begin, study, tmp_path, [good(v) for v in (1.0, 1.5, 1.75)])
+    series = [{"name": "all", "vary": vary}]
+    with pytest.raises(JobError, match=r"reference\.all: richardson needs a series along which nothing but the mesh"):
+        plan(tmp_path, repeat=1, series=series, reference="richardson")
+    rows, _ = rows_and_accuracy(
+        begin, plan(tmp_path, repeat=1, series=series), tmp_path, [good(v) for v in (1.0, 1.5, 1.75)]
+    )
     assert [row.size for row in rows] == [None] * 3
-    assert "needs a series along which nothing but the mesh varies, not 'all'" in found.refusal
     # Parameters that do not keep their proportion: the number of cells tells.
     vary = {"mesh.parameters.nz": [1, 2, 4], "mesh.parameters.nx": [1, 1, 2]}
     study = plan(tmp_path, repeat=1, series=[{"name": "all", "vary": vary}])

@@ -11,10 +11,12 @@ from typing import Any
 import pytest
 import yaml
 from helpers.command_line import COLUMN, ROOT, environment
+from pydantic import ValidationError
 
 from hpcinv.errors import JobError
 from hpcinv.quantity.keys import assigned, look_up, parse_key
 from hpcinv.study.plan import StudyPlan, load_study
+from hpcinv.study.spec import Study
 
 STUDY: dict[str, Any] = {
     "job": "column.yaml",
@@ -261,3 +263,17 @@ def test_validate_takes_studies_and_loads_neither_mpi_nor_the_solver(tmp_path: P
     assert not {"mpi4py", "petsc4py", "dolfinx", "gmsh", "ufl", "numpy", "h5py", "matplotlib"} & set(
         done.stdout.split()
     )
+
+
+def test_sizes_of_an_image_are_meshes_to_extrapolate_from() -> None:
+    """What varies is the mesh; a study with two meshes, or with none, is refused before anything is run."""
+    content = {
+        "job": "scan.yaml",
+        "series": [{"name": "size", "vary": {"mesh.size": ["20 mm", "15 mm", "10 mm"]}}],
+        "measure": ["length"],
+        "reference": "richardson",
+    }
+    assert Study.model_validate(content).reference_of("length").kind == "richardson"
+    for vary, why in (({"mesh.size": [2, 1]}, "with 3 meshes"), ({"material.mu": [1, 2, 3]}, "nothing but the mesh")):
+        with pytest.raises(ValidationError, match=why):
+            Study.model_validate(content | {"series": [{"name": "size", "vary": vary}]})

@@ -104,10 +104,10 @@ def test_faults_are_told(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="the segments 1 and 2 overlap"):
         read_labels(write(tmp_path / "both.dcm", masks() | {"Liver": whole}), {"liver": [1]}, 1e-3)
     slices(1, 4, 4)[0].save_as(tmp_path / "ct.dcm", enforce_file_format=True)
-    with pytest.raises(MeshError, match="is no DICOM segmentation"):
+    with pytest.raises(MeshError, match="is not a DICOM segmentation"):
         read_labels(tmp_path / "ct.dcm", {"liver": [1]}, 1e-3)
     (tmp_path / "text.dcm").write_text("no DICOM")
-    with pytest.raises(MeshError, match="is no DICOM file"):
+    with pytest.raises(MeshError, match="is not a DICOM file"):
         read_labels(tmp_path / "text.dcm", {"liver": [1]}, 1e-3)
 
 

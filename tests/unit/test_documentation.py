@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.schemas import refusals
 
 from hpcinv.__main__ import _parser
 from hpcinv.cli.study import with_action
@@ -133,6 +134,7 @@ def test_sweeps_and_studies_in_the_pages_are_valid(block: str, tmp_path: Path) -
     shutil.copytree(ROOT / "jobs", tmp_path / "jobs")
     file = tmp_path / "jobs" / "of-a-page.yaml"
     file.write_text(block)
+    assert refusals(read_yaml(file)) == []
     plan: Any = load_sweep(file) if block.startswith("sweep:") else load_study(file)
     assert plan.cases if block.startswith("sweep:") else plan.runs
 
@@ -171,3 +173,4 @@ def test_jobs_in_the_pages_are_valid(block: str, has_files: bool, tmp_path: Path
     if "states" not in whole:
         whole.setdefault("effects", [gravity])
     parse(whole, ROOT / "jobs" / "fragment.yaml")
+    assert refusals(whole) == []

@@ -142,6 +142,45 @@ def test_whatever_is_no_formula_is_refused(text: str) -> None:
         Expression(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("800 kg/m^3*9.81 m/s^2*z", 800 * 9.81 * z),
+        ("800 kg/m³*9.81 m s^-2*z", 800 * 9.81 * z),
+        ("2 N·mm/mm^2 + 1 kN/m", np.full(50, 3000.0)),
+        ("1/(2 1/s)*1 s", None),
+        ("z/(2 m/s)", z / 2),
+        ("-1.2 kPa/mm*z", -1.2e6 * z),
+    ],
+)
+def test_a_number_may_have_a_compound_unit(text: str, value: np.ndarray | None) -> None:
+    if value is None:  # a number is needed before a unit
+        with pytest.raises(ValueError, match="not a formula"):
+            Expression(text)
+    else:
+        np.testing.assert_allclose(Expression(text).evaluate(x=x, y=y, z=z), value, rtol=1e-15)
+
+
+def test_compound_units_have_their_dimension() -> None:
+    pressure = Dimension(-1, 1, -2)
+    assert Expression("800 kg/m^3*9.81 m/s^2*(z - 10 mm)").check(KNOWN) == pressure
+    with pytest.raises(ValueError, match=r"divides by a number with a compound unit: write /\(2 kg/m"):
+        Expression("x/2 kg/m").check(KNOWN)
+
+
+def test_variables_called_like_units_prevail_in_compound_units() -> None:
+    formula = Expression("6 kPa/m")
+    assert formula.names == frozenset()
+    assert formula.further_units == {"m"}
+    assert formula.check({"m": None}) is None
+    assert float(formula.apply({"m": 2.0}, {})) == 3000.0
+    assert float(formula.apply({}, {})) == 6000.0
+    defined = Expression.using("6 kPa/m", {"m": Expression("4")})
+    assert defined.check({}) is None
+    assert float(defined.evaluate()) == 1500.0
+    assert float(Expression("6 kPa/J").apply({"J": 2.0}, {})) == 3000.0  # the volume ratio
+
+
 def test_a_misspelt_function_is_suggested() -> None:
     with pytest.raises(ValueError, match=r"unknown function 'sqr' in 'sqr\(x\)'\. Did you mean 'sqrt'\?"):
         Expression("sqr(x)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from hpcinv.fitting.candidate import candidate
 from hpcinv.fitting.ellipticity import is_elliptic
 from hpcinv.fitting.homogeneous import MODES, Response
 from hpcinv.fitting.least_squares import Fit, FitError, fit
+from hpcinv.fitting.linearised import Linearised
 from hpcinv.fitting.measurements import Test, read_tests, with_deviations
 from hpcinv.fitting.report import CheckedFit
 from hpcinv.fitting.stability import smallest_stiffness
@@ -219,11 +221,61 @@ def test_command_writes_what_a_job_takes(tmp_path: Path, capsys: pytest.CaptureF
     assert {test["points"] for test in best["tests"]} == {9}
 
 
+@pytest.mark.parametrize("name", ["a\nplugins: [evil.py]\n#.csv", "a\u2028plugins: [evil.py]\u2028.csv"])
+def test_names_of_tests_are_data_in_the_sections_of_a_job(name: str, tmp_path: Path) -> None:
+    tests = tmp_path / name
+    tests.write_text(EXACT)
+    material = tmp_path / "material.yaml"
+    assert main(["fit", str(tests), "--law", "mooney-rivlin", "--material", str(material)]) == 0
+    assert "plugins" not in yaml.safe_load(material.read_text())
+    assert not [line for line in material.read_text().splitlines() if line.startswith("plugins")]
+
+
 EXACT = "# mode: uniaxial\nstretch, nominal stress [Pa]\n" + "\n".join(
     f"{x}, {2 * (x - x**-2.0):.15g}" for x in (1.1, 1.2, 1.3, 1.5, 1.7)
 )
 """Of an incompressible material, so that its bulk modulus cannot be seen."""
 GOOD = "# mode: uniaxial\nstretch [-], nominal stress [MPa]\n1.1, 0.1\n1.2, 0.2\n1.3, 0.25\n1.5, 0.4\n"
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_decimal_commas_are_read_where_commas_delimit_nothing(delimiter: str, tmp_path: Path) -> None:
+    """As spreadsheets write them in many languages, with a byte-order mark."""
+    (tmp_path / "point.csv").write_text(GOOD)
+    (tmp_path / "comma.csv").write_text("\ufeff" + GOOD.replace(",", delimiter).replace(".", ","))
+    (point,), (comma,) = (read_tests(tmp_path / f"{name}.csv") for name in ("point", "comma"))
+    np.testing.assert_array_equal(comma.measure, point.measure)
+    np.testing.assert_array_equal(comma.stress, point.stress)
+
+
+def test_linearised_least_squares_take_memory_linear_in_the_data() -> None:
+    """20,000 rows took a square matrix of 3.2 GB."""
+    rng = np.random.default_rng(1)
+    jacobian = rng.normal(size=(20_000, 3)) @ np.diag([1.0, 10.0, 0.1])
+    tracemalloc.start()
+    covariance = Linearised(jacobian).covariance()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_allclose(covariance, np.linalg.inv(jacobian.T @ jacobian), rtol=1e-10)
+    assert peak < 20 * jacobian.nbytes
+
+
+def test_a_lack_of_memory_has_a_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*_: object) -> None:
+        raise MemoryError("Unable to allocate 2.98 GiB")
+
+    (tmp_path / "tests.csv").write_text(GOOD)
+    monkeypatch.setattr("hpcinv.fitting.measurements.read_tests", fails)
+    assert main(["fit", str(tmp_path / "tests.csv"), "--law", "yeoh"]) == 5
+    assert capsys.readouterr().err.startswith("there is not enough memory: Unable to allocate 2.98 GiB\n  Take a ")
+
+
+def test_fewer_data_than_parameters_leave_combinations_free() -> None:
+    few = Linearised(np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 2.0]]))
+    assert len(few.combinations) == 3
+    assert [one.involved for one in few.free()] == [[1, 2]]
 
 
 @pytest.mark.parametrize(
@@ -233,7 +285,8 @@ GOOD = "# mode: uniaxial\nstretch [-], nominal stress [MPa]\n1.1, 0.1\n1.2, 0.2\
         (GOOD.replace("MPa", "MPaa"), [], "unknown unit 'MPaa'"),
         (GOOD.replace(" [MPa]", ""), [], "needs a unit: 'nominal stress [MPa]'"),
         (GOOD.replace("0.25", "0.2S"), [], "line 5: column 'nominal stress': '0.2S' is not a number"),
-        (GOOD.replace("1.3,", "1.3;").replace(",", ";").replace("0.25", "0,25"), [], "decimal comma"),
+        (GOOD.replace(" 0.25", '"0,25"'), [], "line 5: column 'nominal stress': '0,25' is not a number; a decimal"),
+        (GOOD.replace("0.25", "2" * 200_000), [], "line 5: cannot be read: field larger than field limit"),
         (GOOD.replace("nominal stress", "nominl stress"), [], "unknown column 'nominl stress [MPa]'. Did you mean"),
         (GOOD.replace("nominal stress", "stress"), [], "is it a nominal stress or a Cauchy stress?"),
         (GOOD.replace("0.25", "1e400"), [], "line 5: column 'nominal stress': '1e400' is too large"),

@@ -191,3 +191,39 @@ def test_other_values_make_the_same_form() -> None:
     first = signature(formula(energy, "1 MPa", mu="2 kPa", n=1.3, d=0.2))
     assert signature(formula(energy, "2 MPa", mu="3 kPa", n=2, d=0.3)) == first
     assert signature(formula(energy + " + mu*(J - 1)**2", "2 MPa", mu="3 kPa", n=2, d=0.3)) != first
+
+
+@pytest.mark.parametrize("name", sorted(laws().keys() - {"formula", "ogden"}))
+def test_the_printed_formula_of_a_law_is_one_of_this_law(name: str) -> None:
+    """With its parameters it has the same moduli."""
+    law = laws()[name].model_validate(laws()[name].example)
+    parameters: dict[str, float | str] = {}
+    for key, (value, dimension) in law.quantities().items():
+        entries = {f"{key}{i}": x for i, x in enumerate(value, 1)} if isinstance(value, tuple) else {key: value}
+        parameters |= {k: f"{x!r} {dimension.unit}" if dimension.unit else x for k, x in entries.items()}
+    copied = laws()["formula"].model_validate(
+        {"law": "formula", "energy": law.energy_formula, "parameters": parameters}
+    )
+    (own,), (of_copy,) = law.cases(), copied.cases()
+    if not law.families or name == "transversely-isotropic":
+        assert copied.shear_modulus(of_copy) == pytest.approx(law.shear_modulus(own), rel=1e-8)
+        assert copied.bulk_modulus(of_copy) == pytest.approx(law.bulk_modulus(own), rel=1e-4)
+
+
+def test_principal_stretches_are_refused_with_the_law_that_has_them() -> None:
+    with pytest.raises(ValidationError, match=r"'lambda1_bar' is a principal stretch.*take 'law: ogden'"):
+        laws()["formula"].model_validate(
+            {
+                "law": "formula",
+                "energy": laws()["ogden"].formula.replace("_i", "1"),
+                "parameters": {"mu1": "1 MPa", "alpha1": 2},
+            }
+        )
+
+
+def test_a_parameter_called_like_a_unit_prevails() -> None:
+    energy = "6 kPa/m*(I1_bar - 3)"
+    section = {"law": "formula", "energy": energy, "parameters": {"m": 3}, "kappa": "1 MPa"}
+    law = laws()["formula"].model_validate(section)
+    (par,) = law.cases()
+    assert law.shear_modulus(par) == pytest.approx(4e3, rel=1e-8)

@@ -106,11 +106,23 @@ def test_a_generator_says_what_makes_its_mesh_finer(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("given", "text"),
-    [({"n": 0}, "must be at least 1"), ({"n": 1.5}, "must be a whole number"), ({"size": 0}, "must be above 0")],
+    [
+        ({"n": 0}, "must be at least 1"),
+        ({"n": 2**63 - 1}, "must be at least 1 and at most 1,000,000, not 9,223,372,036,854,775,807"),
+        ({"n": "5/2"}, "must be a whole number"),
+        ({"n": 1.5}, "must be a whole number"),
+        ({"size": 0}, "must be above 0"),
+    ],
 )
 def test_resolutions_that_make_no_mesh_are_refused(tmp_path: Path, given: dict[str, object], text: str) -> None:
     _, [(_, what)] = read(tmp_path, "m.py", RESOLVED.replace("sum([1])", "1"), given)
     assert text in what
+
+
+def test_arithmetic_reaches_a_generator_as_a_number(tmp_path: Path) -> None:
+    values, problems = read(tmp_path, "m.py", RESOLVED.replace("sum([1])", "1"), {"n": "12/3", "size": "1/4"})
+    assert (values, problems) == ({"n": 4, "size": 0.25}, [])
+    assert type(values["n"]) is int
 
 
 def test_lengths_reach_a_generator_in_the_unit_it_works_in(tmp_path: Path) -> None:

@@ -23,11 +23,11 @@ from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.checks import check, determinants
-from hpcinv.mesh.imaging import image_files
 from hpcinv.mesh.imaging.clean_surfaces import _parts, _without_touching_edges
 from hpcinv.mesh.imaging.curved_cells import curved
 from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.imaging.wall_sizes import wall_sizes
+from hpcinv.mesh.io import isolated
 from hpcinv.mesh.overlap import find_overlap
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.surface import surface_of
@@ -180,7 +180,7 @@ def test_voxels_of_64_bits_take_no_more_memory_than_one_copy(tmp_path: Path) -> 
 
 def test_images_that_exceed_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     image = written(tmp_path / "image.mha", ball())
-    monkeypatch.setattr(image_files, "available", lambda _comm: 1000)
+    monkeypatch.setattr(isolated, "available", lambda _comm: 1000)
     with pytest.raises(MeshError, match="of memory"):
         read_labels(image, {"a": [1]}, 1e-3)
 
@@ -309,6 +309,26 @@ def test_cavities_and_neighbours_are_regions(tmp_path: Path) -> None:
         meshed(image, **spec | {"neighbours": {"blood": 3}})
     with pytest.raises(JobError, match=r"mesh\.neighbours\.blood: has the number 1, which 'wall' has too"):
         meshed(image, **spec | {"neighbours": {"blood": 1}})
+    voxels[0, 0, 0] = 4
+    message = r"neighbour 'far' is nowhere next to .*; labels next to it: 7 \(at \d+% of its surface\), 9 \(at \d+% of"
+    with pytest.raises(MeshError, match=message):
+        meshed(written(tmp_path / "far.nii.gz", voxels), **spec | {"neighbours": {"far": 4}})
+
+
+def test_all_labels_are_listed_with_their_volumes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    voxels = np.zeros((41, 10, 10), dtype=np.uint8)
+    for label in range(1, 42):
+        voxels[label - 1].flat[: label * 2] = label
+    image = written(tmp_path / "many.nii.gz", voxels, (2, 1, 1))
+    with pytest.raises(MeshError) as refused:
+        meshed(image, labels={"ball": 99})
+    every = ", ".join(f"{label} ({4 * label} mm^3)" for label in range(1, 42))
+    assert f"the labels in it are {every}" in str(refused.value)
+    for arguments in ([], ["--label", ""], ["--label", "ball=1"], [str(tmp_path / "b.msh"), "--size", "4 mm"]):
+        assert main(["mesh", "from-image", str(image), *arguments]) == 2
+        told = capsys.readouterr().err
+        assert every in told
+        assert "such as: hpcinv mesh from-image" in told.lower()
 
 
 def test_a_neighbour_behind_a_thin_wall_is_not_next_to_its_other_side(tmp_path: Path) -> None:

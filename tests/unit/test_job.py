@@ -479,6 +479,7 @@ def test_the_json_schema_describes_every_key_of_a_job() -> None:
     schema = json_schema()
     assert json.loads(json.dumps(schema)) == schema
     assert set(schema["properties"]) == set(Job.model_fields)
+    assert "image" in schema["$defs"]["MeshSpec"]["properties"]
     assert schema["required"] == ["mesh", "material"]
     assert all("description" in p for p in schema["properties"].values())
     assert {"enum": ["off", "quick", "standard", "full"]} in schema["$defs"]["CertificateSettings"]["anyOf"]

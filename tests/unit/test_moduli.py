@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from itertools import combinations
 from math import inf
+from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.command_line import BLOCK, write_job
 from pydantic import ValidationError
 
+from hpcinv.__main__ import main
 from hpcinv.materials import MaterialLaw, laws
 from hpcinv.materials.moduli import shear_and_bulk, young_and_poisson
 
@@ -134,3 +137,18 @@ def test_moduli_that_cannot_be_are_refused_at_their_key(given: dict[str, Any], k
         laws()["gent"].model_validate({"law": "gent", "jm": 30} | given)
     found = {error["loc"]: error["msg"] for error in caught.value.errors()}
     assert told in found[key,]
+
+
+def test_validate_names_the_convention_of_a_modulus_that_no_one_means(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Abaqus's D1 = 2/K in place of d1 = K/2, as a warning: the file is valid."""
+    material = {"law": "mooney-rivlin", "c1": 9e5, "c2": 0, "d1": 2e-10}
+    job = write_job(tmp_path / "job.yaml", BLOCK, material=material)
+    assert main(["validate", str(job)]) == 0
+    told = capsys.readouterr().err
+    assert told.startswith(f"warning: {job}: material: Poisson's ratio is -1, ")
+    assert "Abaqus's D1 is 1/d1" in told
+    write_job(job, BLOCK, material=material | {"d1": "1/2e-10"})
+    assert main(["validate", str(job)]) == 0
+    assert capsys.readouterr().err == ""

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
+from helpers.schemas import refusals
 
 import hpcinv as package
 from hpcinv.__main__ import main
+from hpcinv.files.names import yaml_text
+from hpcinv.job.yaml_reader import read_text, read_yaml
 from hpcinv.mesh import build_body, read_source
 from hpcinv.model.fibre_rules import rule_directions
 from hpcinv.parallel.runtime import MPI
@@ -67,6 +70,7 @@ def test_examples_are_valid_jobs_beside_their_mesh(kind: str, tmp_path: Path, ca
     assert f"python -m hpcinv run {file}" in capsys.readouterr().out
     assert sorted(p.name for p in tmp_path.iterdir()) == [file.name, f"my-{kind}_mesh.py"]
     assert main(["validate", str(file)]) == 0
+    assert refusals(read_yaml(file)) == []
     text = file.read_text()
     assert "$" not in text
     assert "doi:10." in text
@@ -151,7 +155,7 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
     [
         (
             "liver --image scan.nii.gz job.yaml",
-            "--label: is needed with --image, such as --label liver=1; in .* are 5, 7",
+            "--label: is needed with --image, such as --label liver=1; in .* are 5 .*ml.*, 7 .*ml",
         ),
         (
             "liver --image scan.nii.gz --label liver=4 job.yaml",
@@ -166,7 +170,7 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
         ("part --surface it.stl --unit kg job.yaml", "--unit kg: is no unit of length"),
         ("part --surface it.stl --unit mm --size 3_kg job.yaml", "--size 3_kg: "),
         ("artery --surface it.stl --unit mm job.yaml", "--surface: of the wall of an artery, it does not tell"),
-        ("artery --image scan.nii.gz job.yaml", "such as --label wall=1 --label cavity=2; in .* are 5, 7"),
+        ("artery --image scan.nii.gz job.yaml", "such as --label wall=1 --label cavity=2; in .* are 5 .*ml.*, 7 .*ml"),
         ("artery --image scan.nii.gz --label wall=5 job.yaml", "--label: an artery has two regions in an image"),
         (
             "artery --image scan.nii.gz --label wall=5 --label cavity=7 --size 20_mm job.yaml",
@@ -203,3 +207,26 @@ def test_files_are_replaced_only_by_force(tmp_path: Path, capsys: pytest.Capture
     file.write_text("mine")
     assert typed("part", "--force", file) == 0
     assert main(["validate", str(file)]) == 0
+
+
+@pytest.mark.parametrize("name", ["a\nplugins: [evil.py]\n#", "a\u2028plugins: [evil.py]\u2028", 'a"\\', "a\x85b: ü"])
+def test_names_of_files_are_data(name: str, tmp_path: Path) -> None:
+    """Neither the comment of the job nor its section 'mesh' gets a line from a name."""
+    image = scan(tmp_path / f"{name}.nii.gz")
+    directory = tmp_path / name
+    directory.mkdir()
+    for file in (tmp_path / "job.yaml", directory / "job.yaml"):
+        assert typed("liver", "--image", image, "--label", "liver=5,7", file) == 0
+        assert "plugins" not in read_yaml(file)
+        job = package.load(file)
+        assert job.resolve(job.mesh.file).resolve() == image
+        lines = file.read_text(encoding="utf-8").splitlines()
+        assert not [line for line in lines if line.startswith("plugins")]
+
+
+@pytest.mark.parametrize(
+    "text", ["plain/file-1.nii", "1e3", "yes", "No", "a: b", " a ", "-", "#", "\u2028", "😀\n", "", "{a}"]
+)
+def test_texts_are_read_from_yaml_as_they_were(text: str) -> None:
+    assert read_text(f"value: {yaml_text(text)}", "test") == {"value": text}
+    assert read_text(f"list: [{yaml_text(text)}, 1]", "test") == {"list": [text, 1]}

@@ -104,6 +104,40 @@ def test_what_is_no_such_quantity_is_refused_with_a_reason(kind: object, value: 
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("kind", "text", "si"),
+    [
+        (Dimensionless, "1/3", 1 / 3),
+        (Stress, "1e6/10", 1e5),
+        (Dimensionless, "-1/1.04", -1 / 1.04),
+        (Stress, "2*1.5 kPa", 3000.0),
+        (Length, "2*(3 mm + 1 cm)", 0.026),
+        (Length, "(1 + 1/2)*2 mm", 0.003),
+        (Stress, "1000 kg/m^3*9.81 m/s^2*2 m", 19620.0),
+        (Dimensionless, "sin(30 deg)", 0.5),
+    ],
+)
+def test_arithmetic_is_a_number(kind: object, text: str, si: float) -> None:
+    assert read(kind, text) == pytest.approx(si, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "message"),
+    [
+        (Length, "10/2 cm", "but '10/2 cm' is a quantity in m^-1"),
+        (Stress, "(1/3)*1 mm", "but '(1/3)*1 mm' is a length"),
+        (Length, "1/0", "must be finite"),
+        (Length, "2*depth", "unknown unit 'depth'"),
+        (Length, "1/3 foo", "is not a unit"),
+        (Length, "(1 mm) < (2 mm)", "is a condition, not a number"),
+    ],
+)
+def test_arithmetic_has_a_dimension(kind: object, text: str, message: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        read(kind, text)
+    assert message in str(caught.value)
+
+
 def test_incompressible_is_an_infinite_stiffness_and_stays_readable_in_json() -> None:
     adapter = TypeAdapter(BulkStress)
     assert adapter.validate_python("incompressible") == math.inf

@@ -327,19 +327,15 @@ def test_balance_is_that_of_the_forces(comm: MPI.Intracomm) -> None:
     equilibrium.destroy()
 
 
+@pytest.mark.parametrize("geometry_degree", [1, 2])
 @pytest.mark.parametrize("start", ["near", "path"])
-def test_the_way_back_closes_where_the_cells_bend_along(start: str, comm: MPI.Intracomm) -> None:
-    def gap(geometry_degree: int) -> Line:
-        result = hpcinv.run(cantilever(geometry_degree, NO_CERTIFICATE | {"round_trip": start}), comm)
-        return line(result, "round trip")
-
-    curved, straight = gap(2), gap(1)
-    print(f"{start}: {curved.value}, {straight.value} with straight cells")
-    assert curved.value is not None
-    assert straight.value is not None
-    assert curved.value < 1e-10 < 1e-5 < straight.value
-    assert "geometry" in straight.note
-    assert "geometry" not in curved.note
+def test_the_way_back_closes_on_straight_cells_too(start: str, geometry_degree: int, comm: MPI.Intracomm) -> None:
+    """The computed body has the degree of the displacement, whatever that of the given cells."""
+    result = hpcinv.run(cantilever(geometry_degree, NO_CERTIFICATE | {"round_trip": start}), comm)
+    found = line(result, "round trip")
+    assert found.value is not None
+    assert found.value < 1e-10
+    assert found.verdict is Verdict.PASS
 
 
 def test_a_way_back_that_is_not_found_is_not_decided(comm: MPI.Intracomm) -> None:
@@ -361,8 +357,7 @@ def test_a_way_back_that_is_not_found_is_not_decided(comm: MPI.Intracomm) -> Non
 
 
 @pytest.mark.parametrize("geometry_degree", [1, 2])
-def test_fixed_points_on_straight_cells_do_not_fail(geometry_degree: int, comm: MPI.Intracomm) -> None:
-    """They are an equilibrium on the mesh that they move: the residual is evaluated on the given one."""
+def test_fixed_points_are_equilibria_on_straight_cells_too(geometry_degree: int, comm: MPI.Intracomm) -> None:
     one = job(
         mesh=box((4, 2, 2), lx=1.0, ly=0.3, lz=0.3) | {"geometry_degree": geometry_degree},
         material={"law": "neo-hookean", "young": 1e6, "poisson": 0.3},
@@ -373,9 +368,7 @@ def test_fixed_points_on_straight_cells_do_not_fail(geometry_degree: int, comm: 
     )
     residual = hpcinv.run(one, comm).certificate.lines[0]
     print(residual)
-    assert residual.verdict is (Verdict.PASS if geometry_degree == 2 else Verdict.WARN)
-    assert ("sellier" in residual.note) == (geometry_degree == 1)
-    assert (residual.value or 0.0) > (1e-3 if geometry_degree == 1 else 0.0)
+    assert residual.verdict is Verdict.PASS
 
 
 def test_a_body_that_hangs_beside_its_rest_does_not_fail(comm: MPI.Intracomm) -> None:

@@ -31,7 +31,7 @@ directory, which the next claim renames.
 import contextlib
 import json
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -44,6 +44,7 @@ from hpcinv.batch.ledger.record import CaseRecord, OtherVersionError
 from hpcinv.batch.ledger.store import RUNS, as_output_error, check_format
 from hpcinv.errors import OutputError
 from hpcinv.files.atomic import create, make_directory, publish
+from hpcinv.files.inputs import changed_inputs
 from hpcinv.parallel.processes import Identity
 
 DEADLY = 5
@@ -108,14 +109,25 @@ class Ledger:
     Args:
         lease: seconds within which the heartbeat of a holder elsewhere must change.
         supervised: whether a supervisor notes the crashes of this process.
+        homes: directories of the programs that make meshes, by keys of cases. A record whose mesh was made from files
+            with another content than they have there now counts as damaged.
 
     Raises:
         OutputError: from every method, where the file system fails; no half-written file is left. From methods that
             read records, where another version of hpcinv wrote one that cannot be read.
     """
 
-    def __init__(self, path: Path, holder: Holder, *, lease: float = LEASE, supervised: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        holder: Holder,
+        *,
+        lease: float = LEASE,
+        supervised: bool = False,
+        homes: Mapping[str, Path] | None = None,
+    ) -> None:
         self.path, self.holder, self.lease, self.supervised = path, holder, lease, supervised
+        self.homes: dict[str, Path] = dict(homes or {})
         self._files, self._watch = Histories(path), Watch(path, holder.identity, lease)
 
     def directory(self, key: str) -> Path:
@@ -265,7 +277,7 @@ class Ledger:
         return None
 
     def _decoded(self, key: str, history: History) -> CaseRecord:
-        """Return the record of a finished case; raise ``ValueError`` if it is damaged.
+        """Return the record of a finished case; raise ``ValueError`` if it is damaged, or a file of its mesh changed.
 
         Raises:
             OutputError: another version wrote it, so that the case must not be solved again in its place.
@@ -273,7 +285,10 @@ class Ledger:
         file = self._files.file(key, f"record-{history.round}.json")
         try:
             with as_output_error(file):
-                return CaseRecord.decoded(file.read_bytes())
+                record = CaseRecord.decoded(file.read_bytes())
+            if (home := self.homes.get(key)) is not None and (changed := changed_inputs(record.inputs, home)):
+                raise ValueError(f"{home / changed[0]}, of which the mesh was made, has changed since")
+            return record
         except OtherVersionError as error:
             raise OutputError(
                 f"{file}: another version of hpcinv wrote it: {error}",
@@ -291,7 +306,7 @@ class Ledger:
 
     def _reopen_damaged(self, key: str, history: History) -> bool:
         why = self._damage(key, history)
-        return bool(why) and self._reopen(key, history, f"its record is damaged: {why}")
+        return bool(why) and self._reopen(key, history, f"its record cannot be used: {why}")
 
     def _reopen(self, key: str, history: History, why: str) -> bool:
         """Begin the next round; ``False`` if another process has done so."""
@@ -313,14 +328,14 @@ class Ledger:
                 self._watch.remove_heartbeat(holder)
 
 
-def ledger_of(store: Path) -> Ledger:
-    """Return the ledger of a store, for reading.
+def ledger_of(store: Path, homes: Mapping[str, Path] | None = None) -> Ledger:
+    """Return the ledger of a store, for reading; ``homes`` as for `Ledger`.
 
     Raises:
         OutputError: the store has another format.
     """
     check_format(store)
-    return Ledger(store, Holder(store))
+    return Ledger(store, Holder(store), homes=homes)
 
 
 def _is_last(claim: Claim, history: History) -> bool:

@@ -46,6 +46,11 @@ class CaseRecord:
         return verdict
 
     @property
+    def inputs(self) -> Mapping[str, str]:
+        """Digests of the files that the generator of its mesh read, by their paths from its directory."""
+        return (self.statistics.get("mesh") or {}).get("inputs") or {}
+
+    @property
     def estimate(self) -> Mapping[str, Any]:
         """Error estimate of the certificate; empty without one."""
         return self.statistics.get("certificate", {}).get("estimate") or {}

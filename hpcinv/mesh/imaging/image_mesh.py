@@ -10,7 +10,7 @@ import pyvista
 from scipy import ndimage
 
 from hpcinv.errors import MeshError
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.sections import CUT, MeshSpec
 from hpcinv.mesh.imaging.boundary import GOOD, ROUGH, Memberships, smoothed
 from hpcinv.mesh.imaging.clean_surfaces import MMG, cells_between_surfaces
 from hpcinv.mesh.imaging.closed_surface import fill
@@ -29,7 +29,6 @@ from hpcinv.mesh.surface import Surface
 from hpcinv.parallel.signals import handlers_restored
 from hpcinv.quantity.units import readable
 
-CUT = "cut"
 _FINE = 0.5  # spacing of the lattice, relative to the size of cells
 _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing to see
 _MOST_FIT = 5e6  # cubes of the cells' size in a box around the body, for which there is memory

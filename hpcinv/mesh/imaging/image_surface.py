@@ -8,7 +8,7 @@ import pyvista
 from scipy import ndimage
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.imaging.label_image import read_labels, read_numbers
+from hpcinv.mesh.imaging.label_image import read_labels
 from hpcinv.mesh.source import Floats
 
 _SMOOTH = 0.7  # standard deviation of the smoothing, in voxels
@@ -29,9 +29,7 @@ def image_surface(path: Path, labels: Sequence[int], unit: float) -> pyvista.Pol
     Raises:
         MeshError: the image cannot be read, or lacks a label.
     """
-    if not labels:
-        labels = [int(number) for number in np.unique(read_numbers(path)) if number]
-    image = read_labels(path, {"body": labels}, unit)
+    image = read_labels(path, {"body": labels} if labels else None, unit)
     places = np.argwhere(image.voxels)
     low, high = places.min(axis=0), places.max(axis=0) + 1
     inside = np.pad(image.voxels[tuple(map(slice, low, high))] > 0, _MARGIN)

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
-from hpcinv.mesh.imaging.headers import sheared
 from hpcinv.mesh.imaging.image_files import read_voxels
 from hpcinv.mesh.source import Floats
 from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.quantity.units import readable
+from hpcinv.reading.voxels import Numbers, VoxelGrid
 
 type Labels = npt.NDArray[np.int16]
 type Bools = npt.NDArray[np.bool_]
@@ -31,6 +32,7 @@ class LabelImage:
         axes: directions of the image's axes as columns.
         frame: description of the frame of positions, for reports.
         neighbours: voxels (nx, ny, nz) of what is around the body and not meshed, by name.
+        numbers: of all voxels in the file, (nx, ny, nz), to say what is around the body.
     """
 
     path: Path
@@ -41,6 +43,7 @@ class LabelImage:
     axes: Floats
     frame: str = ""
     neighbours: Mapping[str, Bools] = field(default_factory=dict)
+    numbers: Numbers = field(default_factory=lambda: np.zeros((0, 0, 0), dtype=np.int64))
 
     def volume(self, label: int) -> float:
         """Volume (m³) of a label's voxels."""
@@ -53,7 +56,7 @@ class LabelImage:
 
 def read_labels(
     path: Path,
-    labels: Mapping[str, Sequence[int | str]],
+    labels: Mapping[str, Sequence[int | str]] | None,
     unit: float,
     orientation: str = LPS,
     neighbours: Mapping[str, Sequence[int | str]] | None = None,
@@ -61,7 +64,8 @@ def read_labels(
     """Read a segmented image on this process.
 
     Args:
-        labels: numbers of voxels, or names of DICOM segments, by the name of their region.
+        labels: numbers of voxels, or names of DICOM segments, by the name of their region; by default all but 0 as
+            the region "body".
         unit: length unit (m) of spacing and origin in the file.
         orientation: of the positions' x, y and z, in letters of left or right, posterior or anterior, superior or
             inferior.
@@ -74,35 +78,29 @@ def read_labels(
     grid = read_voxels(path)
     numbers = grid.numbers
     around = neighbours or {}
+    if labels is None:
+        labels = {"body": grid.labels[grid.labels != 0].tolist()}
     if none := [name for name, of in {**labels, **around}.items() if not of]:
-        raise MeshError(f"{path}: the region '{none[0]}' has no label", "Name the numbers of its voxels.")
+        text = f"{path}: the region '{none[0]}' has no label; the labels in the image are {described(grid, unit)}"
+        raise MeshError(text, "Name the numbers of its voxels.")
     labels, around = _numbered(path, labels, grid.names), _numbered(path, around, grid.names)
-    if numbers.ndim != 3:
-        raise MeshError(
-            f"{path}: has {numbers.ndim} dimensions", "Give an image of three dimensions, such as one time of a series."
-        )
-    found = np.unique(np.concatenate([np.unique(part) for part in numbers]))  # in parts, for large images
-    if not np.array_equal(found, np.rint(found)):
-        raise MeshError(f"{path}: its values are not whole numbers", "Give a segmentation, not the scan itself.")
     voxels = np.zeros(numbers.shape, dtype=np.int16)
     for name, of in {**labels, **around}.items():
-        if missing := [number for number in of if number not in found]:
-            known = ", ".join(f"{number:g}" for number in found[found != 0][:20]) or "none but 0"
+        if missing := [number for number in of if number not in grid.labels]:
             raise MeshError(
-                f"{path}: no voxel has the label {missing[0]} ('{name}'); the labels in it are {known}",
+                f"{path}: no voxel has the label {missing[0]} ('{name}'); the labels in it are {described(grid, unit)}",
                 "Correct 'labels' in the job's section 'mesh'.",
             )
     for index, of in enumerate(labels.values(), start=1):
         for part, labelled in zip(numbers, voxels, strict=True):
             labelled[np.isin(part, list(of))] = index
     masks = {name: np.array([np.isin(part, list(of)) for part in numbers]) for name, of in around.items()}
-    if sheared(grid.axes):
-        raise MeshError(f"{path}: the axes of its voxels are not at right angles", "Resample it to a straight grid.")
     turn = frame_of(orientation)
     told = f" in {orientation} (x, y, z to {', '.join(_ENDS[letter] for letter in orientation)})"
-    return LabelImage(
-        path, tuple(labels), voxels, grid.spacing * unit, turn @ grid.origin * unit, turn @ grid.axes, told, masks
-    )
+    origin, axes = turn @ grid.origin * unit, turn @ grid.axes
+    # The file's numbers are kept only where a message may need them.
+    kept = {"numbers": numbers} if masks else {}
+    return LabelImage(path, tuple(labels), voxels, grid.spacing * unit, origin, axes, told, masks, **kept)
 
 
 def frame_of(orientation: str) -> Floats:
@@ -113,9 +111,26 @@ def frame_of(orientation: str) -> Floats:
     return turn
 
 
-def read_numbers(path: Path) -> Floats:
-    """Return the numbers (nx, ny, nz) of an image; errors are those of `read_labels`."""
-    return np.asarray(read_voxels(path).numbers)
+def labels_in(path: Path, unit: float) -> str:
+    """List all labels of an image; errors are those of `read_labels`."""
+    return described(read_voxels(path), unit)
+
+
+def described(grid: VoxelGrid, unit: float) -> str:
+    """List all labels of an image but 0 with their volumes.
+
+    Args:
+        unit: length unit (m) of the image.
+    """
+    voxel = float(grid.spacing.prod()) * unit**3
+    names = {number: f" '{name}'" for name, number in grid.names.items()}
+    every = zip(grid.labels.tolist(), grid.counts.tolist(), strict=True)
+    return (
+        ", ".join(
+            f"{label}{names.get(label, '')} ({readable(count * voxel, 'm^3')})" for label, count in every if label
+        )
+        or "none but 0"
+    )
 
 
 def _numbered(

@@ -1,11 +1,13 @@
 """Names of what is beyond the surface of a meshed image: a closed cavity, a neighbour or the outside."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.boundary_shells import shells
-from hpcinv.mesh.imaging.label_image import LabelImage
+from hpcinv.mesh.imaging.label_image import Bools, LabelImage
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.quantity.units import readable
 
@@ -38,11 +40,18 @@ def surroundings(points: Floats, facets: Ints, pairs: Ints, image: LabelImage, f
         names[surface[number == cavity]] = CAVITY if cavity == 1 else f"{CAVITY}-{cavity}"
     if not image.neighbours:
         return names
-    found = _neighbours(corners.mean(axis=1), _normals(points, facets[surface]), image, first, reach)
+    middles, normals = corners.mean(axis=1), _normals(points, facets[surface])
+    found = _neighbours(middles, normals, image, list(image.neighbours.values()), first, reach)
     for i, name in enumerate(image.neighbours):
         if not (found == i).any():
+            masks = {label: image.numbers == label for label in np.unique(image.numbers[image.voxels == 0]) if label}
+            at = _neighbours(middles, normals, image, list(masks.values()), first, reach)
+            shares = {label: np.count_nonzero(at == i) / len(at) for i, label in enumerate(masks)}
+            there = sorted((label for label in masks if shares[label]), key=lambda label: -shares[label])
+            beside = ", ".join(f"{label} (at {shares[label]:.0%} of its surface)" for label in there)
             raise MeshError(
-                f"{image.path}: the neighbour '{name}' is nowhere next to the body (within {readable(reach, 'm')})",
+                f"{image.path}: the neighbour '{name}' is nowhere next to the body (within {readable(reach, 'm')});"
+                f" labels next to it: {beside or 'none'}",
                 "Is its number right?",
             )
         names[surface[found == i]] = name
@@ -59,8 +68,10 @@ def _normals(points: Floats, facets: Ints) -> Floats:
     return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300))
 
 
-def _neighbours(middles: Floats, normals: Floats, image: LabelImage, first: Ints, reach: float) -> Ints:
-    """Return the number of the first neighbour along each normal; -1 if there is none before the body begins again."""
+def _neighbours(
+    middles: Floats, normals: Floats, image: LabelImage, masks: Sequence[Bools], first: Ints, reach: float
+) -> Ints:
+    """Return the number of the first mask along each normal; -1 if there is none before the body begins again."""
     found, last = np.full(len(middles), -1), np.array(image.voxels.shape) - 1
     is_open, has_left = np.ones((2, len(middles)), dtype=bool)
     has_left[:] = False
@@ -71,7 +82,7 @@ def _neighbours(middles: Floats, normals: Floats, image: LabelImage, first: Ints
         is_body = image.voxels[at] > 0
         is_open &= ~(has_left & is_body)
         has_left |= ~is_body
-        for i, mask in enumerate(image.neighbours.values()):
+        for i, mask in enumerate(masks):
             found[is_open & mask[at]] = i
         is_open &= found < 0
     return found

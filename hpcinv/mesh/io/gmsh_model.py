@@ -6,7 +6,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,7 +15,7 @@ import numpy as np
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.cells import FACET_KIND, degree_of, node_order
 from hpcinv.mesh.io.length_unit import store_unit
-from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays
+from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays, with_distinct_tags
 from hpcinv.parallel.signals import ended_by_signals, handlers_kept
 
 DIMENSION_NAMES = {0: "point", 1: "curve", 2: "surface", 3: "volume"}
@@ -182,6 +182,7 @@ def save_msh(path: Path, source: MeshSource, points: Floats) -> None:
         OSError: not all of it could be written.
     """
     path.unlink(missing_ok=True)
+    source = _storable(source)
     with session(path.stem) as gmsh:
         _add_mesh(gmsh, source, points)
         store_unit(gmsh, source.unit or 1.0)
@@ -190,6 +191,22 @@ def save_msh(path: Path, source: MeshSource, points: Floats) -> None:
         with _written_in_full(path):
             gmsh.write(str(path))
         write_views(gmsh, path, source)
+
+
+def _storable(source: MeshSource) -> MeshSource:
+    """Return the mesh with tags and names that gmsh can store: distinct tags from 1 on, names without quotes."""
+
+    def tags(given: Ints) -> Ints:
+        is_valid = not len(given) or (given.min() > 0 and len(np.unique(given)) == len(given))
+        return given if is_valid else np.arange(1, len(given) + 1)
+
+    groups = [replace(group, name=" ".join(group.name.replace('"', "'").split())) for group in source.groups]
+    return replace(
+        source,
+        node_tags=tags(source.node_tags),
+        cell_tags=tags(source.cell_tags),
+        groups=with_distinct_tags(groups),
+    )
 
 
 @contextmanager

@@ -1,37 +1,114 @@
-"""Mesh files read in a separate process, because VTK and gmsh may crash on damaged files."""
+"""Files read in a separate process with limits, because libraries crash on damaged files, or never end."""
 
+import json
+import math
+import re
 import signal
 import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from hpcinv.errors import MeshError, OutputError
+import numpy as np
+import numpy.typing as npt
+
+from hpcinv import reading
+from hpcinv.errors import MeshError, OutputError, SystemPartMissing
 from hpcinv.job.fingerprint import file_digest
+from hpcinv.parallel.available_memory import available
 from hpcinv.parallel.children import run_child
+from hpcinv.parallel.runtime import MPI
 from hpcinv.parallel.signals import ended_by_signals
 
-_PROGRAM = Path(__file__).with_name("isolated_reader.py")
+_PROGRAM = Path(reading.__file__).with_name("isolated_reader.py")
+_SECONDS = 60  # of processor time for a small file; a damaged one may take as long, if raised
+_BYTES_PER_SECOND = 1e6  # that the slowest format takes at least, text; large files are refused if raised
+_WAITING = 10  # time on the clock for each second of processor time; on a busy machine, files are refused if lowered
+_COMPLAINT = re.compile(r"ERR\|\s*(?:\w+ \(0x[0-9a-f]+\): )?(.*?)\s*(?:\x1b\[0m)?$", re.MULTILINE)
+
+type Arrays = dict[str, npt.NDArray[Any]]
 
 
-def run_isolated(action: str, path: Path) -> subprocess.CompletedProcess[bytes]:
-    """Run ``isolated_reader.py`` on a file, with captured output."""
+class _Received:
+    """What the process writes: a line of JSON, and arrays."""
+
+    def __init__(self) -> None:
+        self.head: dict[str, Any] = {}
+        self.arrays: Arrays = {}
+
+    def __call__(self, output: IO[bytes]) -> None:
+        try:
+            self.head = json.loads(output.readline())
+        except ValueError:  # it has crashed
+            return
+        for name, code, shape in self.head["arrays"]:
+            array = np.empty(math.prod(shape), np.dtype(code))
+            view, place = memoryview(array).cast("B"), 0
+            while place < len(view) and (count := output.readinto(view[place:])):  # type: ignore[attr-defined]
+                place += count
+            if place < len(view):
+                self.head = {}
+                return
+            self.arrays[name] = array.reshape(shape)
+
+
+def read_isolated(action: str, path: Path, failure: str, advice: str) -> tuple[dict[str, Any], Arrays]:
+    """Return what ``hpcinv.reading.isolated_reader`` finds in a file.
+
+    Args:
+        failure: what the message says of files that the process does not survive, such as "cannot be read as an image".
+        advice: for them.
+
+    Raises:
+        MeshError: the file cannot be read or contradicts itself.
+        SystemPartMissing: a package for this format is not installed.
+    """
+    received = _Received()
+    done = run_isolated(action, path, received)
+    complaints = [match[1] for match in _COMPLAINT.finditer(done.stderr.decode(errors="replace"))]
+    if "fault" in received.head and not complaints:
+        text, remedy, is_missing = received.head["fault"]
+        if is_missing:
+            raise SystemPartMissing(text, remedy)
+        raise MeshError(f"{path}: {text}", remedy)
+    if done.returncode or complaints or not received.head:
+        reason = complaints[0] if complaints else _ending(done.returncode)
+        raise MeshError(f"{path}: {failure}: {reason}", advice)
+    return received.head, received.arrays
+
+
+def run_isolated(action: str, path: Path, receive: _Received | None = None) -> subprocess.CompletedProcess[bytes]:
+    """Run the program on a file, with captured errors, within limits of memory, time and temporary files."""
+    memory, seconds = available(MPI.COMM_SELF), _SECONDS
+    try:
+        seconds += int(path.stat().st_size / _BYTES_PER_SECOND)
+    except (OSError, ValueError) as error:
+        raise MeshError(f"{path}: {getattr(error, 'strerror', error)}", "Is the file readable?") from None
+    command = [sys.executable, "-P", str(_PROGRAM), action, str(path.absolute()), str(int(memory)), str(seconds)]
     with ended_by_signals():
-        return run_child([sys.executable, "-P", str(_PROGRAM), action, str(path.absolute())])
+        return run_child(command, receive=receive, seconds=_WAITING * seconds)
+
+
+def _ending(code: int) -> str:
+    """How the process ended without an answer."""
+    if code == -signal.SIGXCPU:
+        return "that takes too long"
+    if code == -signal.SIGKILL:
+        return "that takes too long, or was ended by the system"
+    return f"it crashed ({signal.Signals(-code).name})" if code < 0 else f"it ended with exit code {code}"
 
 
 def check_readable_by_gmsh(path: Path, called: Path) -> None:
     """Raise ``MeshError``, which names ``called``, for an MSH file on which gmsh crashes.
 
-    That takes as long as reading the file. So a record beside the kernels tells which files gmsh has read.
+    That takes as long as reading the file. So a record beside the kernels says which files gmsh has read.
     """
     records, name = _records(), f"msh_{file_digest(called)}_{version('gmsh')}"
     if records is not None and records.read_record(name, records.DIRECTORY) is not None:
         return
     if (code := run_isolated("msh", path).returncode) < 0:
-        end = signal.Signals(-code).name
-        raise MeshError(f"{called}: gmsh cannot read it: it crashed ({end})", "Is the file complete?")
+        raise MeshError(f"{called}: gmsh cannot read it: {_ending(code)}", "Is the file complete?")
     if records is not None:
         records.write_record(name, "gmsh reads it", records.DIRECTORY)
 

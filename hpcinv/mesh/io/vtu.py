@@ -1,9 +1,5 @@
 """VTU files: cells, facets of groups as surface cells, an integer array for each region, and data arrays."""
 
-import json
-import math
-import re
-import signal
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,10 +9,10 @@ import numpy.typing as npt
 
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
-from hpcinv.mesh.io.isolated import run_isolated
+from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
-from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, data_arrays, with_distinct_tags
 from hpcinv.parallel.runtime import MPI
 
 VTK_TYPES = {
@@ -75,25 +71,9 @@ def _read(path: Path) -> tuple[dict[int, str], dict[str, npt.NDArray[Any]]]:
     """Names of the cell types in a file by their number, and its arrays: ``points``, …, and data ``nodes:NAME`` or
     ``cells:NAME``."""
     with path.open("rb"):  # raises OSError if the file cannot be opened
-        done = run_isolated("vtu", path)
-    complaints = [match[1] for match in _COMPLAINT.finditer(done.stderr.decode(errors="replace"))]
-    if done.returncode or complaints:
-        code = done.returncode
-        ending = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        reason = complaints[0] if complaints else f"it crashed ({ending})"
-        raise MeshError(f"{path}: VTK cannot read it: {reason}", "Is it a complete .vtu file?")
-    head, _, content = done.stdout.partition(b"\n")
-    listed = json.loads(head)
-    arrays, start = {}, 0
-    for name, code, shape in listed["arrays"]:
-        dtype = np.dtype(code)
-        count = math.prod(shape)
-        arrays[name] = np.frombuffer(content, dtype, count, start).reshape(shape)
-        start += count * dtype.itemsize
-    return {int(number): name for number, name in listed["names"].items()}, arrays
-
-
-_COMPLAINT = re.compile(r"ERR\|\s*(?:\w+ \(0x[0-9a-f]+\): )?(.*?)\s*(?:\x1b\[0m)?$", re.MULTILINE)
+        pass
+    head, arrays = read_isolated("vtu", path, "VTK cannot read it", "Is it a complete .vtu file?")
+    return {int(number): name for number, name in head["names"].items()}, arrays
 
 
 def _tags(path: Path, name: str, values: npt.NDArray[Any] | None, count: int) -> Ints:
@@ -157,7 +137,7 @@ def _named(facets: Ints, groups: list[Group]) -> tuple[Ints, tuple[Group, ...]]:
     """Facets that are in a group, and the groups with indices of these."""
     named = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.members for g in groups if g.dim == 2)]))
     kept = [g if g.dim == 3 else Group(g.name, 2, g.tag, np.searchsorted(named, g.members)) for g in groups]
-    return facets[named], tuple(kept)
+    return facets[named], with_distinct_tags(kept)
 
 
 def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:

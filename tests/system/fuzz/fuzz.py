@@ -1,6 +1,7 @@
-"""Fuzzer of what `hpcinv` reads: mutated job files through ``hpcinv validate``, mutated meshes through its readers.
+"""Fuzzer of what `hpcinv` reads: mutated job files through ``hpcinv validate``, mutated meshes, images and surfaces
+through its readers.
 
-    python tests/system/fuzz/fuzz.py --seconds 600 --seed 1 [--only jobs|meshes]
+    python tests/system/fuzz/fuzz.py --seconds 600 --seed 1 [--only jobs|meshes|scans] [--count 500]
 
 Whatever comes, the answer must be an ``HpcinvError`` that names the file, or none; no other exception, no end of the
 process, nothing that takes long. What breaks this is kept in a directory, and told with its seed.
@@ -200,11 +201,25 @@ def run_meshes(directory: Path, source: random.Random, count: int | None, until:
         count = None if count is None else count - 1
 
 
-TRIED = {"jobs": 0, "meshes": 0}
+def run_scans(directory: Path, source: random.Random, count: int | None, until: float) -> Iterator[tuple[bytes, str]]:
+    """Mutated images and surfaces with a wrong answer."""
+    from scans import Scans
+
+    scans = Scans(directory)
+    while (count is None or count > 0) and time.monotonic() < until:
+        TRIED["scans"] += 1
+        if (wrong := scans.fault_of_next(source)) is not None:
+            yield wrong
+        count = None if count is None else count - 1
+    print(", ".join(f"{number} {answer}" for answer, number in scans.answers.items()))
+
+
+TRIED = {"jobs": 0, "meshes": 0, "scans": 0}
 """how many mutants have been tried"""
 KINDS: dict[str, Callable[[Path, random.Random, int | None, float], Iterator[tuple[bytes, str]]]] = {
     "jobs": run_jobs,
     "meshes": run_meshes,
+    "scans": run_scans,
 }
 
 

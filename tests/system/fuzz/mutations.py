@@ -32,10 +32,17 @@ def mutated_text(source: random.Random, texts: list[str]) -> bytes:
 
 def mutated_bytes(source: random.Random, content: bytes, *, lines: bool) -> bytes:
     """A file after one change of its bytes, or of its ``lines`` and the numbers in them."""
-    changes = [_flip, _flip, _extreme, _cut, _remove, _repeat]
+    changes = [_flip, _flip, _extreme, _cut, _remove, _repeat, _reversed]
     if lines:
         changes += [_without_line, _line_twice, _lines_swapped, _number, _number, _number]
     return source.choice(changes)(source, content) if content else source.randbytes(8)
+
+
+def mutated_header(source: random.Random, content: bytes, size: int) -> bytes:
+    """A file after one change of its first ``size`` bytes; numbers in them may become huge ones."""
+    head, rest = content[:size], content[size:]
+    changes = (_flip, _extreme, _remove, _reversed, _number, _number, _number, _without_line, _line_twice)
+    return source.choice(changes)(source, head) + rest
 
 
 def _replaced(source: random.Random, text: str, by: str) -> str:
@@ -114,6 +121,12 @@ def _remove(source: random.Random, content: bytes) -> bytes:
 def _repeat(source: random.Random, content: bytes) -> bytes:
     place, size = source.randrange(len(content)), source.choice((1, 8, 64))
     return content[: place + size] + content[place:]
+
+
+def _reversed(source: random.Random, content: bytes) -> bytes:
+    """Bytes of a number in the other order."""
+    place, size = source.randrange(len(content)), source.choice((2, 4, 8))
+    return content[:place] + content[place : place + size][::-1] + content[place + size :]
 
 
 def _without_line(source: random.Random, content: bytes) -> bytes:

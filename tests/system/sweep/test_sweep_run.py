@@ -298,7 +298,7 @@ def test_a_case_with_a_damaged_record_is_solved_again_by_the_next_start(tmp_path
     (plan.store / "ledger" / key[:2] / f"{key}.record-1.json").write_bytes(b"")
     done = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("1 × record damaged: the case is solved again") == 1
+    assert done.stdout.count("1 × record damaged, or a file of the mesh has changed: the case is solved again") == 1
     assert done.stdout.count("s, certificate") == 1
     assert top(records_of(sweep)[2]) == pytest.approx(top(before[2]), rel=1e-9)
 

@@ -75,7 +75,7 @@ def pressed(**numbers: Any) -> Job:
             {"effect": "gravity", "acceleration": [0, 0, -30], "density": 100.0},
             {**contact, **numbers},
         ],
-        quantities=[{"name": "force", "of": "contact_force", "on": "z0"}],
+        quantities=[{"name": "depth", "of": "contact_penetration", "on": "z0"}],
     )
 
 

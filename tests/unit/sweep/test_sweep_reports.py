@@ -24,7 +24,7 @@ from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.batch.ledger.record import CaseRecord
 from hpcinv.batch.status import Status, follow, lines
 from hpcinv.batch.tables import as_csv
-from hpcinv.errors import JobError
+from hpcinv.errors import JobError, OutputError
 from hpcinv.sweep.execution import open_damaged
 from hpcinv.sweep.outlook import outlook
 from hpcinv.sweep.plan import Case, SweepPlan, load_sweep
@@ -486,7 +486,10 @@ def test_damaged_records_are_told_and_nothing_is_written(
     before = sorted(found.store.rglob("*"))
     assert main(["sweep", "status", str(found.path)]) == 0
     shown = capsys.readouterr().out
-    assert "open: 2\n    2 × record damaged: the next start solves the case again" in shown
+    assert (
+        "open: 2\n    2 × record damaged, or a file of the mesh has changed: the next start solves the case again"
+        in shown
+    )
     assert main(["sweep", "retry", "--failed", str(found.path)]) == 0
     capsys.readouterr()
     assert main(["sweep", "table", str(found.path)]) == 0
@@ -496,3 +499,19 @@ def test_damaged_records_are_told_and_nothing_is_written(
     assert sorted(found.store.rglob("*")) == before
     assert open_damaged(found) == 2
     assert status_of(found, ledger_of(found.store), {}).damaged == 0
+
+
+def test_texts_that_spreadsheets_take_as_formulas_are_escaped() -> None:
+    texts = ["=HYPERLINK(1)", "@SUM(1)", "+cmd|' /C calc'!A0", "-x", "\t=1", "rigid", "-9.81 m/s^2", "+5e-3"]
+    rows = list(csv.reader(io.StringIO(as_csv({"=branch": texts, "p": [-1.5] * 8}, {"=branch": "m"}))))
+    assert rows[0] == ["'=branch [m]", "p"]
+    assert [row[0] for row in rows[1:]] == [*(f"'{text}" for text in texts[:5]), *texts[5:]]
+    assert {row[1] for row in rows[1:]} == {"-1.5"}
+
+
+def test_a_name_with_a_line_of_its_own_gets_into_no_batch_script() -> None:
+    from hpcinv.cli.sweep_submit import filled
+    from hpcinv.sweep.templates import TEMPLATES
+
+    with pytest.raises(OutputError, match="cannot be in a batch script"):
+        filled(TEMPLATES / "collect.sbatch", ["output=a\ntouch marker/collect-%j.out"], ["sweep.yaml"])

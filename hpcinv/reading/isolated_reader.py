@@ -1,0 +1,168 @@
+"""Program that reads one file from other people in a process of its own, since libraries crash on damaged files.
+
+``python isolated_reader.py ACTION PATH MEMORY SECONDS`` writes to standard output a line of JSON, then the bytes of
+arrays in the order of their names, types and shapes in it. A fault of the file is in the JSON: its text, advice, and
+whether a package is missing. VTK's own messages are on standard error.
+"""
+
+import contextlib
+import gzip
+import importlib.util
+import json
+import os
+import resource
+import shutil
+import sys
+import tempfile
+import warnings
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+_ROOT = Path(__file__).resolve().parents[1]
+if "hpcinv" not in sys.modules:  # the package of the parent process, which need not be the one that is installed
+    _spec = importlib.util.spec_from_file_location("hpcinv", _ROOT / "__init__.py")
+    assert _spec is not None
+    sys.modules["hpcinv"] = importlib.util.module_from_spec(_spec)
+
+import numpy as np  # noqa: E402
+
+from hpcinv.reading.fault import Fault, PackageMissing  # noqa: E402
+from hpcinv.reading.image_headers import METAIMAGE, NRRD, check_regular, format_of  # noqa: E402
+
+_CHUNK = 1 << 22  # bytes that are unpacked at once; more memory if raised
+_LIBRARIES = 1 << 30  # bytes of addresses for libraries that are loaded later; a damaged file may take them, if raised
+
+
+class Limits(NamedTuple):
+    """What this process may use: bytes of memory, and seconds of processor time."""
+
+    memory: int
+    seconds: int
+
+
+def _msh(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+    from hpcinv.reading.gmsh_mesh import read_msh
+
+    limit(limits)
+    read_msh(path)
+    return {}, {}
+
+
+def _vtu(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+    import vtkmodules.vtkIOXML  # noqa: F401  (before the limit of memory)
+
+    from hpcinv.reading.vtk_files import read_vtu
+
+    limit(limits)
+    return read_vtu(path)
+
+
+def _surface(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+    from hpcinv.reading.surfaces import read_surface
+
+    limit(limits)
+    return {}, read_surface(path, limits.memory)
+
+
+def _image(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+    from hpcinv.reading.voxels import checked
+
+    limit(limits)
+    form = format_of(path)
+    if form in METAIMAGE + NRRD:
+        from hpcinv.reading.voxel_files import read_voxel_file
+
+        grid = read_voxel_file(path, limits.memory)
+    elif form == ".nii":
+        from hpcinv.reading.nifti import read_nifti
+
+        grid = read_nifti(path, limits.memory)
+    elif form == ".vti":
+        from hpcinv.reading.vtk_files import read_vti
+
+        grid = read_vti(_unpacked(path, limits) if path.suffix == ".gz" else path)
+    elif path.suffix == ".dcm":
+        from hpcinv.reading.segmentation import read_segmentation
+
+        grid = read_segmentation(path, limits.memory)
+    else:
+        raise Fault("cannot be read as an image")
+    grid = checked(grid)
+    arrays = {name: getattr(grid, name) for name in ("spacing", "origin", "axes", "labels", "counts")}
+    return {"names": dict(grid.names)}, {"numbers": grid.numbers.transpose(), **arrays}
+
+
+ACTIONS: dict[str, Callable[[Path, Limits], tuple[dict[str, Any], dict[str, Any]]]] = {
+    "msh": _msh,
+    "vtu": _vtu,
+    "image": _image,
+    "surface": _surface,
+}
+
+
+def _unpacked(path: Path, limits: Limits) -> Path:
+    """Unpack a file for VTK, into one that ends with this process; there must be memory and room for it."""
+    file = tempfile.TemporaryFile()  # noqa: SIM115  (it stays open)
+    written, most = 0, min(limits.memory, shutil.disk_usage(tempfile.gettempdir()).free)
+    try:
+        with gzip.open(path) as packed:
+            while part := packed.read(_CHUNK):
+                written += len(part)
+                if written > most:
+                    text = f"is more than the {most / 1e9:.1f} GB of memory that are available"
+                    raise Fault(text, "Crop the image or resample it.")
+                file.write(part)
+        file.flush()
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise Fault(f"cannot be read as an image: {error}", "Is the file complete?") from None
+    _open_files.append(file)
+    return Path(f"/proc/self/fd/{file.fileno()}")
+
+
+_open_files: list[IO[bytes]] = []
+
+
+def limit(limits: Limits) -> None:
+    """Limit memory, processor time and files of this process, in case of wrong sizes in a file."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    for kind, most in (
+        (resource.RLIMIT_AS, taken + _LIBRARIES + limits.memory),
+        (resource.RLIMIT_CPU, limits.seconds),
+        (resource.RLIMIT_FSIZE, limits.memory),
+    ):
+        _, hard = resource.getrlimit(kind)
+        resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+
+
+def main(action: str, name: str, memory: str, seconds: str) -> None:
+    """Read a file, and write what is in it."""
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print there
+    warnings.simplefilter("ignore")
+    arrays: dict[str, Any] = {}
+    path = Path(name)
+    try:
+        check_regular(path)
+        head, arrays = ACTIONS[action](path, Limits(int(memory), int(seconds)))
+    except Fault as fault:
+        head = {"fault": [fault.text, fault.advice, isinstance(fault, PackageMissing)]}
+    except MemoryError:
+        text = f"reading it takes more than the {int(memory) / 1e9:.1f} GB of memory that are available"
+        head = {"fault": [text, "Is the file damaged?", False]}
+    except Exception as error:  # libraries raise whatever damaged values cause
+        text = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        head = {"fault": [f"cannot be read: {text[:300]}", "Is the file complete?", False]}
+    with contextlib.suppress(BrokenPipeError), output:
+        arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+        shapes = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
+        output.write(json.dumps(head | {"arrays": shapes}).encode() + b"\n")
+        for array in arrays.values():
+            if array.size:
+                output.write(array.data.cast("B"))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

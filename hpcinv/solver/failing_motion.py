@@ -1,0 +1,121 @@
+"""What moves where load steps keep failing: the motion that the load would cause to first order.
+
+A body that is held on little of its surface, or by something soft, moves as a whole long before it is strained. Its
+motion, the place of its largest displacement and the area of each support show that before all steps have failed.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hpcinv.job.job import Job
+from hpcinv.job.sections import AXES
+from hpcinv.mesh import Body
+from hpcinv.mesh.boundary_shells import outer_facets
+from hpcinv.mesh.regions import BOUNDARY
+from hpcinv.mesh.source import Floats
+from hpcinv.model.rigid_motions import Frame
+from hpcinv.parallel.runtime import MPI
+from hpcinv.quantity.units import readable
+from hpcinv.solver.bordering import Bordering
+from hpcinv.solver.equilibrium import Equilibrium
+
+_RIGID = 0.5
+"""Share of a motion (of its squares) from which it is called rigid; higher, and less firm supports are not named."""
+_FAR = 0.1
+"""Largest displacement, in lengths of the body, below which the supports are not blamed."""
+_ALONG = 0.95  # cosine of the angle to an axis up to which a direction is called by its name
+_TURNS = (
+    0.02  # squares of a motion by its rotation, relative to those by its translation, from which it is called a turn
+)
+
+
+def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, failures: int) -> list[str]:
+    """Return lines on the motion that the load would cause, after some failures; collective.
+
+    It is the one at the unloaded body, or, on a path from another state, at the present one, a solution at a load
+    factor. The state is unchanged, the factors are new. Without a factorization there are no lines; there are two where
+    the supports are to be blamed.
+    """
+    system, comm = equilibrium.system, body.mesh.comm
+    x = system.position()
+    at = x.copy()
+    if not system.is_on_path:
+        at.set(0.0)
+        load = 0.0
+    bordering = Bordering(equilibrium, job.case_count)
+    tangent = bordering.tangent(at, load, None)
+    bordering.destroy()
+    system.set_state(x)
+    unknowns, sign = system.scene.unknowns, system.scene.kinematics.sign
+    dofs = unknowns.owned_displacement_dofs
+    moved = unknowns.owned_displacement_points() + sign * np.array(at.array)[dofs].reshape(-1, 3)
+    x.destroy()
+    at.destroy()
+    if tangent is None or not np.isfinite(tangent.slope):
+        return []
+    motion = (1 - load) / tangent.slope * np.array(tangent.direction.array)[dofs].reshape(-1, 3)
+    lengths = np.linalg.norm(motion, axis=1)
+    here = int(lengths.argmax()) if len(lengths) else -1
+    mine = (float(lengths[here]), tuple(moved[here].tolist())) if here >= 0 else (-1.0, ())
+    largest, point = max(comm.allgather(mine))
+    place = _place(np.array(point), body.length_scale)
+    text = f"to first order the load moves the body by {readable(largest * body.length_scale, 'm')}"
+    lines = [f"After {failures} failed steps: {text}, most at ({place}) m"]
+    if largest > _FAR:
+        share, free = _rigid_part(comm, moved, motion, body.length_scale)
+        if share > _RIGID:
+            lines[0] += f"; {share:.0%} of it is rigid: it is nearly free to {free}"
+            held = ", ".join(_supports(job, body)) or "none but springs"
+            lines.append(f"supports: {held}. Hold a larger part of it, or add springs (elastic-foundation)")
+    return lines
+
+
+def _rigid_part(comm: MPI.Intracomm, points: Floats, motion: Floats, length: float) -> tuple[float, str]:
+    """Return the share of a motion (its squares) that is rigid, and what that is; collective."""
+    count, total = comm.allreduce(len(points)), comm.allreduce(points.sum(axis=0))
+    centre = total / count
+    size = float(np.sqrt(comm.allreduce(float(((points - centre) ** 2).sum())) / count))
+    frame = Frame(centre, size)
+    motions = frame.motions(points)
+    matrix = comm.allreduce(np.einsum("nik,nil->kl", motions, motions))
+    right = comm.allreduce(np.einsum("nik,ni->k", motions, motion))
+    rigid = np.linalg.lstsq(matrix, right)[0]
+    squares = comm.allreduce(float((motion**2).sum()))
+    translation, rotation = (float(rigid[i] @ matrix[i, i] @ rigid[i]) for i in (slice(3), slice(3, 6)))
+    share = min((translation + rotation) / squares, 1.0)
+    if rotation < _TURNS * translation:
+        return share, f"move along {_direction(rigid[:3])}"
+    # The point on the axis that is closest to the centre.
+    turn = rigid[3:] / size
+    point = centre + np.cross(turn, rigid[:3]) / (turn @ turn)
+    return share, f"turn about the axis through ({_place(point, length)}) m along {_direction(turn)}"
+
+
+def _direction(vector: Floats) -> str:
+    unit = vector / np.linalg.norm(vector)
+    along = int(np.abs(unit).argmax())
+    return AXES[along] if abs(unit[along]) > _ALONG else f"({', '.join(f'{c:.2g}' for c in unit.round(2) + 0.0)})"
+
+
+def _place(point: Floats, length: float) -> str:
+    """Return a point, in scaled lengths, as text in m."""
+    return ", ".join(f"{c:.3g}" for c in (point.round(3) + 0.0) * length)
+
+
+def _supports(job: Job, body: Body) -> Iterator[str]:
+    """Yield what each support holds, and on what area of the boundary; collective."""
+    whole = _area(body, BOUNDARY)
+    for support in job.supports:
+        area = _area(body, support.region)
+        axes = ", ".join(sorted(support.held))
+        size = f"{area * body.length_scale**2:.3g} m² ({area / whole:.2%} of the surface)"
+        yield f"'{support.region}' holds {axes} on {size}"
+
+
+def _area(body: Body, region: str) -> float:
+    """Return the area of a region of the boundary (scaled); collective."""
+    facets = body.facets(region)
+    facets = facets[facets < body.mesh.topology.index_map(2).size_local]
+    _, areas = outer_facets(body.mesh, facets)
+    return float(body.mesh.comm.allreduce(float(np.linalg.norm(areas, axis=1).sum())))

@@ -1,0 +1,61 @@
+"""Tables of points, as spreadsheets write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hpcinv.errors import MeshError
+from hpcinv.identification.observations import read_table
+
+ROWS = ["0.1,0.2,0.3", "0.4,0.5,0.6", "0.7,0.8,0.9"]
+POINTS = np.arange(1, 10).reshape(3, 3) / 10
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n".join(ROWS),
+        "\ufeff" + "\n".join(ROWS),
+        "\ufeffx,y,z\n" + "\n".join(ROWS),
+        "# from a scan\nx [m];y [m];z [m]\n" + "\n".join(ROWS).replace(",", ";").replace(".", ","),
+        "\n".join(ROWS).replace(",", "\t"),
+        "\r\n".join(ROWS).replace(",", " ; ") + "\r\n\r\n",
+    ],
+)
+def test_all_points_of_a_table_are_read(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text(text, newline="")
+    np.testing.assert_array_equal(read_table(path, 3), POINTS)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("0.1 mm,0.2 mm,0.3 mm\n0.4,0.5,0.6", "line 1: '0.1 mm' is not a number"),
+        ("0.1,0.2,z\n0.4,0.5,0.6", "line 1: 'z' is not a number"),
+        ("0,1;0,2", "line 1: has 2 entries, not 3"),
+        ("0,1,0,2,0,3", "line 1: has 6 entries, not 3"),
+        ("x,y,z\n1.234,5;0,2;0,3", "line 2: has 4 entries, not 3"),
+        ("x;y;z\n1.234,5;0,2;0,3", "line 2: '1.234,5' is not a number"),
+        ("x,y,z", "has no points"),
+        ("0.1,0.2,nan", "line 1: 'nan' is not a number"),
+        ("0.1,0.2,1e999", "line 1: has a number that is too large"),
+        ("0.1,0.2," + "3" * 200_000, "line 1: cannot be read: field larger than field limit"),
+    ],
+)
+def test_what_could_be_something_else_is_refused(text: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    with pytest.raises(MeshError) as refused:
+        read_table(path, 3)
+    assert refused.value.message == f"{path}: {told}" or refused.value.message.startswith(f"{path}: {told}")
+
+
+def test_other_encodings_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("\n".join(ROWS), encoding="utf-16")
+    with pytest.raises(MeshError, match="is not a text file in UTF-8"):
+        read_table(path, 3)
