@@ -1,5 +1,6 @@
 """Sections of a job file that describe the body: mesh, supports, and quantities of interest."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -408,6 +409,22 @@ class Support(Spec):
                 yield ("constants",), "are not valid without 'displacement'"
 
 
+def is_of_nodes(quantity: Mapping[str, Any], let: Mapping[str, Any]) -> bool:
+    """Return whether a quantity in a summary is a mean or rms of nodes, which depends on where a mesh has them.
+
+    Args:
+        let: definitions of names in its formula.
+    """
+    if quantity.get("on") is None or quantity.get("over") is not None or quantity.get("reduce") not in ("mean", "rms"):
+        return False
+    words, texts = set[str](), [str(quantity["of"])]
+    while texts:
+        found = set(re.findall(r"[A-Za-z_]\w*", texts.pop())) - words
+        words |= found
+        texts += [str(let[name]) for name in found & let.keys()]
+    return words.isdisjoint(FIELDS)
+
+
 class QuantityOfInterest(Spec):
     """A reported result: the displacement or a formula at a point, a formula reduced over a region, or the force or
     moment of the supports of a region.
@@ -433,8 +450,9 @@ class QuantityOfInterest(Spec):
     """region over which the formula is reduced: positions over its nodes, other fields over its cells or, if it has
     none, facets; or the region of a support for a reaction"""
     reduce: Literal["max", "min", "mean", "max_abs", "rms", "integral"] | None = None
-    """reduction of the values on a region to one value; max and min of stresses, J and energy are over the quadrature
-    points, which lie inside the cells or facets"""
+    """reduction of the values on a region to one value; mean and rms of positions are of the nodes, all with the same
+    weight, unless 'over' makes them means over volume or area; max and min of stresses, J and energy are over the
+    quadrature points, which lie inside the cells or facets"""
     over: Literal["reference", "current"] | None = None
     """body over whose volume or area an integral, mean or rms is taken; by default the reference body for means and rms
     of stresses"""

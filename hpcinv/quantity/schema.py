@@ -190,7 +190,7 @@ def _with_constants(kind: type[Spec], data: Any) -> Any:
     """Data of a part of a job with the values of arithmetic, such as ``1/3``, in its plain numbers."""
     if not isinstance(data, Mapping):
         return data
-    texts = {name: number for name, number in plain_numbers(kind).items() if isinstance(data.get(name), str)}
+    texts = {name: number for name, number in plain_numbers(kind).items() if _is_arithmetic(data.get(name))}
     if not texts:
         return data
     changed = dict(data)
@@ -200,6 +200,11 @@ def _with_constants(kind: type[Spec], data: Any) -> Any:
             if is_pure(dimension) and (number is float or value.is_integer()):
                 changed[name] = number(value)
     return changed
+
+
+def _is_arithmetic(value: object) -> bool:
+    """Return whether a value is a text other than a number in quotes, which is a mistake."""
+    return isinstance(value, str) and re.fullmatch(NUMBER, value.strip()) is None
 
 
 def _also_arithmetic(schema: dict[str, Any]) -> None:
