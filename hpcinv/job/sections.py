@@ -436,7 +436,7 @@ class QuantityOfInterest(Spec):
     reference shape, prestrain_sxx, …, prestrain_p, prestrain_von_mises.
     """
 
-    alternatives: ClassVar[tuple[str, ...]] = ("at", "on")
+    alternatives: ClassVar[tuple[str, ...]] = ("at", "on", "region")
 
     name: Name
     """its name in the summary"""
@@ -460,6 +460,38 @@ class QuantityOfInterest(Spec):
     """state of the body in which it is evaluated; by default each loaded one, under names such as NAME-STATE"""
     about: Triple[Length] | None = Field(default=None, exclude_if=lambda about: about is None)
     """reference point of a reaction_moment; by default the origin"""
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        found = super().__get_pydantic_json_schema__(schema, handler)
+        properties = handler.resolve_ref_schema(found)["properties"]
+        properties["region"] = {"type": "string", "description": "the same as 'on', which YAML 1.1 reads as true"}
+        return found
+
+    @model_validator(mode="before")
+    @classmethod
+    def _region_is_on(cls, data: Any) -> Any:
+        """Accept ``region`` for ``on``, which programs for YAML 1.1 read as true."""
+        if not isinstance(data, Mapping) or "region" not in data:
+            return data
+        if "on" in data:
+            raise Problems((("region",), "is the same key as 'on'; give one of them"))
+        return {("on" if key == "region" else key): value for key, value in data.items()}
+
+    @property
+    def unit(self) -> str:
+        """SI unit of its values; empty for pure numbers, for integrals, and where only the mesh defines it."""
+        if self.is_reaction:
+            return REACTIONS[self.of.source.strip()]
+        return "" if (dimension := self.dimension) is None else dimension.unit
+
+    def unit_of_integral(self, dimensions: int) -> str:
+        """Return the SI unit of an integral over a volume (3 ``dimensions``) or an area (2)."""
+        found = self.of.check(POSITIONS | FIELDS)
+        length, *others = found if isinstance(found, Dimension) else Dimension()
+        return Dimension(length + dimensions, *others).unit
 
     @property
     def is_displacement(self) -> bool:

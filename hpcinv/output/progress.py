@@ -18,6 +18,7 @@ from hpcinv.job.sections import REACTIONS, is_of_nodes
 from hpcinv.model.fibre_rules import notes_on_rules
 from hpcinv.output.run_log import RunLog
 from hpcinv.quantity.units import readable
+from hpcinv.reports.shape_error import shape_error
 from hpcinv.solver.observer import Observer
 
 if TYPE_CHECKING:
@@ -345,6 +346,8 @@ def report(statistics: Mapping[str, Any]) -> list[str]:
     if unused := statistics["unused_petsc_options"]:
         lines.append(f"  solver.petsc: nothing asked for {', '.join(unused)}: misspelt, or without effect here")
     lines += _certificate(statistics["certificate"])
+    if (error := shape_error(statistics)) is not None:
+        lines.append(f"shape: estimated error {error.text}")
     estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
     bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
     without = ", without that of the geometry" if estimated.get("without_geometry") else ""

@@ -150,13 +150,9 @@ def _bar(value: Any, error: Any) -> dict[str, float] | None:
 
 
 def _unit(quantity: Mapping[str, Any]) -> str:
-    of = str(quantity["of"]).strip()
-    if of in REACTIONS:
-        return REACTIONS[of]
     with contextlib.suppress(ValidationError, HpcinvError, ValueError, TypeError):
-        dimension = QuantityOfInterest.model_validate(dict(quantity)).dimension
-        return dimension.unit if dimension is not None else ""
-    return ""
+        return QuantityOfInterest.model_validate(dict(quantity)).unit
+    return REACTIONS.get(str(quantity["of"]).strip(), "")
 
 
 def _newton(solutions: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
