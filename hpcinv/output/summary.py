@@ -26,6 +26,7 @@ from hpcinv.output.result import Result
 from hpcinv.parallel.memory_use import Memory, peak
 from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.parallel.timings import WORK, Timings
+from hpcinv.reports.shape_error import shape_error
 from hpcinv.results.solution import Solution
 from hpcinv.version import __version__
 
@@ -69,6 +70,8 @@ def statistics(
         "timings": _timings(timings, comm),
         "peak_memory": _memory(timings.memory, comm),
     }
+    error = shape_error(found) if status == "converged" else None
+    found["shape_error"] = error and error.as_data()
     return json_data(found)  # type: ignore[no-any-return]  # a dict remains a dict
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hpcinv.quantity.units import readable
+from hpcinv.reports.shape_error import CAUSES, REMEDIES, ShapeError, shape_error
 
 MEANINGS: Mapping[str, str] = {
     "equilibrium residual": "Forces left over in the loaded body, relative to the load: how well equations are solved.",
@@ -32,7 +33,7 @@ _NEXT = {
     "pass": "Use the shape. All files are in the directory of the run.",
     "not checked": "Nothing was checked: run the job with certificate: standard before you rely on the shape.",
     "not decided": "Some checks came to no decision. Read their notes; a finer mesh often decides them.",
-    "warning": "Read the warnings below, and refine the mesh or correct the job before you rely on the shape.",
+    "warning": "Read the warnings, and correct the job where they ask for it, before you rely on the shape.",
     "fail": "Do not use the shape. The lines that fail say why, and their notes what to change.",
 }
 
@@ -61,14 +62,17 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
     lines = certificate["lines"]
     checked = [line for line in lines if line["verdict"] != "not checked"]
     passed = [line for line in checked if line["verdict"] == "pass"]
+    error = shape_error(summary)
     sure = [f"{len(passed)} of {len(checked)} checks pass."] if checked else ["No check was made."]
     if left := len(lines) - len(checked):
         sure.append(f"{left} {'check was' if left == 1 else 'checks were'} not made.")
     if verdict != "fail":  # an estimate supposes that there is such a body
-        sure += _accuracy(certificate)
+        sure += _accuracy(summary, error)
     doubts = [line for line in checked if line not in passed]
     sure += [f"{_named(line)}: {line['verdict']}. {_sentence(line['note'])}".strip() for line in doubts]
     after = [_NEXT[verdict]]
+    if error is not None and (verdict == "warning" or (verdict == "pass" and error.cause != "mesh")):
+        after.append(REMEDIES[error.cause])
     if overlapping:
         after.append("The facets where the body passes through itself are red in the picture.")
     warnings = (summary.get("body") or {}).get("warnings") or []
@@ -99,18 +103,23 @@ def _found(summary: Mapping[str, Any]) -> str:
     return f"The undeformed shape of '{job['job']}' was found; {moves}.{back}"
 
 
-def _accuracy(certificate: Mapping[str, Any]) -> list[str]:
-    estimate = certificate.get("estimate")
-    line = next((line for line in certificate["lines"] if line["name"].startswith("discretisation error")), None)
-    if not estimate or line is None or line["value"] is None or estimate.get("shape") is None:
-        return ["The error of the mesh was not estimated."]
-    without = (
-        f", without the error of the geometry ({estimate['without_geometry']})" if estimate["without_geometry"] else ""
-    )
-    share = f"{100 * line['value']:.2g} % of the displacement"
-    return [
-        f"Nodes are estimated to be within {readable(estimate['shape'], 'm')} ({share}) of the exact ones{without}."
-    ]
+def _accuracy(summary: Mapping[str, Any], error: ShapeError | None) -> list[str]:
+    """Return sentences on the largest error of the shape, its cause, and the smaller ones."""
+    estimate = summary["certificate"].get("estimate") or {}
+    unknown = [] if estimate.get("shape") is not None else ["The error of the mesh was not estimated."]
+    if error is None:
+        return unknown
+    size, (largest, *others) = summary["solutions"][0]["largest_displacement"], error.by_cause.items()
+    share = f" ({100 * largest[1] / size:.2g} % of the displacement)" if size else ""
+    without = f", without the error of the geometry ({text})" if (text := estimate.get("without_geometry")) else ""
+    of_mesh = without if error.cause == "mesh" else ""
+    head = {
+        "mesh": f"Nodes are estimated to be within {readable(largest[1], 'm')}{share} of the exact ones{of_mesh}.",
+        "surface": f"The shape is uncertain by {readable(largest[1], 'm')}{share}, by errors of the given surface.",
+        "round trip": f"Solved back, the shape misses the given body by {readable(largest[1], 'm')}{share}.",
+    }
+    less = [f"Less comes from {CAUSES[cause]}: {readable(value, 'm')}." for cause, value in others]
+    return [head[error.cause], *less, *unknown]
 
 
 def _unfinished(summary: Mapping[str, Any], strained: str) -> Words:

@@ -39,7 +39,7 @@ from hpcinv.quantity.component import Ingredient
 from hpcinv.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.results.quantities_of_interest import Value
 from hpcinv.results.solution import Solution
-from hpcinv.sensitivity.slopes import STEP, Change, ReferenceChange, change_limit, slopes
+from hpcinv.sensitivity.slopes import SHORT, STEP, Change, ReferenceChange, change_limit, has_kinks, slopes
 from hpcinv.solver.problem import Model
 
 
@@ -286,7 +286,7 @@ def _rate_of_forces(model: Model, system: System, solution: Solution, reference:
     """Change of the nodal forces (scaled) of the owned unknowns with the reference shape, per unit of the parameter."""
     if not math.isfinite(reference.limit):
         return np.zeros(system.rhs.local_size)
-    step = STEP * reference.limit
+    step = reference.limit * (STEP * SHORT if has_kinks(model.job) else STEP)
 
     def forces(number: int) -> Floats:
         with reference.at(model, solution.mesh_nodes, number * step):

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
+from helpers.forked_reader import load_libraries, run_forked
 
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
@@ -25,6 +26,14 @@ from hpcinv.mesh.io.surface_files import read_triangles
 from hpcinv.sweep.plan import load_sweep
 
 SimpleITK = pytest.importorskip("SimpleITK")
+
+
+@pytest.fixture
+def forks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Readers are forks of this process: a start of each takes half a second."""
+    load_libraries()
+    monkeypatch.setattr(isolated, "run_isolated", run_forked)
+
 
 SHAPE = (9, 8, 7)
 METAIMAGE = {
@@ -127,6 +136,7 @@ WHOLE: dict[str, tuple[str, Callable[[], bytes]]] = {
 }
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("name", WHOLE)
 def test_whole_images_are_read_as_by_an_independent_program(name: str, tmp_path: Path) -> None:
     """Voxels and their places are those of SimpleITK, which reads neither VTK nor some encodings of NRRD."""
@@ -205,6 +215,7 @@ FAULTS: dict[str, tuple[str, Callable[[], bytes], str]] = {
 }
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("name", FAULTS)
 def test_damaged_images_are_refused(name: str, tmp_path: Path) -> None:
     file, content, message = FAULTS[name]
@@ -226,6 +237,7 @@ def saved(path: Path, *, binary: bool) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("binary", [True, False])
 @pytest.mark.parametrize("ending", ["stl", "ply", "obj", "vtp", "vtk"])
 def test_surfaces_are_whole_or_refused(ending: str, binary: bool, tmp_path: Path) -> None:
@@ -268,6 +280,7 @@ SURFACES: dict[str, tuple[str, bool, Callable[[bytes], bytes], str]] = {
 }
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("name", SURFACES)
 def test_damaged_surfaces_are_refused(name: str, tmp_path: Path) -> None:
     file, binary, change, message = SURFACES[name]

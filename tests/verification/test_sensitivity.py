@@ -166,6 +166,43 @@ def test_a_shear_that_its_boundary_prescribes(comm: MPI.Intracomm) -> None:
     assert found.deviations["corner"] == pytest.approx([0.01, 0, 0], abs=1e-12)
 
 
+def test_slopes_of_stress_do_not_pass_the_kink_of_a_law(comm: MPI.Intracomm) -> None:
+    """Fibres along x that are stretched by a = 1.0001 carry tension, and none below 1.
+
+    Their Cauchy stress is ``2 k1 a²/J E exp(k2 E²)`` with ``E = a² - 1`` and ``J = 1.2 a``.
+    """
+    k1, k2, key = 1500.0, 0.8, "supports[0].constants.t"
+
+    def slope(stiffness: float) -> float:
+        stretch = {"region": "boundary", "displacement": ["(t - 0.0999)*x", 0, "0.2*z"], "constants": {"t": 0.1}}
+        one = job(
+            analysis="forward",
+            mesh=box((1, 1, 1)),
+            regions={"body": "x > -1 m"},
+            material={
+                "law": "holzapfel-gasser-ogden",
+                "fibres": ["fibre1"],
+                "mu": 2e3,
+                "k1": stiffness,
+                "k2": k2,
+                "dispersion": 0,
+                "kappa": 1e4,
+            },
+            fibres={"fibre1": {"direction": [1, 0, 0], "given_on": "reference"}},
+            supports=[stretch],
+            quantities=[{"name": "stress", "of": "sxx", "on": "body", "reduce": "mean"}],
+            sensitivities=[key],
+        )
+        return float(of(package.run(one, comm)).slopes["stress"][key])
+
+    a = 1.0001
+    strain = a**2 - 1
+    exact = 2 * k1 / 1.2 * np.exp(k2 * strain**2) * (strain + 2 * a**2 * (1 + 2 * k2 * strain**2))
+    found = slope(k1) - slope(1e-9)
+    print(f"{found}, exact {exact}")
+    assert found == pytest.approx(exact, rel=1e-6)
+
+
 LAYERS: dict[str, Any] = {
     "analysis": "inverse",
     "mesh": box(),

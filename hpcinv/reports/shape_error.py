@@ -1,0 +1,71 @@
+"""The largest known error of a computed shape, and its cause."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hpcinv.quantity.units import readable
+
+CAUSES: Mapping[str, str] = {
+    "mesh": "the mesh",
+    "surface": "the given surface",
+    "round trip": "the round trip, which does not close",
+}
+"""what a cause is called in sentences"""
+
+REMEDIES: Mapping[str, str] = {
+    "mesh": "Refine the mesh, or demand an accuracy, for a better shape.",
+    "surface": "A finer mesh is not worth its time: only a better surface, such as from smaller voxels, makes the shape"
+    " better.",
+    "round trip": "A finer mesh is not the remedy: the way back may lead to another state, as the line on stability"
+    " says.",
+}
+
+
+@dataclass(frozen=True)
+class ShapeError:
+    """Estimated errors of a shape in m by their cause, the largest first; that of a surface is a standard deviation."""
+
+    by_cause: Mapping[str, float]
+
+    @property
+    def cause(self) -> str:
+        return next(iter(self.by_cause))
+
+    @property
+    def largest(self) -> float:
+        return self.by_cause[self.cause]
+
+    @property
+    def text(self) -> str:
+        """The largest error with its cause, and the others."""
+        less = [f"{readable(value, 'm')} from {CAUSES[cause]}" for cause, value in list(self.by_cause.items())[1:]]
+        others = f" ({', '.join(less)})" if less else ""
+        return f"{readable(self.largest, 'm')} from {CAUSES[self.cause]}{others}"
+
+    def as_data(self) -> dict[str, Any]:
+        """Return JSON data."""
+        return {"largest": self.largest, "cause": self.cause, "by_cause": dict(self.by_cause)}
+
+
+def shape_error(summary: Mapping[str, Any]) -> ShapeError | None:
+    """Return the errors that a summary has of its shapes, over all states; ``None`` if it has none."""
+    certificate, found = summary["certificate"], dict[str, float]()
+    estimate = certificate.get("estimate") or {}
+    if estimate.get("shape") is not None:
+        found["mesh"] = float(estimate["shape"])
+    surface = summary.get("surface_errors") or {}
+    deviations = [one["sd"] for one in (surface.get("shapes") or {"": surface.get("shape") or {"sd": None}}).values()]
+    if known := [float(sd) for sd in deviations if sd is not None]:
+        found["surface"] = max(known)
+    gaps = [
+        float(line["value"]) * float(solution["largest_displacement"])
+        for line in certificate["lines"]
+        for solution in summary["solutions"][:1]
+        if line["name"].startswith("round trip") and line["value"] is not None
+    ]
+    if found and gaps and max(gaps) > max(found.values()):
+        found["round trip"] = max(gaps)
+    if not found:
+        return None
+    return ShapeError(dict(sorted(found.items(), key=lambda item: -item[1])))
